@@ -66,7 +66,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     record = folder / 'record.sqlite3'
     with (
         Domain() as domain,
-        RaceControl(folder, domain.number, [1], proven=False) as control,
+        RaceControl(folder, domain.number, [1]) as control,
         Official(domain.number) as official,
         WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE),
     ):
@@ -110,7 +110,6 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
     states = [message.state.state for _, message in found['/rcs/race']]
     way = [states[0], *(b for a, b in itertools.pairwise(states) if a != b)]
     assert way == [
-        msg.RaceState.RED_RED,
         msg.RaceState.IN_GARAGE,
         msg.RaceState.GRID_ACTIVE,
         msg.RaceState.GREEN_GREEN,

@@ -134,7 +134,9 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     assert browser.evaluate("document.body.classList.contains('stale')")
 
     control.kill()  # thawed it might be back, or end: after 1 s it is too late
-    parts.enter_context(RaceControl(tmp_path, control.domain, [1, 2], proven=False))
+    parts.enter_context(
+        RaceControl(tmp_path, control.domain, [1, 2], parameters={'port': control.port})
+    )
     wait_for_text(browser, '#head', 'RED RED')
     assert not browser.evaluate("document.body.classList.contains('stale')")
     assert browser.complaints == []

@@ -22,7 +22,7 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.replaying import replay_without_difference
@@ -57,7 +57,7 @@ class Event:
         self.folder = folder
         self._stack = contextlib.ExitStack()
         self._domain = self._stack.enter_context(Domain())
-        self._port = 0
+        self._port = new_port()
         self.harmed = False  # the record was, by the test
         self.racing = RACING
         self.start()
@@ -65,7 +65,6 @@ class Event:
     def start(
         self,
         connect: tuple[int, ...] = (*RACING, OUTSIDE),
-        proven: bool = True,
         **parameters: object,
     ) -> None:
         """Start race control, and have these karts and the official with it."""
@@ -82,7 +81,6 @@ class Event:
                     'auto_race_over': False,
                     **parameters,
                 },
-                proven=proven,
             )
         )
         self._port = self.control.port
@@ -295,7 +293,7 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
     harm(meeting.record)
-    meeting.start(proven=False, settle_time=2.0)
+    meeting.start()
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
@@ -305,12 +303,6 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     for kart in meeting.karts.values():
         assert [state for _, state in kart.changes] == [RED_RED]
     assert not meeting.official.call('in_garage', track_safe=False).success
-    # A kart that says at once that it stands must stand by it.
-    meeting.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
-    assert not meeting.official.call('in_garage', track_safe=True).success
-    meeting.official.wait_for_race(
-        lambda race: not any(kart.may_be_moving for kart in race.karts), 'every kart has stood'
-    )
     meeting.home()
 
 
@@ -327,16 +319,6 @@ def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garag
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is (RED_RED if dies else IN_GARAGE)
     assert race.track.open
-
-
-def test_the_statement_that_the_msr_was_used_is_remembered(meeting: Event) -> None:
-    meeting.kill_all()
-    meeting.official.command('record_msr')
-    wait_for_memory(meeting, lambda memory: memory.msr_used)
-    meeting.kill()
-    meeting.start(connect=())
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert race.track.msr_used
 
 
 def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_closed(

@@ -25,7 +25,7 @@ from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.process import executable, Process
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.console import Console
@@ -584,7 +584,7 @@ def race_control(
         'evgp_rcs',
         'rcs_node',
         parts.enter_context(Domain()).number,
-        {'roster': roster, 'record': folder / 'record.sqlite3', 'port': 0, **parameters},
+        {'roster': roster, 'record': folder / 'record.sqlite3', 'port': new_port(), **parameters},
     )
 
 

@@ -25,6 +25,7 @@ from evgp_rcs.priority import NICENESS
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
@@ -249,6 +250,50 @@ def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
     assert 'record' in answer.message
     for kart in racing:
         kart.wait_for_state(IN_GARAGE)
+
+
+def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on(
+    scene: WireRace,
+) -> None:
+    scene.bring_to(GRID_ACTIVE)
+    official = scene.official
+    shown: list[tuple[bool, bool]] = []  # whether GREEN_GREEN is offered; whether it is said
+    heard = threading.Condition()
+
+    def hear(race: msg.Race) -> None:
+        offered = next(
+            each.available
+            for each in race.commands
+            if each.command == msg.CommandAvailability.GREEN_GREEN
+        )
+        fails = any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts)
+        with heard:
+            shown.append((offered, fails))
+            heard.notify_all()
+
+    official.node.create_subscription(msg.Race, '/rcs/race', hear, 100)
+    freeze(scene.control.record_pid)
+
+    assert not official.call('green_green').success
+
+    with heard:
+        refused_at = len(shown)
+        # For longer than a disk may be slow.
+        assert heard.wait_for(lambda: len(shown) > refused_at + 8, PATIENCE)
+        since = shown[refused_at:]
+    assert not any(offered for offered, _ in since[1:])
+    assert all(fails for _, fails in since[1:])
+    assert not official.call('green_green').success
+    os.kill(scene.control.record_pid, signal.SIGCONT)
+    official.wait_for_available('green_green')
+    alerts = [
+        event.kind
+        for event in official.events
+        if event.alert == msg.Alert.RECORD_FAILING
+        and event.kind in (msg.RaceEvent.ALERT_RAISED, msg.RaceEvent.ALERT_CLEARED)
+    ]
+    assert alerts == [msg.RaceEvent.ALERT_RAISED, msg.RaceEvent.ALERT_CLEARED]
+    official.command('green_green')
 
 
 def mapped(pid: int) -> str:

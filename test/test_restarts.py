@@ -18,10 +18,10 @@ import time
 
 from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain, free_port
+from evgp_testing.domains import Domain
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, wait_until_ended
-from evgp_testing.race_control import address_of, end_in_good_order, settings, write_roster
+from evgp_testing.race_control import address_of, new_port, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -38,9 +38,8 @@ class Kept(Process):
 
     def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
         """Start it."""
-        self.port = free_port()
+        self.port = new_port()
         own = settings(folder, write_roster(folder, [1]))
-        end_in_good_order(pathlib.Path(str(own['record'])))
         super().__init__(
             'evgp_rcs',
             'rcs_node',
@@ -206,9 +205,8 @@ class Terminal:
 
     def __init__(self, folder: pathlib.Path, domain: int) -> None:
         """Start it."""
-        self.port = free_port()
+        self.port = new_port()
         roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
-        end_in_good_order(folder / 'record.sqlite3')
         own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
         parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
         self.screen, inside = pty.openpty()

@@ -19,6 +19,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
+from evgp_testing.race_control import new_port
 from evgp_testing.ros_side import RosSide
 import pytest
 
@@ -174,7 +175,7 @@ def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_ha
         'evgp_rcs',
         'rcs_node',
         domain,
-        {'roster': roster, 'record': tmp_path / 'record.sqlite3', 'port': 0},
+        {'roster': roster, 'record': tmp_path / 'record.sqlite3', 'port': new_port()},
         ('--enclave', '/rcs'),
     ) as control:
         assert control.wait() == 2

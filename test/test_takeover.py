@@ -27,7 +27,7 @@ from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from rig.networks import kart_address, Namespace, need_networks, RACE_CONTROL
+from rig.networks import kart_address, Namespace, need_networks, own_disk, RACE_CONTROL
 
 NUMBERS = range(1, 11)
 FIRST, SPARE = '10.78.0.1', '10.78.0.2'
@@ -48,6 +48,7 @@ class Event:
             stack.enter_context(Namespace()) for _ in range(4)
         )
         self._stack, self._folder = stack, folder
+        self._disk_of_spare = folder / 'disk of the spare'
         for network in ('karts', 'officials'):
             self.switches.ip(f'link add {network} type bridge', f'link set {network} up')
         self._cable(self.first, 'first', RACE_CONTROL, FIRST)
@@ -106,6 +107,7 @@ class Event:
                 NUMBERS,
                 parameters={'address': RACE_CONTROL, 'port': DEFAULT_PORT},
                 addresses=kart_address,
+                under=own_disk(self._folder / 'disk of the first'),
             )
         self._stack.enter_context(control)
         self.wait_for(RaceState.IN_GARAGE)
@@ -119,6 +121,7 @@ class Event:
         folder = self._folder / 'first'
         subprocess.run(
             [
+                *own_disk(self._disk_of_spare),
                 *(executable('evgp_rcs', 'rcs_spare'), str(folder), '--once'),
                 *('--record', str(folder / 'record.sqlite3')),
                 *('--roster', 'karts.yaml', '--params', 'rcs.yaml'),
@@ -133,7 +136,10 @@ class Event:
             return self._stack.enter_context(
                 Program(
                     'takeover',
-                    [executable('evgp_rcs', 'rcs_takeover'), RACE_CONTROL, 'eth0'],
+                    [
+                        *own_disk(self._disk_of_spare),
+                        *(executable('evgp_rcs', 'rcs_takeover'), RACE_CONTROL, 'eth0'),
+                    ],
                     self.domain,
                     {**self._environment(), graph.INTERFACE: SPARE},
                     end='TERM',

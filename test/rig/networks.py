@@ -44,6 +44,17 @@ RACE_CONTROL = '10.77.0.1'
 """Race control's address on a track."""
 
 
+def own_disk(folder: pathlib.Path) -> tuple[str, ...]:
+    """
+    Return words that run a command as on a machine of its own, which keeps its mark in a folder.
+
+    Only what race control keeps of itself beside its record is its own (``evgp_rcs.run_mark``).
+    """
+    folder.mkdir(exist_ok=True)
+    script = 'mount --bind "$0" /var/tmp && exec "$@"'
+    return ('unshare', '--mount', 'sh', '-c', script, str(folder))
+
+
 def kart_address(number: int) -> str:
     """Return the address of a kart on a track."""
     return f'10.77.0.{100 + number}'
@@ -168,6 +179,7 @@ class Machine(Namespace):
         toward: float | None = None,
         back: float | None = None,
         rate: float = 0.0,
+        delay_back: float | None = None,
         evenly: bool = False,
     ) -> float:
         """
@@ -177,6 +189,7 @@ class Machine(Namespace):
         :param delay: how late they come, in each direction, s.
         :param toward: the share that is lost toward this machine, if not the same.
         :param back: the share that is lost on the way from it, if not the same.
+        :param delay_back: how late they come on the way from it, if not the same, s.
         :param rate: how fast they go in each direction, bit/s; 0: at once.
         :param evenly: those that are lost come evenly spaced, not by chance.
         """
@@ -184,7 +197,11 @@ class Machine(Namespace):
             'air',
             name=self.name,
             toward=[loss if toward is None else toward, delay, rate],
-            back=[loss if back is None else back, delay, rate],
+            back=[
+                loss if back is None else back,
+                delay if delay_back is None else delay_back,
+                rate,
+            ],
             evenly=evenly,
         )
 

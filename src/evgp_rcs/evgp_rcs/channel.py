@@ -38,7 +38,15 @@ from typing import Any, NamedTuple
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.laps import Passing
-from evgp_rcs.race import Answer, Attendance, Command, LastRun, RaceMemory, RaceTimes, StampedEvent
+from evgp_rcs.race import (
+    Answer,
+    Attendance,
+    Command,
+    LastRun,
+    RaceMemory,
+    RaceTimes,
+    StampedEvent,
+)
 from evgp_rcs.roster import Roster
 
 ANSWER_TIMEOUT = 4.0
@@ -128,7 +136,7 @@ class Alive(NamedTuple):
 @dataclass(frozen=True)
 class End:
     """
-    From the ROS half: send RED_RED to every kart and end. To the record: this is all.
+    Send RED_RED to every kart and end.
 
     :param in_order: the next run need not take up a race that was not under way.
     """
@@ -213,15 +221,34 @@ class Remember(NamedTuple):
     confirm: int = 0
 
 
+@dataclass(frozen=True)
+class Ended:
+    """
+    This is all: the run has ended.
+
+    :param ends_as: what the next run may know of it.
+    """
+
+    ends_as: LastRun
+
+
 # ----- from the record to the kart server -----------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Opened:
-    """The first message: what is known of the last run (None: nothing), and what fails."""
+    """
+    The first message: what is known of the last run.
+
+    :param left_behind: what the record has of it; None: nothing.
+    :param last_run: how it ended, by the mark.
+    :param why: why that cannot be known, as a phrase; empty: it can.
+    :param error: what fails; empty: nothing.
+    """
 
     left_behind: RaceMemory | None
     last_run: LastRun
+    why: str
     error: str
 
 

@@ -253,8 +253,9 @@ class Recovered(NamedTuple):
     """
     What is known of the last run.
 
-    :param memory: what the record knows; None: nothing.
-    :param why: why no proof of a good end is believed; empty: no such reason.
+    :param memory: what the record has of it; None: nothing.
+    :param last_run: how it ended, by the mark of the machine (``run_mark``).
+    :param why: why no proof of a good end is believed, as a phrase; empty: no such reason.
     """
 
     at: float

@@ -34,7 +34,7 @@ import socket
 import sys
 
 from evgp_protocol import clock
-from evgp_rcs import priority
+from evgp_rcs import priority, run_mark
 from evgp_rcs.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
 from evgp_rcs.inputs import Entrant, Recovered, Setup
 from evgp_rcs.kart_server import KartServer, KartServerError, RosHalfGoneError
@@ -64,9 +64,9 @@ def setup_of(begin: Begin, now: float) -> Setup:
     )
 
 
-async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> None:
+async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
     """
-    Run the kart server until it is to end.
+    Run the kart server until it is to end, and return what the next run may know of it.
 
     :raises KartServerError: if it cannot start.
     :raises BaseException: what ended it.
@@ -86,7 +86,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> None
             loop.time(),
             record.left_behind,
             LastRun.UNKNOWN if begin.cannot_know else record.last_run,
-            begin.cannot_know,
+            begin.cannot_know or record.why,
         ),
     )
     record.remember(race.memory(), loop.time())
@@ -104,7 +104,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> None
         server.expect_ros_half(FIRST_SIGN)
         ros_half.send(pack(Listening(address)))
 
-    await server.serve(listening)
+    return await server.serve(listening)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -125,19 +125,20 @@ def main(arguments: list[str] | None = None) -> int:
             return 1
         gc.freeze()  # what this process and the record's share stays shared
         try:
-            record = RecordProcess(begin.record)
+            mark = run_mark.place(begin.settings.host, begin.settings.port)
+            record = RecordProcess(begin.record, mark)
         except RecordError as error:
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
-            clock.run(serve(begin, ros_half, record))
+            ends_as = clock.run(serve(begin, ros_half, record))
         except KartServerError as error:
             # No kart was sent anything: what the last run left is what this one leaves.
-            record.end(LAST_WORDS_TIMEOUT, in_order=True)
+            record.end(LAST_WORDS_TIMEOUT, record.last_run)
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         except BaseException as error:
-            record.end(LAST_WORDS_TIMEOUT, in_order=False)
+            record.end(LAST_WORDS_TIMEOUT, LastRun.UNKNOWN)
             words = str(error) or type(error).__name__
             ros_half.send_the_rest(Failed(words), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
@@ -145,7 +146,7 @@ def main(arguments: list[str] | None = None) -> int:
             with contextlib.suppress(PermissionError):  # it has died, and this is another
                 os.kill(os.getppid(), signal.SIGCONT)  # one that was stopped finds this, and ends
             return 1
-        record.end(LAST_WORDS_TIMEOUT, in_order=True)
+        record.end(LAST_WORDS_TIMEOUT, ends_as)
         ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)
         return 0
 

@@ -64,6 +64,7 @@ from evgp_rcs.race import (
     Command,
     Event,
     EventKind,
+    LastRun,
     Outcome,
     Race,
     StampedEvent,
@@ -237,11 +238,12 @@ class KartServer:
 
     # ----- for whoever runs it, in the thread of its loop ---------------------------------
 
-    async def serve(self, listening: Callable[[tuple[str, int]], None]) -> None:
+    async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
         """
         Listen for karts until ``end``; the last that every kart hears is RED_RED.
 
         :param listening: takes the address and port, once karts can connect.
+        :returns: what the next run may know of this one.
         :raises KartServerError: if the address cannot be listened at.
         :raises BaseException: what ended it, after every kart was sent RED_RED.
         """
@@ -282,12 +284,14 @@ class KartServer:
             self._refuse_the_rest()
             # What changed since the last snapshot must be found by the next run too.
             self._remember(self.now())
+            ends_as = self._race.memory().ends_as
         # One turn of the loop, so that closed transports let go of their sockets, and the
         # disconnections are told after the end that they come from.
         await asyncio.sleep(0)
         self._hand_on()
         if self._failure is not None:
             raise self._failure
+        return ends_as
 
     def submit(
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
@@ -357,6 +361,7 @@ class KartServer:
         self._notice_delay(now)
         self._beat_at = now
         self._look_at_the_ros_half(now)
+        self._take_note_of(self._record.trouble(), now)
         self._take(inputs.Tick(now))
         for kart in [each.number for each in self._race.karts.values() if each.contested]:
             self._look_who_contests(kart, now)
@@ -490,7 +495,10 @@ class KartServer:
             self._starting = waiting
             self._hand_on()
             self._record.make_sure(
-                outcome.start.memory, self.now(), lambda written: self._journal(number, written)
+                outcome.start.memory,
+                self.now(),
+                outcome.start.until - given.at,
+                lambda written: self._journal(number, written),
             )
 
     def _send(self, outcome: Outcome) -> None:

@@ -609,6 +609,7 @@ class StartPhase(enum.IntEnum):
 
 
 WHY_NO_START = {
+    StartPhase.FAILED: 'the record did not take it in time; send it again',
     StartPhase.OUTLIVED: 'it was sent for an earlier GRID_ACTIVE; look, and send it again',
     StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
 }
@@ -838,11 +839,6 @@ class Race:
     def _end_of_start(self, start: Start, phase: StartPhase, now: float) -> Answer:
         """Judge a start again whose turn has come, or refuse it for what has become of it."""
         self.start = None
-        if phase == StartPhase.FAILED:
-            self.record_fails = self.record_fails or (
-                f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
-            )
-            self._tell_alerts(now)
         refusal = self._refusal_of(start.command, start.came)
         refusal = refusal or WHY_NO_START.get(max(phase, start.phase), '')
         return self._decide(start.command, refusal, now)

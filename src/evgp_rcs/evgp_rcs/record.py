@@ -23,10 +23,10 @@ The same transaction has what went into the rules up to these events (``inputs``
 can be replayed up to its last event. Inputs without events are written every `INPUTS_EVERY`
 seconds. When the disk does not take it, everything waits here and is tried again.
 
-What the next run finds is `left_behind`: what this record knows of the last run, or nothing. It
-is `final` only where a file beside the record proves that the last run ended in good order
-(``orderly_end``). What a GREEN_GREEN leaves behind is on the disk, in the file itself and not only
-in SQLite's ``-wal`` beside it, before it goes out.
+What the next run finds is `left_behind`: what this record knows of the last run, or nothing. How
+that ended, no record can say: the mark of the machine does (``run_mark``). What a GREEN_GREEN
+leaves behind is on the disk before it goes out; and, unless somebody reads the record just then,
+in the file itself and not only in SQLite's ``-wal`` beside it.
 """
 
 from __future__ import annotations
@@ -48,18 +48,14 @@ from evgp_rcs import catalogue, laps, race
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
-from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
+from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.run_mark import claim
 
-SCHEMA_VERSION = 7
+SCHEMA_VERSION = 8
 
 INPUTS_EVERY = 1.0
 """Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
 every write has little to do then."""
-
-CLAIM_TIMEOUT = 2.0
-"""Maximum time to wait for a race control that is just ending to let go of its record, in
-seconds."""
 
 RETRY = 1.0
 """Time after a failure until the next try, in seconds."""
@@ -68,7 +64,6 @@ _SCHEMA = """
 CREATE TABLE session ( -- one run of race control
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL, -- wall time, ns since the epoch
-    ended_ns INTEGER, -- null after a crash
     rules TEXT, -- their version: rules_version(); null: not recorded
     setup TEXT, -- with what the rules began: inputs.Setup, as encoding writes it
     memory TEXT -- what the next run must know: RaceMemory, likewise; null: nothing
@@ -158,15 +153,12 @@ class Record:
     :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
         no record, `error` says so, ``write`` tries it again, and nothing is known of the time
         before.
-    :raises RecordError: if it is the record of another race control that is running; or if what
-        proves that the last run ended in good order cannot be taken away, so that the run after
-        this one would rely on it.
+    :raises RecordError: if it is the record of another race control that is running.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
-        self._orderly_end = OrderlyEnd(path)
         self._events: list[StampedEvent] = []
         self._inputs: list[Block] = []
         self._inputs_since = 0.0
@@ -185,15 +177,10 @@ class Record:
         """Why the last try to write failed, in a phrase; empty: it did not."""
         self.left_behind: RaceMemory | None = None
         """What is known of the last run; None: nothing."""
-        self.last_run = LastRun.UNKNOWN
         try:
             self._claim()
-            proof = self._take_proof()
-            self.left_behind = self._open(proof)
-            if proof:
-                self.last_run = LastRun.ENDED
+            self.left_behind = self._open()
         except _UNWRITABLE as error:
-            self._take_proof()
             self._fail(error)
 
     # ----- what is to be written; none of these waits -------------------------------------
@@ -238,17 +225,13 @@ class Record:
 
     # ----- writing ------------------------------------------------------------------------
 
-    def write(self, ended_ns: int | None = None) -> bool:
-        """
-        Write all that was handed over; return whether it is on the disk now.
-
-        :param ended_ns: the wall time at which the run ends in good order.
-        """
+    def write(self) -> bool:
+        """Write all that was handed over; return whether it is on the disk now."""
         try:
             if self._database is None:
                 self._claim()
-                self._open('')
-            self._write(ended_ns)
+                self._open()
+            self._write()
         except (*_UNWRITABLE, RecordError) as error:
             # What SQLite knows of the file may be wrong by now: the next try opens it again.
             if self._database is not None:
@@ -259,37 +242,14 @@ class Record:
         self.error = ''
         return True
 
-    def end(self, in_order: bool = True) -> None:
-        """
-        Write what is left and that this run has ended, and let the file go.
-
-        :param in_order: the next run need not take up a race that was not under way.
-        """
-        ended_ns = time.time_ns() if in_order else None
-        if self.write(ended_ns) and in_order:
-            with contextlib.suppress(OSError):  # the next start is careful
-                self._orderly_end.write(str(ended_ns))
+    def end(self) -> None:
+        """Write what is left, and let the file go."""
+        self.write()
         self._release()
 
     def _fail(self, error: Exception) -> None:
         self.error = _in_words(error)
         self._failed_at = clock.now()
-
-    def _take_proof(self) -> str:
-        """
-        Take away the proof that the last run ended in good order, and return when that was.
-
-        :raises RecordError: if it cannot be taken away.
-        """
-        try:
-            return self._orderly_end.take()
-        except OSError as error:
-            self._release()
-            raise RecordError(
-                f'{self._path} cannot be used: what proves that the last run ended in good order '
-                f'stands beside it and cannot be removed ({_in_words(error)}). Choose another '
-                'file with the parameter record'
-            ) from error
 
     def _claim(self) -> None:
         """Have the file to oneself."""
@@ -302,38 +262,26 @@ class Record:
                 'record'
             )
         claimed = self._path.open('ab')
-        until = clock.now() + CLAIM_TIMEOUT
-        while True:
-            try:
-                fcntl.flock(claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError as error:
-                if clock.now() < until:
-                    time.sleep(CLAIM_TIMEOUT / 100)
-                    continue
-                claimed.close()
-                raise RecordError(
-                    f'{self._path} is the record of another race control that is running: '
-                    'end that one, or choose another file with the parameter record'
-                ) from error
-            self._claimed = claimed
-            return
+        if not claim(claimed.fileno()):
+            claimed.close()
+            raise RecordError(
+                f'{self._path} is the record of another race control that is running: '
+                'end that one, or choose another file with the parameter record'
+            )
+        self._claimed = claimed
 
-    def _open(self, proof: str) -> RaceMemory | None:
-        """
-        Open the file, begin a run of its own, and return what the last run left.
-
-        :param proof: when a run has ended in good order; empty: no proof.
-        """
+    def _open(self) -> RaceMemory | None:
+        """Open the file, begin a run of its own, and return what the last run left."""
         database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         try:
-            left_behind = self._prepare(database, proof)
+            left_behind = self._prepare(database)
         except BaseException:
             database.close()
             raise
         self._database = database
         return left_behind
 
-    def _prepare(self, database: sqlite3.Connection, proof: str) -> RaceMemory | None:
+    def _prepare(self, database: sqlite3.Connection) -> RaceMemory | None:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if tables and version != SCHEMA_VERSION:
@@ -351,7 +299,7 @@ class Record:
                 for statement in _SCHEMA.split(';\n'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            left_behind = _left_behind(database, proof) if begins else None
+            left_behind = _left_behind(database) if begins else None
             if begins:
                 cursor = database.execute(
                     'INSERT INTO session (began_ns) VALUES (?)', (time.time_ns(),)
@@ -362,7 +310,7 @@ class Record:
             _checkpoint(database)
         return left_behind
 
-    def _write(self, ended_ns: int | None) -> None:
+    def _write(self) -> None:
         assert self._database is not None
         rows = [(self._session, *_row(stamped)) for stamped in self._events]
         self._blocks += [block.compressed() for block in joined(self._inputs)]
@@ -382,8 +330,6 @@ class Record:
                 self._set('setup', written(setup))
             if self._memory is not None:
                 self._set('memory', written(self._memory))
-            if ended_ns is not None:
-                self._set('ended_ns', ended_ns)
         self._events.clear()
         self._rules = None
         self._blocks_written += len(blocks)
@@ -419,10 +365,12 @@ def _in_words(error: Exception) -> str:
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:
-    """Have all that was written in the file itself: the ``-wal`` beside it may be deleted."""
-    busy, _, _ = database.execute('PRAGMA wal_checkpoint(FULL)').fetchone()
-    if busy:
-        raise sqlite3.OperationalError('another program reads it and does not let go')
+    """
+    Have all that was written in the file itself: the ``-wal`` beside it may be deleted.
+
+    Where another program reads, some may stay in the ``-wal``: nothing waits for a reader.
+    """
+    database.execute('PRAGMA wal_checkpoint(PASSIVE)')
 
 
 @contextlib.contextmanager
@@ -454,17 +402,13 @@ RESULTS_LAST_NS = 3 * 86_400 * 10**9
 of another event, whose heats may have the same names. Nanoseconds."""
 
 
-def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
-    """
-    Return what is known of the last run; None: nothing.
-
-    :param proof: when a run has ended in good order; empty: no proof.
-    """
+def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
+    """Return what is known of the last run; None: nothing."""
     last = (
-        'SELECT max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0)), ended_ns, memory '
+        'SELECT max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0)), memory '
         'FROM session ORDER BY id DESC LIMIT 1'
     )
-    newest_ns, ended_ns, memory = database.execute(last).fetchone() or (0, None, None)
+    newest_ns, memory = database.execute(last).fetchone() or (0, None)
     if memory is None:
         return None  # there is no run, or the last one wrote nothing
     try:
@@ -474,28 +418,6 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     if time.time_ns() - newest_ns > RESULTS_LAST_NS:
         known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
     return known
-
-
-def distrust(path: pathlib.Path) -> None:
-    """
-    Take from a copy of a record whatever could loosen: the first machine may have raced on since.
-
-    That is that the last run ended in good order, and that the MSR was used. What is held or in
-    doubt stays.
-
-    :raises OSError, sqlite3.Error: if that cannot be done.
-    """
-    OrderlyEnd(path).take()
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
-        last = 'SELECT id, memory FROM session ORDER BY id DESC LIMIT 1'
-        number, memory = database.execute(last).fetchone() or (0, None)
-        if memory is not None:
-            try:
-                memory = written(read(RaceMemory, memory))
-            except ValueError:
-                memory = None  # damaged: nothing is known
-        change = 'UPDATE session SET ended_ns = NULL, memory = ? WHERE id = ?'
-        database.execute(change, (memory, number))
 
 
 # ----- to read a record -----------------------------------------------------------------------

@@ -13,13 +13,15 @@
 # limitations under the License.
 
 """
-The record's process: it alone waits for the disk.
+The process of the record and of the mark of the run: it alone waits for the disk.
 
 The kart server forks this process before it does anything else, and sends it everything over a
 socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; what comes beyond that is lost, and
 `RecordProcess.trouble` says so. When the kart server ends, in whatever way, this process writes
-what has reached it and ends too. When this process ends, hangs or is frozen, the record fails:
-karts go on, and no race starts.
+what has reached it and ends too. When this process ends, hangs or is frozen, or cannot write the
+mark (``run_mark``), the record fails: karts go on, and no race starts.
+
+`RecordProcess.trouble` is the one place that knows whether the record fails.
 """
 
 from __future__ import annotations
@@ -36,10 +38,11 @@ import signal
 import socket
 import time
 import traceback
+from typing import NamedTuple
 
 from evgp_rcs.channel import (
     Batch,
-    End,
+    Ended,
     LocalEnd,
     Opened,
     pack,
@@ -53,6 +56,7 @@ from evgp_rcs.channel import (
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.race import LastRun, RaceMemory
 from evgp_rcs.record import Record, RecordError
+from evgp_rcs.run_mark import InUseError, RunMark
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
 """Maximum backlog of events and inputs that are not on the disk; what comes beyond it is lost.
@@ -64,21 +68,30 @@ SLOW = 2.0
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
+class _Confirm(NamedTuple):
+    """Something that must be on the disk: who is told, since when it waits, and for how long."""
+
+    done: Callable[[bool], None]
+    since: float
+    within: float
+
+
 class RecordProcess:
     """
     The record, as the kart server sees it; only ``__init__`` and ``end`` wait.
 
     :param path: the file of the record.
-    :raises RecordError: if the file cannot be used at all.
+    :param mark: the file of the mark; see ``run_mark.place``.
+    :raises RecordError: if another race control that runs has one of them.
     """
 
-    def __init__(self, path: pathlib.Path) -> None:
+    def __init__(self, path: pathlib.Path, mark: pathlib.Path) -> None:
         """Start the process, and wait until it knows what the last run left."""
         self._path = path
         end, other = socket.socketpair()
         self.pid = os.fork()
         if not self.pid:
-            _live(path, other)
+            _live(path, mark, other)
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
@@ -89,7 +102,7 @@ class RecordProcess:
         self._lost = 0
         self._full = False
         self._caught_up_at = time.monotonic()
-        self._confirm: dict[int, Callable[[bool], None]] = {}
+        self._confirm: dict[int, _Confirm] = {}
         self._confirms = 0
         self._remembered: RaceMemory | None = None
         try:
@@ -102,8 +115,11 @@ class RecordProcess:
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
-        """What is known of the last run; None if nothing is."""
+        """What the record has of the last run; None: nothing."""
         self.last_run: LastRun = opened.last_run
+        """How the last run ended."""
+        self.why: str = opened.why
+        """Why that cannot be known, as a phrase; empty: it can."""
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
@@ -139,15 +155,18 @@ class RecordProcess:
             self._remembered = memory
             self._end.send(pack(Remember(memory, at)))
 
-    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+    def make_sure(
+        self, memory: RaceMemory, at: float, within: float, done: Callable[[bool], None]
+    ) -> None:
         """
-        Save this for the next run, and report when the file has it.
+        Save this for the next run, and report when it is on the disk.
 
-        :param done: called in the loop with whether the file has it; never called if that is not
+        :param within: the record fails if that takes longer, until it is there, in seconds.
+        :param done: called in the loop with whether it is there; never called if that is not
             known.
         """
         self._confirms += 1
-        self._confirm[self._confirms] = done
+        self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
         self._remembered = memory
         self._end.send(pack(Remember(memory, at, self._confirms)))
 
@@ -162,7 +181,7 @@ class RecordProcess:
             self._error = error
             self._full &= bool(self._unwritten)
             for number in confirmed:
-                self._confirm.pop(number)(not error)
+                self._confirm.pop(number).done(not error)
 
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty if it does not."""
@@ -173,8 +192,8 @@ class RecordProcess:
         reason = self._error
         if self._end.gone:
             reason = 'its process has ended. Restart race control when no kart is on the track'
-        elif not reason and now - self._caught_up_at > SLOW:
-            reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
+        elif not reason and (slow_for := self._slow_for(now)):
+            reason = f'nothing could be written for {slow_for:.0f} s'
         elif not reason and self._full:
             reason = 'more comes than the disk takes'
         if not reason:
@@ -183,15 +202,24 @@ class RecordProcess:
         wait = 'event waits' if self._events == 1 else 'events wait'
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
-    def end(self, timeout: float, in_order: bool) -> None:
+    def _slow_for(self, now: float) -> float:
+        """Return for how long the disk has taken nothing, in seconds; 0: not for too long."""
+        waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
+        # A start that waited for this too long waits no more; the disk is not there for the next.
+        waits += [
+            now - each.since for each in self._confirm.values() if now - each.since >= each.within
+        ]
+        return max(waits, default=0.0)
+
+    def end(self, timeout: float, ends_as: LastRun) -> None:
         """
         Record what is left, and that this run has ended.
 
         :param timeout: maximum time to wait, in seconds.
-        :param in_order: the next run need not take up a race that was not under way.
+        :param ends_as: what the next run may know of it.
         """
         until = time.monotonic() + timeout
-        self._end.send_the_rest(End(in_order), timeout=timeout)
+        self._end.send_the_rest(Ended(ends_as), timeout=timeout)
         self._socket.settimeout(max(until - time.monotonic(), 0.01))
         with contextlib.suppress(TimeoutError, ChildProcessError):
             try:
@@ -212,7 +240,7 @@ def wake_when_the_parent_dies() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
 
 
-def _live(path: pathlib.Path, end: socket.socket) -> None:
+def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
     """Run the record's process until it ends."""
     code = 1
     try:
@@ -223,7 +251,7 @@ def _live(path: pathlib.Path, end: socket.socket) -> None:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
         wake_when_the_parent_dies()
-        _write(path, end)
+        _write(path, mark, end)
         code = 0
     except BaseException:  # noqa: BLE001 - no caller can catch it
         traceback.print_exc()
@@ -231,24 +259,33 @@ def _live(path: pathlib.Path, end: socket.socket) -> None:
         os._exit(code)
 
 
-def _write(path: pathlib.Path, end: socket.socket) -> None:
+def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> None:
     try:
-        record = Record(path)
-    except RecordError as error:
+        mark = RunMark(mark_path)
+        try:
+            record = Record(path)
+        except RecordError:
+            mark.end(mark.last_run)
+            raise
+    except (RecordError, InUseError) as error:
         end.sendall(pack(Refused(str(error))))
         return
-    end.sendall(pack(Opened(record.left_behind, record.last_run, record.error)))
+    told = record.error or mark.error
+    end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
     unpacker = Unpacker()
     batches = written = 0
     confirm: list[int] = []
     while True:
-        if select.select([end], [], [], record.due_in())[0]:
+        due_in = mark.due_in()
+        if (record_due_in := record.due_in()) is not None:
+            due_in = min(due_in, record_due_in)
+        if select.select([end], [], [], due_in)[0]:
             try:
                 data = end.recv(1 << 20)
             except ConnectionResetError:
                 data = b''
             if not data:
-                record.end(in_order=False)
+                record.end()
                 return
             for message in unpacker.feed(data):
                 if isinstance(message, Batch):
@@ -263,14 +300,19 @@ def _write(path: pathlib.Path, end: socket.socket) -> None:
                 elif isinstance(message, Rules):
                     record.begin(message.version, message.setup)
                 else:
-                    assert isinstance(message, End)
-                    record.end(message.in_order)
+                    assert isinstance(message, Ended)
+                    record.end()
+                    mark.end(message.ends_as)
                     return
         due = record.due_in()
         tried = due is not None and due <= 0
         if tried and record.write():
             written = batches
-        if tried or (record.error and confirm):
+        if mark.due_in() <= 0:
+            mark.keep()
+        fails = record.error or mark.error
+        if tried or fails != told or (fails and confirm):
+            told = fails
             with contextlib.suppress(ConnectionError):  # the kart server has ended: see above
-                end.sendall(pack(Written(written, record.error, tuple(confirm))))
+                end.sendall(pack(Written(written, fails, tuple(confirm))))
             confirm.clear()

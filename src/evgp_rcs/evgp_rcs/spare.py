@@ -18,12 +18,15 @@
 It fetches them again and again, by ssh from race control's machine: the record as SQLite's own
 backup, which is one moment of it, also while race control writes. A copy is whole before it takes
 the place of the last one. `latest` is what ``rcs_takeover`` begins with.
+
+The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
+*began* before there is a copy: no start here proves anything, with whatever record.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import contextlib
 import io
 import os
@@ -37,8 +40,11 @@ import tarfile
 import time
 
 from evgp_protocol import clock
+from evgp_rcs.channel import ServerSettings
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.roster import load_roster, RosterError
+from evgp_rcs.run_mark import leave_began, place
+import yaml
 
 COPY_EVERY = 5.0
 """Time between two copies, in seconds."""
@@ -122,13 +128,17 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
             made = tar.getmember(RECORD).mtime
         load_roster(folder / f'{ROSTER}.new')
         newest = _newest_event(folder / f'{RECORD}.new')
+        leave_began(place(*_listens_at(folder / f'{PARAMETERS}.new')))
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
         # What a reader of the last copy has left beside it does not belong to this one.
         for path in folder.glob(f'{RECORD}-*'):
             path.unlink()
         for name in NAMES:
             (folder / f'{name}.new').replace(folder / name)
-    except (OSError, KeyError, tarfile.TarError, sqlite3.Error, RosterError) as error:
+    except (
+        *(OSError, KeyError, ValueError, tarfile.TarError, sqlite3.Error, RosterError),
+        yaml.YAMLError,
+    ) as error:
         raise SpareError(f'the copy cannot be kept: {error}') from error
     return made - newest / 1e9
 
@@ -138,6 +148,27 @@ def _write(path: pathlib.Path, data: bytes) -> None:
         file.write(data)
         file.flush()
         os.fsync(file.fileno())
+
+
+def _listens_at(parameters: pathlib.Path) -> tuple[str, int]:
+    """
+    Return the address and the port at which race control listens with these parameters.
+
+    :raises ValueError, yaml.YAMLError: if that cannot be read.
+    """
+    found: dict[str, object] = {}
+    for node in _mappings(yaml.safe_load(parameters.read_bytes())):
+        found |= node
+    port = found.get('port', ServerSettings.port)
+    return str(found.get('address', ServerSettings.host)), int(str(port))
+
+
+def _mappings(value: object) -> Iterator[dict[str, object]]:
+    """Yield every mapping in a value that was read from YAML, of whatever node it is."""
+    if isinstance(value, dict):
+        yield value
+        for each in value.values():
+            yield from _mappings(each)
 
 
 def _newest_event(record: pathlib.Path) -> int:

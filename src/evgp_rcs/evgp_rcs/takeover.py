@@ -41,8 +41,8 @@ from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.neighbours import announce, ask, ask_where_it_is, connect, Found, link, Look, why_not
-from evgp_rcs.record import distrust
 from evgp_rcs.rival import refuse_rivals, RivalError
+from evgp_rcs.run_mark import leave_began, place
 from evgp_rcs.spare import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
 import rclpy
 from rclpy.context import Context
@@ -150,7 +150,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     with contextlib.nullcontext() if rehearsed else held(address, interface):
         if copy == copies():  # what comes after this is another copy
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
-        distrust(copy / RECORD)
+        leave_began(place(own, port))  # the first machine may have raced on since the copy
         if not rehearsed:
             threading.Thread(target=defend, args=(own, interface, lost), daemon=True).start()
         _say(

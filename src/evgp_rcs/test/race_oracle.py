@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable
-import dataclasses
 from dataclasses import dataclass, field
 import functools
 import gc
@@ -864,8 +863,6 @@ def expect(
             start = StartView(given.karts, came, now + times.journal_timeout)
         return view._replace(paused=paused, start=start)
     if start is not None and what != 'command' and becomes:
-        # Time that is up is a disk that has not taken it.
-        trouble = trouble or (what in ('journal', 'tick') and not given.statement)
         start = None
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]

@@ -197,11 +197,11 @@ class PaperRace:
         for kart in list(self.race.karts.values()):
             self.feed(inputs.Disconnected(self.now, kart.number, 'race control ends'))
 
-    def write(self, path: pathlib.Path, in_order: bool = True) -> pathlib.Path:
+    def write(self, path: pathlib.Path) -> pathlib.Path:
         """Write what happened as a run into a record."""
         record = Record(path)
         record.put(self.stamped, self.log.take())
-        record.end(in_order)
+        record.end()
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute(
                 'UPDATE session SET rules = ?, setup = ? WHERE id = (SELECT max(id) FROM session)',

@@ -52,9 +52,10 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_rcs.run_mark import BEGAN, place
 from evgp_rcs.snapshot import Snapshot
 from evgp_testing.process import freeze
-from evgp_testing.race_control import end_in_good_order
+from evgp_testing.race_control import new_port
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 from rig.replaying import replay_without_difference
@@ -68,11 +69,10 @@ IN_GARAGE = RaceState.IN_GARAGE
 
 @pytest.fixture
 def begin(tmp_path: pathlib.Path) -> Begin:
-    end_in_good_order(tmp_path / 'record.sqlite3')
     return Begin(
         Roster((RosterEntry(1, 'A', '127.0.3.1', True), RosterEntry(2, 'B', '127.0.3.2', False))),
         RaceTimes(),
-        ServerSettings(host='127.0.0.1', port=0),
+        ServerSettings(host='127.0.0.1', port=new_port()),
         tmp_path / 'record.sqlite3',
     )
 
@@ -205,16 +205,24 @@ def test_a_command_that_is_too_late_is_not_judged_unless_it_stops_karts(
     assert {half.wait_for(Answered).number, half.wait_for(Answered).number} == {2, 3}
 
 
+def mark_of(begin: Begin) -> str:
+    """Return what the mark of this race control says."""
+    path = place(begin.settings.host, begin.settings.port)
+    return path.read_text(encoding='ascii').strip()
+
+
 @pytest.mark.parametrize('in_order', [True, False])
-def test_the_record_says_whether_the_end_was_in_order(
+def test_record_and_mark_say_whether_the_end_was_in_order(
     half: Half, connect: Connect, begin: Begin, in_order: bool
 ) -> None:
     connect(1)
+    assert mark_of(begin) == BEGAN
     half.say(End(in_order))
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
         *_, run = sessions(database)
     assert (run.ended_ns is not None) is in_order
+    assert (mark_of(begin) != BEGAN) is in_order
 
 
 def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
@@ -229,7 +237,7 @@ def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
     assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
-        assert [each.kind for each in events(database, 2)] == [kind.value for kind in told]
+        assert [each.kind for each in events(database, 1)] == [kind.value for kind in told]
 
 
 def test_what_happened_is_on_the_disk_although_the_ros_half_died(
@@ -242,13 +250,12 @@ def test_what_happened_is_on_the_disk_although_the_ros_half_died(
     half.end.close()
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
-        assert 'ALL_KILL' in [event.command for event in events(database, 2)]
+        assert 'ALL_KILL' in [event.command for event in events(database, 1)]
 
 
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as taken:
-        port = taken.getsockname()[1]
-        half.say(Begin(begin.roster, begin.times, ServerSettings('127.0.0.1', port), begin.record))
+    with socket.create_server(('127.0.0.1', begin.settings.port)):
+        half.say(begin)
         assert 'choose another address or port' in half.wait_for(Refused).text
         assert half.process.wait(TIMEOUT) == 2
     again = Half()

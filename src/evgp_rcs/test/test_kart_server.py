@@ -230,7 +230,9 @@ class Running:
     def remember(self, memory: RaceMemory, at: float) -> None:
         self.remembered.append(memory)
 
-    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+    def make_sure(
+        self, memory: RaceMemory, at: float, within: float, done: Callable[[bool], None]
+    ) -> None:
         with self._news:
             self.sure.append((memory, done))
             self._news.notify_all()

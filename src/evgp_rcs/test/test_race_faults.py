@@ -358,7 +358,7 @@ karts start before it is on the disk: start-first
 a start that was withdrawn goes out: start-first, green-needs-acks, green-needs-grid
     WHY_NO_START: StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record', } => }
 a start that the disk did not take goes out: start-first, start-answer
-    _end_of_start: phase == StartPhase.FAILED => False
+    WHY_NO_START: StartPhase.FAILED: 'the record did not take it in time; send it again', =>
 a start waits for the disk for ever: start-answer, start-first tick: until => until + 9.0
 a start that was stopped meanwhile goes out when it is on the disk: green-needs-grid,
     green-needs-acks, start-first, start-other-grid, pause, no-record [waits]
@@ -501,8 +501,6 @@ a record that fails while a start waits does not stop it: start-first, no-record
     _end_of_start: refusal = self._refusal_of(start.command, start.came) => trouble =
         self.record_fails ¶ if phase == StartPhase.WRITTEN: ¶> self.record_fails = '' ¶ refusal =
         self._refusal_of(start.command, start.came) ¶ self.record_fails = trouble
-a record that was too slow counts as working: start-first, effect, start-answer
-    _end_of_start: self.record_fails = self => _ = self
 an orderly end forgets that the track was open: restart memory: self.track_open => False
 a start after it does: restart
     recover: self.track_open = last_run is LastRun.ENDED_OPEN => pass

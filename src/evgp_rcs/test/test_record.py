@@ -50,14 +50,13 @@ from evgp_rcs.record import (
     open_read_only,
     Record,
     RecordedEvent,
-    RecordError,
 )
 import pytest
 
 SETUP = Setup((), RaceTimes(), (), 0.0)
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
 RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, Doubt.MOVING, False)})
-OPEN = dataclasses.replace(HOME, track_open=True, msr_used=True)
+OPEN = dataclasses.replace(HOME, track_open=True)
 
 
 Begin = Callable[[], Record]
@@ -96,11 +95,6 @@ def event(sequence: int, text: str = 'something', **more: object) -> StampedEven
 def ending(success: bool) -> StampedEvent:
     """Return the last event of a run, which says how it ended."""
     return StampedEvent(1, time.time_ns(), 0.1, Event(EventKind.ENDED, 'ends', success=success))
-
-
-def crash(record: Record) -> None:
-    """Leave the file as a killed process does: written, but not ended."""
-    record.end(in_order=False)
 
 
 def have_written(record: Record, memory: RaceMemory) -> None:
@@ -143,27 +137,19 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
     assert {each.hold for each in found} == {None, 'RED_RED'}
 
 
-def final(memory: RaceMemory) -> RaceMemory:
-    """Return what a run leaves behind that ended in good order with this."""
-    return dataclasses.replace(memory, final=True)
-
-
 @pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])
-@pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
-def test_a_run_leaves_its_race_and_only_an_orderly_end_makes_it_final(
-    begin: Begin, memory: RaceMemory, in_order: bool
-) -> None:
+def test_a_run_leaves_its_race(begin: Begin, memory: RaceMemory) -> None:
     record = begin()
     record.remember(memory, 0.0)
-    record.end(in_order)
-    assert begin().left_behind == dataclasses.replace(memory, final=in_order)
+    record.end()
+    assert begin().left_behind == memory
 
 
 def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> None:
     record = begin()
     record.remember(RACING, 2.0)
     record.remember(HOME, 1.0)
-    crash(record)
+    record.end()
     assert begin().left_behind == RACING
 
 
@@ -174,7 +160,7 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
     have_written(record, RACING)
     record.remember(HOME, 1.0)  # both before it comes to write
     record.remember(RACING, 2.0)
-    crash(record)
+    record.end()
     assert begin().left_behind == RACING
 
 
@@ -192,23 +178,22 @@ def test_results_are_left_behind_for_the_days_of_one_event(
     with contextlib.closing(sqlite3.connect(path)) as database, database:
         database.execute('UPDATE session SET began_ns = ?', (began_ns,))
 
-    assert begin().left_behind == final(memory if days == 2 else RACING)
+    assert begin().left_behind == (memory if days == 2 else RACING)
 
 
-@pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
-def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin, in_order: bool) -> None:
-    begin().end(in_order)
+def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin) -> None:
+    begin().end()
     assert begin().left_behind is None
 
 
 def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -> None:
     first = begin()
     first.remember(RACING, 0.0)
-    crash(first)
+    first.end()
     second = begin()
     second.remember(HOME, 0.0)
     second.end()
-    assert begin().left_behind == final(HOME)
+    assert begin().left_behind == HOME
 
 
 def no_text_file(path: pathlib.Path) -> None:
@@ -235,7 +220,7 @@ def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_f
     assert path.read_bytes() == before
 
 
-# ----- what an end must prove --------------------------------------------------------------
+# ----- a record that was harmed ------------------------------------------------------------
 
 
 def damage(path: pathlib.Path) -> None:
@@ -255,14 +240,13 @@ def garble_the_memory(path: pathlib.Path) -> None:
         database.commit()
 
 
-@pytest.mark.parametrize('in_order', [True, False], ids=['an orderly end', 'a crash'])
 @pytest.mark.parametrize('harm', [damage, cut_short, garble_the_memory, pathlib.Path.unlink])
-def test_a_record_that_was_harmed_proves_nothing(
-    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None], in_order: bool
+def test_a_record_that_was_harmed_knows_nothing(
+    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
 ) -> None:
     record = begin()
     record.remember(HOME, 0.0)
-    record.end(in_order)
+    record.end()
     harm(path)
     assert begin().left_behind is None
 
@@ -280,125 +264,11 @@ def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
     copy = tmp_path / 'copy'
     copy.mkdir()
     (copy / path.name).write_bytes(path.read_bytes())
-    record.end(in_order=False)
+    record.end()
     for left in path.parent.iterdir():
         left.unlink()
     (copy / path.name).rename(path)
     assert begin().left_behind == RACING
-
-
-def test_a_run_that_could_not_write_its_record_is_not_forgotten_by_the_next(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    record = begin()
-    record.remember(HOME, 0.0)
-    record.end()
-    beside = path.with_name('beside')
-    path.rename(beside)
-    path.mkdir()  # nobody can write it, and root neither
-    second = begin()
-    assert second.error
-    assert second.left_behind is None
-    second.end(in_order=True)
-    path.rmdir()
-    beside.rename(path)
-    assert begin().left_behind == HOME  # and no proof of what came after it
-
-
-# ----- the proof of an orderly end ---------------------------------------------------------
-
-
-def proof(path: pathlib.Path) -> pathlib.Path:
-    return path.with_name(f'{path.name}-ended')
-
-
-def end_at_home(record: Record) -> None:
-    record.remember(HOME, 0.0)
-    record.end()
-
-
-def test_the_proof_is_there_between_two_runs_and_not_during_one(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    first = begin()
-    assert not proof(path).exists()
-    end_at_home(first)
-    assert proof(path).exists()
-    Record(path)._release()  # nothing listens yet: no kart can have connected
-    assert not proof(path).exists()
-
-
-def test_a_run_that_dies_before_it_wrote_anything_uses_the_proof_up(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    end_at_home(begin())
-    Record(path)._release()  # as a process that was killed at once
-    assert begin().left_behind is None
-
-
-def test_the_proof_of_an_earlier_run_proves_nothing(begin: Begin, path: pathlib.Path) -> None:
-    end_at_home(begin())
-    kept = proof(path).read_bytes()
-    record = begin()
-    record.remember(HOME, 0.0)
-    crash(record)
-    proof(path).write_bytes(kept)
-    assert begin().left_behind == HOME
-
-
-def test_an_orderly_end_that_the_record_has_not_kept_is_not_proved(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    record = begin()
-    have_written(record, HOME)
-    in_the_file_itself = path.read_bytes()
-    record.remember(RACING, 1.0)
-    record.end()
-    path.write_bytes(in_the_file_itself)  # as where its -wal was deleted
-    assert begin().left_behind == HOME
-
-
-@pytest.mark.parametrize('kind', ['a folder', 'read-only'])
-def test_a_proof_that_cannot_be_removed_refuses_the_start(
-    small_disk: pathlib.Path, kind: str
-) -> None:
-    path = small_disk / 'record.sqlite3'
-    end_at_home(Record(path))
-    if kind == 'a folder':
-        proof(path).unlink()
-        proof(path).mkdir()
-    else:
-        subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
-    with pytest.raises(RecordError, match=r'cannot be removed.*parameter record'):
-        Record(path)
-
-
-@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'rubbish'])
-def test_what_somebody_else_put_in_the_place_of_the_proof_proves_nothing(
-    begin: Begin, path: pathlib.Path, tmp_path: pathlib.Path, kind: str
-) -> None:
-    record = begin()
-    record.remember(HOME, 0.0)
-    crash(record)
-    precious = tmp_path / 'precious'
-    precious.write_text('untouched')
-    if kind == 'a pipe':
-        os.mkfifo(proof(path))
-    elif kind == 'a link':
-        proof(path).symlink_to(precious)
-    else:
-        proof(path).write_bytes(b'\xff' * 10_000)
-    assert begin().left_behind == HOME
-    assert precious.read_text() == 'untouched'
-
-
-def test_a_disk_too_full_for_the_proof_makes_the_next_start_careful(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    record = begin()
-    proof(path).with_name(f'{proof(path).name}.new').mkdir()  # nobody can write it
-    end_at_home(record)
-    assert begin().left_behind == HOME
 
 
 def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
@@ -411,6 +281,19 @@ def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib
         record.put([event(2)])
         assert record.write()
         assert len(texts(path, 1)) == 2
+
+
+def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    have_written(record, HOME)
+    with contextlib.closing(open_read_only(path)) as database:
+        database.execute('BEGIN')
+        list(events(database, 1))
+        have_written(record, RACING)
+        assert record.error == ''
+    assert RACING.state.name in remembered(path)
 
 
 # ----- a bad disk --------------------------------------------------------------------------
@@ -461,7 +344,7 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     ballast.unlink()
     assert record.write()
     assert record.error == ''
-    crash(record)
+    record.end()
     assert len(texts(path, 1)) == count
     again = Record(path)
     again.end()
@@ -474,7 +357,7 @@ def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(
     path = small_disk / 'record.sqlite3'
     record = Record(path)
     record.put([event(1)])
-    record.end(in_order=False)
+    record.end()
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
     second = Record(path)
     assert second.error == 'read-only file system'
@@ -496,7 +379,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     record.end()
 
 
-def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_order(
+def test_what_was_written_before_a_record_began_to_fail_is_left_behind(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
@@ -527,7 +410,7 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
 ) -> None:
     before = begin()
     before.put([event(1)])
-    crash(before)
+    before.end()
     record = begin()
     record.put([event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False)])
     record.put([event(4, 'last')])
@@ -551,7 +434,7 @@ def test_the_timeline_begins_with_a_word_about_a_crash_only_right_after_it(
 ) -> None:
     first = begin()
     if asked:
-        crash(first)
+        first.end()
     else:
         first.end()
     begin().end()
@@ -574,7 +457,7 @@ def test_the_list_has_every_run_and_how_it_ended(
     assert 'not ended in good order' in crashed
     assert 'not ended' not in ended
     assert 'still running' in running
-    crash(record)
+    record.end()
     assert print_timeline([str(path)]) == 0
     assert 'not ended in good order' in capsys.readouterr().out
 

@@ -29,9 +29,10 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import record_process
 from evgp_rcs.channel import Happened, pack
 from evgp_rcs.inputs import Block
-from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.record import events, open_read_only, Record, RecordError
 from evgp_rcs.record_process import RecordProcess
+from evgp_rcs.run_mark import BEGAN
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
 
@@ -47,13 +48,13 @@ def path(tmp_path: pathlib.Path) -> pathlib.Path:
 
 @pytest.fixture
 def record(path: pathlib.Path) -> Iterator[RecordProcess]:
-    running = RecordProcess(path)
+    running = RecordProcess(path, path.with_name('mark'))
     running._socket.setblocking(False)  # as its loop does
     yield running
     with contextlib.suppress(ProcessLookupError):
         os.kill(running.pid, signal.SIGCONT)
     with contextlib.suppress(OSError):  # the test has ended it
-        running.end(PATIENCE, in_order=False)
+        running.end(PATIENCE, LastRun.UNKNOWN)
 
 
 def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
@@ -92,10 +93,10 @@ def test_what_must_be_sure_is_told_to_be_there_once_it_is(
     record: RecordProcess, path: pathlib.Path
 ) -> None:
     told: list[bool] = []
-    record.make_sure(RACING, 0.0, told.append)
+    record.make_sure(RACING, 0.0, PATIENCE, told.append)
     wait_for(record, lambda: told)
     assert told == [True]
-    record.end(PATIENCE, in_order=False)
+    record.end(PATIENCE, LastRun.UNKNOWN)
     again = Record(path)
     again.end()
     assert again.left_behind == RACING
@@ -106,7 +107,7 @@ def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
 ) -> None:
     written = 100
     if not (pid := os.fork()):
-        dying = RecordProcess(path)
+        dying = RecordProcess(path, path.with_name('mark'))
         dying._socket.setblocking(False)
         freeze(dying.pid)  # so that all of it still waits
         for number in range(1, written + 1):
@@ -133,7 +134,7 @@ def test_a_process_that_is_killed_is_trouble_at_once_and_holds_nobody_up(
     assert 'its process has ended' in record.trouble()
     put(record, 1)
     record.remember(HOME, 1.0)
-    record.make_sure(RACING, 2.0, lambda there: pytest.fail('nobody can know'))
+    record.make_sure(RACING, 2.0, PATIENCE, lambda there: pytest.fail('nobody can know'))
     assert '1 are lost' in record.trouble()
 
 
@@ -156,6 +157,46 @@ def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_los
     wait_for(record, written)
     assert record.trouble() == ''
     assert numbers_in(path) == [*range(1, 2001)]
+
+
+def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
+    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    freeze(record.pid)
+    told: list[bool] = []
+    record.make_sure(RACING, 0.0, 0.3, told.append)
+    assert record.trouble() == ''
+    wait_for(record, record.trouble)
+    monkeypatch.setattr(record_process, 'SLOW', PATIENCE)  # not since an event waits for long
+    put(record, 1)
+    assert 'nothing could be written' in record.trouble()
+    os.kill(record.pid, signal.SIGCONT)
+    wait_for(record, lambda: told)
+    assert told == [True]
+    assert record.trouble() == ''
+
+
+def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
+    path: pathlib.Path,
+) -> None:
+    mark = path.with_name('mark')
+    mark.mkdir()
+    record = RecordProcess(path, mark)
+    record._socket.setblocking(False)
+    assert record.last_run is LastRun.UNKNOWN
+    assert str(mark) in record.why
+    assert str(mark) in record.trouble()
+    told: list[bool] = []
+    record.make_sure(RACING, 0.0, PATIENCE, told.append)
+    wait_for(record, lambda: told)
+    assert told == [False]
+    mark.rmdir()
+    wait_for(record, lambda: not record.trouble())
+    assert mark.read_text().strip() == BEGAN
+    record.end(PATIENCE, LastRun.ENDED)
+    again = RecordProcess(path, mark)
+    assert again.last_run is LastRun.ENDED
+    again.end(PATIENCE, LastRun.ENDED)
 
 
 def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
@@ -184,17 +225,17 @@ def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
     path: pathlib.Path,
 ) -> None:
     path.mkdir()  # nobody can write it, and root neither
-    record = RecordProcess(path)
+    record = RecordProcess(path, path.with_name('mark'))
     record._socket.setblocking(False)
     assert record.trouble().startswith(f'The record {path} fails: {path} is no file')
     told: list[bool] = []
     put(record, 1)
-    record.make_sure(RACING, 0.0, told.append)
+    record.make_sure(RACING, 0.0, PATIENCE, told.append)
     wait_for(record, lambda: told)
     assert told == [False]
     path.rmdir()
     wait_for(record, lambda: not record.trouble())
-    record.end(PATIENCE, in_order=False)
+    record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [1]
 
 
@@ -212,7 +253,7 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     os.kill(record.pid, signal.SIGCONT)
     wait_for(record, lambda: not record.trouble())
     put(record, 101)
-    record.end(PATIENCE, in_order=False)
+    record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [*range(1, 101 - lost), 101]
     with contextlib.closing(sqlite3.connect(path)) as database:
         blocks = [Block.of(data) for (data,) in database.execute('SELECT data FROM input')]
@@ -223,7 +264,7 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
 def test_a_record_that_another_race_control_has_is_refused(path: pathlib.Path) -> None:
     other = Record(path)
     with pytest.raises(RecordError, match='choose another file with the parameter record'):
-        RecordProcess(path)
+        RecordProcess(path, path.with_name('mark'))
     other.end()
 
 

@@ -423,7 +423,7 @@ def write(path: pathlib.Path) -> Write:
             running.end()
         for events, block in running.handed_over:
             record.put(events, block)
-        record.end(in_order)
+        record.end()
 
     return a_race
 

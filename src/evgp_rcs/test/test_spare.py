@@ -24,13 +24,12 @@ import threading
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import spare
+from evgp_rcs import run_mark, spare
 from evgp_rcs.neighbours import Found, Look, why_not
-from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import Doubt, Event, EventKind, KartMemory, RaceMemory, StampedEvent
-from evgp_rcs.record import distrust, Record
+from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
+from evgp_rcs.record import Record
+from evgp_rcs.run_mark import RunMark
 from evgp_rcs.spare import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
-from hypothesis import given, HealthCheck, settings, strategies
 import pytest
 
 KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'
@@ -43,6 +42,14 @@ def first(tmp_path: pathlib.Path) -> pathlib.Path:
     folder.mkdir()
     (folder / 'karts.yaml').write_text(KARTS)
     (folder / 'rcs.yaml').write_text('/**:\n  ros__parameters:\n    pause: 1.0\n')
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def marks(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Return where the marks of this machine are: a real race may be prepared here."""
+    folder = tmp_path / 'marks'
+    monkeypatch.setattr(run_mark, 'FOLDER', folder)
     return folder
 
 
@@ -154,63 +161,43 @@ def test_a_source_is_an_address_or_a_folder(wrong: str) -> None:
         spare.main([wrong, '--roster', 'karts.yaml', '--params', 'rcs.yaml', '--once'])
 
 
-MEMORIES = strategies.builds(
-    RaceMemory,
-    strategies.sampled_from(RaceState),
-    strategies.dictionaries(
-        strategies.integers(1, 3),
-        strategies.builds(
-            KartMemory,
-            strategies.booleans(),
-            strategies.booleans(),
-            strategies.integers(0, 3),
-            strategies.sampled_from(Doubt),
-            strategies.booleans(),
-        ),
-    ),
-    strategies.booleans(),
-    strategies.booleans(),
+@pytest.mark.parametrize(
+    ('parameters', 'name'),
+    [
+        ('', '12017'),
+        ('{}', '12017'),
+        ('/**: {ros__parameters: {pause: 1.0}}', '12017'),
+        ('/**: {ros__parameters: {port: 4001}}', '4001'),
+        ('/rcs: {ros__parameters: {address: 10.0.0.1, port: 4001}}', '4001'),
+        ('rcs: {ros__parameters: {address: 127.0.0.1}}', '127.0.0.1:12017'),
+    ],
 )
-
-
-@settings(
-    max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-@given(memory=MEMORIES, taken_before=strategies.booleans(), proof_too=strategies.booleans())
-def test_a_copy_proves_no_orderly_end_and_no_msr_and_forgets_no_hold(
-    memory: RaceMemory,
-    taken_before: bool,
-    proof_too: bool,
-    first: pathlib.Path,
-    tmp_path_factory: pytest.TempPathFactory,
+def test_with_a_copy_the_mark_of_this_machine_says_began_and_another_port_is_left_alone(
+    parameters: str, name: str, first: pathlib.Path, tmp_path: pathlib.Path, marks: pathlib.Path
 ) -> None:
-    path, folder = first / 'record.sqlite3', tmp_path_factory.mktemp('spare')
-    run = Record(path)
-    run.put([happened(1)])
-    run.remember(memory, 0.0)
-    run.end()
-    if taken_before:  # an earlier copy, on which race control ran here and ended in good order
-        copy(first, folder)
-        earlier = Record(folder / RECORD)
-        earlier.remember(memory, 0.0)
-        earlier.end()
-    copy(first, folder)
-    if proof_too:  # somebody copies all that is there, by hand
-        OrderlyEnd(folder / RECORD).write(OrderlyEnd(path).take())
+    """So no start here proves anything: race control may have raced on after the copy."""
+    Record(first / 'record.sqlite3').end()
+    (first / 'rcs.yaml').write_text(parameters)
+    for each in (name, '4002'):
+        RunMark(marks / each).end(LastRun.ENDED)
+    copy(first, tmp_path / 'spare')
+    assert RunMark(marks / name).last_run is LastRun.UNKNOWN
+    assert RunMark(marks / '4002').last_run is LastRun.ENDED
 
-    distrust(folder / RECORD)
 
-    found = Record(folder / RECORD)
-    found.end(in_order=False)
-    left = found.left_behind
-    assert left is not None
-    assert not left.final
-    assert not left.msr_used
-    assert (left.state, left.karts, left.track_open) == (
-        memory.state,
-        memory.karts,
-        memory.track_open,
-    )
+@pytest.mark.parametrize('wrong', ['a: [', '/**: {ros__parameters: {port: many}}'])
+def test_without_a_mark_there_is_no_copy(
+    wrong: str, first: pathlib.Path, tmp_path: pathlib.Path, marks: pathlib.Path
+) -> None:
+    Record(first / 'record.sqlite3').end()
+    with pytest.raises(SpareError):
+        (first / 'rcs.yaml').write_text(wrong)
+        copy(first, tmp_path / 'spare')
+    (first / 'rcs.yaml').write_text('{}')
+    (marks / '12017').mkdir(parents=True)
+    with pytest.raises(SpareError, match='12017'):
+        copy(first, tmp_path / 'spare')
+    assert not (tmp_path / 'spare' / RECORD).exists()
 
 
 def test_the_newest_copy_is_taken_and_after_a_takeover_what_that_has_made_of_it(

@@ -173,7 +173,7 @@ class Rehearsal(Part):
             bridges = plan.numbers[simulated:]
             self.domains = {each: stack.enter_context(Domain()).number for each in (0, *bridges)}
             self.domain = self.domains[0]
-            self.control = self._race_control(0)
+            self.control = self._race_control({})
             stack.callback(lambda: self.control.close())
             self.official = stack.enter_context(Official(self.domain, STEWARD, judge))
             self._line = TimingLine(secrets.token_hex(4))
@@ -487,11 +487,11 @@ class Rehearsal(Part):
 
     def _keep_race_control(self) -> None:
         """Start race control again, whatever has ended it, as ``make run`` does."""
-        port = self.control.port
+        same_machine = {'port': self.control.port}
 
         def again() -> None:
             time.sleep(AWAY)
-            self.control = self._race_control(port)
+            self.control = self._race_control(same_machine)
 
         if not (self._dead.is_set() or self.control.runs) and (
             self._again is None or self._again.done()
@@ -526,12 +526,12 @@ class Rehearsal(Part):
             self.present = None
         self.field.mend()
 
-    def _race_control(self, port: int) -> RaceControl:
+    def _race_control(self, where: Mapping[str, object]) -> RaceControl:
         return RaceControl(
             self._folder,
             self.domain,
             self.plan.numbers,
-            parameters={'port': port, **self._settings()},
+            parameters={**where, **self._settings()},
             teams=self._teams(),
             heats={HEAT: {'karts': self._heat, 'laps': self.plan.laps}},
         )

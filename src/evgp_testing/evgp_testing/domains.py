@@ -23,9 +23,11 @@ control.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+import contextlib
+import fcntl
 import functools
 import itertools
-import pathlib
+import os
 import random
 import socket
 
@@ -44,8 +46,8 @@ def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
     """
     Return a number that nobody has, and its lock, which is let go by closing it.
 
-    An abstract socket is the lock: the kernel lets it go with the process, however that ends. Like
-    a port, it belongs to one network namespace.
+    An abstract socket is the lock: the kernel lets it go with the process, however that ends. It
+    belongs to one network namespace, as a domain does.
 
     :param what: is numbered.
     :raises RuntimeError: if every number is taken.
@@ -63,15 +65,25 @@ def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
 
 
 @functools.cache
-def _own_ports(namespace: int) -> Iterator[int]:
+def _own_ports() -> Iterator[int]:
     """
     Return the ports that are this process's until it ends, each in its turn, without end.
 
-    :param namespace: the network namespace of this thread: there the lock is, and counts.
+    A lock on a file counts in every network namespace, as the mark of a race control does
+    (``evgp_rcs.run_mark``). The kernel lets it go when the process ends.
+
+    :raises RuntimeError: if every port is taken.
     """
-    first, lock = take_one('ports', _BLOCKS)
-    lock.detach()  # closed by the kernel, when the process ends
-    return itertools.cycle(range(first, first + _BLOCK))
+    for first in random.SystemRandom().sample(_BLOCKS, len(_BLOCKS)):
+        path = f'/dev/shm/evgp-ports-{first}'  # noqa: S108 - it is only a lock
+        with contextlib.suppress(PermissionError, BlockingIOError):
+            try:
+                lock = os.open(path, os.O_RDONLY)
+            except FileNotFoundError:
+                lock = os.open(path, os.O_RDONLY | os.O_CREAT, 0o644)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return itertools.cycle(range(first, first + _BLOCK))
+    raise RuntimeError('every port is in use')
 
 
 def free_port() -> int:
@@ -82,8 +94,7 @@ def free_port() -> int:
 
     :raises RuntimeError: if every port is taken.
     """
-    ports = _own_ports(pathlib.Path('/proc/thread-self/ns/net').stat().st_ino)
-    for number in itertools.islice(ports, _BLOCK):
+    for number in itertools.islice(_own_ports(), _BLOCK):
         try:
             socket.create_server(('127.0.0.1', number)).close()
         except OSError:

@@ -60,16 +60,13 @@ def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> S
         in_race: Iterable[int] = (1, 2),
         others: Iterable[int] = (),
         heats: Mapping[str, Iterable[int]] | None = None,
-        proven: bool = True,
         **parameters: object,
     ) -> RaceControl:
         domain = parts.enter_context(Domain())
         folder = tmp_path / f'domain_{domain.number}'
         folder.mkdir()
         return parts.enter_context(
-            RaceControl(
-                folder, domain.number, in_race, others, parameters, heats=heats, proven=proven
-            )
+            RaceControl(folder, domain.number, in_race, others, parameters, heats=heats)
         )
 
     return start

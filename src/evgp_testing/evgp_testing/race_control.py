@@ -21,9 +21,8 @@ import os
 import pathlib
 import signal
 
-from evgp_protocol.states import RaceState
-from evgp_rcs.race import RaceMemory
-from evgp_rcs.record import Record
+from evgp_rcs.channel import ServerSettings
+from evgp_rcs.run_mark import place
 from evgp_testing.domains import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
@@ -75,27 +74,38 @@ def write_roster(
 
 
 def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
-    """Return the parameters of a race control at a port of its own, with its files in a folder."""
+    """
+    Return the parameters of a race control at a port of its own, with its files in a folder.
+
+    It begins as on a machine where none has run before.
+    """
     return {
         'roster': roster,
         'record': folder / 'record.sqlite3',
         'address': '127.0.0.1',
-        'port': free_port(),
+        'port': new_port(),
         'settle_time': SETTLE_TIME,
     }
 
 
-def end_in_good_order(record: pathlib.Path) -> None:
-    """Have a record say that the run before ended in good order, so that the next is at home."""
-    run = Record(record)
-    run.remember(RaceMemory(RaceState.IN_GARAGE, {}), 0.0)
-    run.end()
-    assert not run.error, run.error
+def new_port() -> int:
+    """
+    Return a free port where no race control is known to have run on this machine.
+
+    One that another test has killed there left its mark (``evgp_rcs.run_mark``).
+    """
+    port = free_port()
+    for address in ('127.0.0.1', ServerSettings.host):
+        place(address, port).unlink(missing_ok=True)
+    return port
 
 
 class RaceControl(Process):
     """
     A real ``rcs_node`` on a domain, listening at a port of its own.
+
+    It begins in IN_GARAGE, as the very first one on a machine. To start it again as on the same
+    machine, name the same port in the parameters.
 
     :param folder: where its roster is written.
     :param in_race: the numbers of the karts in the first race.
@@ -105,8 +115,7 @@ class RaceControl(Process):
     :param arguments: more ROS arguments of the node.
     :param heats: the heats of the roster, each of its karts, or of what else the roster has of it.
     :param addresses: returns the address of a kart in the roster.
-    :param proven: where there is no record yet, make one of a run that ended in good order, so
-        that race control begins in IN_GARAGE. Else it begins in RED_RED, as the very first one.
+    :param under: a command that runs it, with its own arguments.
     """
 
     def __init__(
@@ -120,17 +129,14 @@ class RaceControl(Process):
         arguments: tuple[str, ...] = (),
         heats: Heats | None = None,
         addresses: Callable[[int], str] = address_of,
-        proven: bool = True,
+        under: tuple[str, ...] = (),
         program: str = 'rcs_node',
     ) -> None:
         """Start race control and wait until karts can connect."""
         roster = write_roster(folder, in_race, others, teams, heats, addresses)
         self.domain = domain
         given = {**settings(folder, roster), **(parameters or {})}
-        record = pathlib.Path(str(given['record']))
-        if proven and not record.exists():
-            end_in_good_order(record)
-        super().__init__('evgp_rcs', program, domain, given, arguments)
+        super().__init__('evgp_rcs', program, domain, given, arguments, under)
         try:
             self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
         except BaseException:

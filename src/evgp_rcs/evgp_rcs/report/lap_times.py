@@ -24,6 +24,7 @@ from typing import Any, get_args, NamedTuple
 
 from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Recovered
 from evgp_rcs.laps import Format, Laps, overall
+from evgp_rcs.race import LastRun
 from evgp_rcs.replay import Kept
 from evgp_rcs.report.results import as_csv, defused, put, runs_of, table_options
 from evgp_rcs.runs import PARTLY, say
@@ -98,7 +99,7 @@ def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
         for entry in entries_of(kept.blocks):
             if isinstance(entry, _INPUTS):
                 feed(entry, race)
-            if isinstance(entry, Recovered) and entry.memory is not None and entry.memory.final:
+            if isinstance(entry, Recovered) and entry.last_run is not LastRun.UNKNOWN:
                 known = race.laps  # that race was over, and its own run has it
             if race.laps.karts and race.laps is not known:
                 laps[race.grids] = race.laps

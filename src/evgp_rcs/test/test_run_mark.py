@@ -1,0 +1,379 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The mark of a run on a real disk: what it proves, and that nothing else does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import os
+import pathlib
+import shutil
+import stat
+import subprocess
+import tempfile
+
+from evgp_rcs import run_mark
+from evgp_rcs.race import LastRun
+from evgp_rcs.run_mark import (
+    BEGAN,
+    FOLDER,
+    InUseError,
+    leave_began,
+    place,
+    RunMark,
+    why_not_lasting,
+)
+import pytest
+
+ENDS = (LastRun.NONE, LastRun.ENDED, LastRun.ENDED_OPEN)
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / 'marks' / '12017'
+
+
+def run(path: pathlib.Path, ends_as: LastRun | None = None) -> LastRun:
+    """Have a run begin and end, or die (None), and return what it knew of the last one."""
+    mark = RunMark(path)
+    if ends_as is None:
+        assert mark._file is not None
+        os.close(mark._file)
+    else:
+        mark.end(ends_as)
+    return mark.last_run
+
+
+def test_where_no_run_began_none_is_known(path: pathlib.Path) -> None:
+    assert run(path) is LastRun.NONE
+
+
+@pytest.mark.parametrize('ends_as', LastRun)
+def test_the_next_run_knows_how_the_last_one_ended(path: pathlib.Path, ends_as: LastRun) -> None:
+    for _ in range(3):
+        run(path, LastRun.ENDED)
+        run(path, ends_as)
+        assert run(path, LastRun.ENDED) is ends_as
+
+
+@pytest.mark.parametrize('before', ENDS)
+def test_a_run_that_began_and_died_is_known_to_every_later_one(
+    path: pathlib.Path, before: LastRun
+) -> None:
+    run(path, before)
+    run(path)
+    assert run(path) is LastRun.UNKNOWN
+    assert run(path) is LastRun.UNKNOWN
+
+
+def test_while_a_run_goes_on_the_mark_says_that_it_began(path: pathlib.Path) -> None:
+    run(path, LastRun.ENDED)
+    mark = RunMark(path)
+    assert path.read_text().strip() == BEGAN
+    mark.end(LastRun.ENDED)
+    assert path.read_text().strip() == 'ended'
+
+
+def test_a_start_that_served_nobody_leaves_the_mark_as_it_found_it(path: pathlib.Path) -> None:
+    for found in (LastRun.NONE, *LastRun):
+        mark = RunMark(path)
+        mark.end(mark.last_run)
+        run(path, found)
+        mark = RunMark(path)
+        mark.end(mark.last_run)
+        assert run(path) is found
+
+
+def test_of_two_race_controls_at_one_port_the_second_is_refused_and_changes_nothing(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_mark, 'CLAIM_TIMEOUT', 0.1)
+    first = RunMark(path)
+    with pytest.raises(InUseError, match='choose another port'):
+        RunMark(path)
+    leave_began(path)  # it says so already
+    first.end(LastRun.ENDED)
+    assert run(path) is LastRun.ENDED
+
+
+# ----- what proves nothing -----------------------------------------------------------------
+
+
+def cut_off(path: pathlib.Path) -> None:
+    path.write_bytes(path.read_bytes()[:3])
+
+
+def empty(path: pathlib.Path) -> None:
+    path.write_bytes(b'')
+
+
+def zeros(path: pathlib.Path) -> None:
+    path.write_bytes(bytes(32))
+
+
+def rubbish(path: pathlib.Path) -> None:
+    path.write_bytes(b'\xff' * 10_000)
+
+
+def more_than_a_word(path: pathlib.Path) -> None:
+    path.write_text('ended ended\n')
+
+
+def a_pipe(path: pathlib.Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def a_folder(path: pathlib.Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def a_link(path: pathlib.Path) -> None:
+    path.rename(path.with_name('elsewhere'))
+    path.symlink_to('elsewhere')
+
+
+def a_second_name(path: pathlib.Path) -> None:
+    path.with_name('elsewhere').hardlink_to(path)
+
+
+def a_folder_that_is_a_link(path: pathlib.Path) -> None:
+    path.parent.rename(path.parent.with_name('elsewhere'))
+    path.parent.symlink_to('elsewhere')
+
+
+def a_file_for_a_folder(path: pathlib.Path) -> None:
+    shutil.rmtree(path.parent)
+    path.parent.write_text('ended')
+
+
+@pytest.mark.parametrize('harm', [cut_off, empty, zeros, rubbish, more_than_a_word])
+def test_a_mark_that_is_damaged_proves_nothing_and_is_written_anew(
+    path: pathlib.Path, harm: Callable[[pathlib.Path], None]
+) -> None:
+    run(path, LastRun.ENDED)
+    harm(path)
+    mark = RunMark(path)
+    assert (mark.last_run, mark.error) == (LastRun.UNKNOWN, '')
+    assert mark.why
+    mark.end(LastRun.ENDED)
+    assert run(path) is LastRun.ENDED
+
+
+@pytest.mark.parametrize(
+    'put',
+    [a_pipe, a_folder, a_link, a_second_name, a_folder_that_is_a_link, a_file_for_a_folder],
+)
+def test_what_is_in_the_place_of_a_mark_proves_nothing_and_is_left_alone(
+    path: pathlib.Path, put: Callable[[pathlib.Path], None]
+) -> None:
+    run(path, LastRun.ENDED)
+    put(path)
+    mark = RunMark(path)
+    assert mark.last_run is LastRun.UNKNOWN
+    assert str(path) in mark.error
+    assert mark.why == mark.error
+    with pytest.raises(OSError, match='cannot be used'):
+        leave_began(path)
+    mark.end(LastRun.ENDED)
+    elsewhere = [each for each in path.parent.parent.rglob('elsewhere') if each.is_file()]
+    assert all(each.read_text().strip() == 'ended' for each in elsewhere)
+    assert run_or_unknown(path) is LastRun.UNKNOWN
+
+
+def run_or_unknown(path: pathlib.Path) -> LastRun:
+    mark = RunMark(path)
+    mark.end(LastRun.UNKNOWN)
+    return mark.last_run
+
+
+@pytest.fixture
+def small_disk(path: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Return the folder of the marks, on a file system of 64 KiB of its own."""
+    path.parent.mkdir()
+    mounted = subprocess.run(
+        ['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', str(path.parent)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if mounted.returncode:
+        why = f'a file system cannot be mounted here: {mounted.stderr.strip()}'
+        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+    try:
+        yield path.parent
+    finally:
+        subprocess.run(['umount', '-l', str(path.parent)], check=True)
+
+
+def remount(folder: pathlib.Path, how: str) -> None:
+    subprocess.run(['mount', '-o', f'remount,{how}', str(folder)], check=True)
+
+
+def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
+    path: pathlib.Path, small_disk: pathlib.Path
+) -> None:
+    run(path, LastRun.ENDED)
+    remount(small_disk, 'ro')
+    mark = RunMark(path)
+    assert mark.last_run is LastRun.UNKNOWN
+    assert 'read-only file system' in mark.error
+    mark.keep()
+    assert mark.error
+    remount(small_disk, 'rw')
+    mark.keep()
+    assert mark.error == ''
+    assert path.read_text().strip() == BEGAN
+    mark.end(LastRun.UNKNOWN)
+    assert run(path) is LastRun.UNKNOWN
+
+
+def test_a_disk_without_room_for_a_mark_proves_nothing_and_has_none_that_could(
+    path: pathlib.Path, small_disk: pathlib.Path
+) -> None:
+    ballast = small_disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    mark = RunMark(path)
+    assert mark.last_run is LastRun.UNKNOWN
+    assert 'no space left' in mark.error
+    ballast.unlink()
+    mark.keep()
+    assert (mark.error, path.read_text().strip()) == ('', BEGAN)
+    mark.end(LastRun.ENDED)
+    assert run(path) is LastRun.ENDED
+
+
+@pytest.mark.parametrize('what', ['the mark', 'the folder', 'another mark'])
+def test_a_mark_that_is_taken_away_during_a_run_is_there_again(
+    path: pathlib.Path, what: str
+) -> None:
+    mark = RunMark(path)
+    if what == 'the folder':
+        shutil.rmtree(path.parent)
+    else:
+        path.unlink()
+    if what == 'another mark':
+        path.write_text('ended')
+    mark.keep()
+    assert mark.error == ''
+    assert path.read_text().strip() == BEGAN
+    mark.end(LastRun.UNKNOWN)
+    assert run(path) is LastRun.UNKNOWN
+
+
+# ----- users of the machine ----------------------------------------------------------------
+
+
+def as_user(user: int, path: pathlib.Path, ends_as: LastRun) -> str:
+    """Have a run of another user begin and end, and return what it knew of the last one."""
+    read, write = os.pipe()
+    child = os.fork()
+    if not child:
+        os.setgroups([])
+        os.setgid(user)
+        os.setuid(user)
+        os.umask(0o077)
+        mark = RunMark(path)
+        mark.end(ends_as)
+        os.write(write, mark.last_run.name.encode())
+        os._exit(0)
+    os.close(write)
+    with open(read, encoding='ascii') as said:  # noqa: PTH123 - a pipe
+        knew = said.read()
+    os.waitpid(child, 0)
+    return knew
+
+
+@pytest.fixture
+def shared() -> Iterator[pathlib.Path]:
+    """Return a folder that all users share, as /var/tmp is."""
+    with tempfile.TemporaryDirectory() as folder:
+        shared = pathlib.Path(folder)
+        shared.chmod(0o1777)
+        yield shared
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason='it takes root to be another user')
+def test_every_user_of_the_machine_has_the_same_mark(shared: pathlib.Path) -> None:
+    path = shared / 'marks' / '12017'
+    assert as_user(1001, path, LastRun.ENDED) == 'NONE'
+    assert as_user(1002, path, LastRun.UNKNOWN) == 'ENDED'
+    assert run(path, LastRun.ENDED) is LastRun.UNKNOWN
+    assert as_user(1001, path, LastRun.UNKNOWN) == 'ENDED'
+    # Somebody has taken it from the others.
+    path.write_text('ended')
+    path.chmod(0o600)
+    assert as_user(1002, path, LastRun.ENDED) == 'UNKNOWN'
+    # Only its own user makes it everybody's again.
+    assert as_user(1001, path, LastRun.ENDED) == 'ENDED'
+    assert as_user(1002, path, LastRun.ENDED) == 'ENDED'
+
+
+@pytest.mark.skipif(not shutil.which('systemd-tmpfiles'), reason='there is no systemd here')
+def test_systemd_does_not_delete_a_mark_that_is_old(
+    path: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    run(path, LastRun.ENDED)
+    other = path.with_name('other')
+    other.write_text('old too')
+    rules = tmp_path / 'rules.conf'
+    rules.write_text(f'd {path.parent} 0777 - - bamcABMC:0\n')
+    subprocess.run(['systemd-tmpfiles', '--clean', str(rules)], check=False)
+    assert path.exists()
+    assert not other.exists()
+
+
+# ----- where it is -------------------------------------------------------------------------
+
+
+def test_there_is_one_place_for_each_port_and_loopback_addresses_have_their_own() -> None:
+    assert place('0.0.0.0', 12017) == place('10.0.0.1', 12017) == FOLDER / '12017'
+    assert place('10.0.0.1', 12018) == FOLDER / '12018'
+    assert place('127.0.0.1', 12017) not in (FOLDER / '12017', place('127.0.0.2', 12017))
+
+
+MACHINE = """\
+22 1 254:0 / / rw,relatime - ext4 /dev/vda rw
+25 22 0:23 / /dev/shm rw,relatime - tmpfs tmpfs rw
+"""
+PRIVATE = '30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw\n'
+IN_MEMORY = '30 22 0:30 / /var/tmp rw,relatime shared:1 - tmpfs tmpfs rw\n'
+OWN_DISK = '31 30 8:1 / /var rw,relatime shared:1 master:2 - ext4 /dev/sda1 rw\n'
+
+
+@pytest.mark.parametrize(
+    ('mounts', 'why'),
+    [
+        (MACHINE, ''),
+        (MACHINE + OWN_DISK, ''),
+        (MACHINE + PRIVATE, 'PrivateTmp=no'),
+        (MACHINE + OWN_DISK + PRIVATE, 'PrivateTmp=no'),
+        (MACHINE + IN_MEMORY, 'lost with the power'),
+        (MACHINE + IN_MEMORY + '32 30 8:1 / /var/tmp rw - ext4 /dev/sda1 rw\n', ''),
+        ('22 1 0:5 / / rw - tmpfs tmpfs rw\n', 'lost with the power'),
+    ],
+)
+def test_a_place_that_is_private_or_in_memory_is_none_for_a_mark(mounts: str, why: str) -> None:
+    reason = why_not_lasting(FOLDER, mounts)
+    assert why in reason
+    assert bool(why) == bool(reason)
+
+
+def test_marks_outlive_a_restart_and_belong_to_nobody(path: pathlib.Path) -> None:
+    run(path, LastRun.ENDED)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o1666
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o777

@@ -1,0 +1,431 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What one race control leaves behind for the next on its machine, whatever record that has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pathlib
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs.race import LastRun
+from evgp_rcs.run_mark import BEGAN, place, RunMark
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.process import executable, Process
+from evgp_testing.race_control import address_of, new_port, RaceControl, settings, write_roster
+from evgp_testing.usage import family
+from evgp_testing.wire_kart import Acknowledges, kart_socket, WireKart
+import pytest
+import yaml
+
+IN_GARAGE = RaceState.IN_GARAGE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_RED = RaceState.RED_RED
+KARTS = (1, 2)
+
+
+class Seen:
+    """What the first connection of each kart was sent, and what officials were shown."""
+
+    def __init__(self, sent: set[RaceState], race: msg.Race) -> None:
+        self.sent = sent
+        self.race = race
+        self.state = state_of(race.state)
+
+    @property
+    def proves_nothing(self) -> bool:
+        """Return whether it is RED_RED for every kart, on a track that counts as open."""
+        held = {state_of(kart.hold) for kart in self.race.karts}
+        access = self.race.track
+        return (self.sent, held, self.state, access.open, access.allowed) == (
+            *({RED_RED}, {RED_RED}, RED_RED),
+            *(True, False),
+        )
+
+    @property
+    def begins(self) -> bool:
+        """Return whether karts join in IN_GARAGE on a closed track, as the proposal has it."""
+        return (self.sent, self.state, self.race.track.open) == ({IN_GARAGE}, IN_GARAGE, False)
+
+
+def leave(mark: pathlib.Path, ends_as: LastRun) -> None:
+    """Have a mark say how a run ended."""
+    run = RunMark(mark)
+    run.end(ends_as)
+    assert not run.error
+
+
+class Machine:
+    """One machine: race controls that run on it one after the other, at one port."""
+
+    def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
+        """Have a port and a domain of its own."""
+        self.folder, self.parts = folder, parts
+        self.domain = parts.enter_context(Domain()).number
+        self.port = new_port()
+        self.at = '127.0.0.1', self.port
+        self.mark = place(*self.at)
+
+    def start(
+        self,
+        folder: str = 'a',
+        under: tuple[str, ...] = (),
+        others: tuple[int, ...] = (),
+        domain: int | None = None,
+        **parameters: object,
+    ) -> RaceControl:
+        """Start race control with roster and record in a folder."""
+        own = self.folder / folder
+        own.mkdir(exist_ok=True)
+        return self.parts.enter_context(
+            RaceControl(
+                own,
+                self.domain if domain is None else domain,
+                KARTS,
+                others,
+                {'port': self.port, 'auto_race_over': False, **parameters},
+                under=under,
+            )
+        )
+
+    @contextlib.contextmanager
+    def meeting(self, control: RaceControl) -> Iterator[Official]:
+        """Have all karts and an official with a race control."""
+        with contextlib.ExitStack() as stack:
+            self.karts = [
+                stack.enter_context(
+                    WireKart(address_of(number), self.port, Acknowledges.EACH_CHANGE)
+                )
+                for number in KARTS
+            ]
+            official = stack.enter_context(Official(control.domain))
+            official.wait_for_connected(*KARTS)
+            yield official
+
+    def end_well(self, folder: str = 'a', **more: object) -> None:
+        """Have a run end with nothing under way, and an official who has stated so."""
+        control = self.start(folder, **more)  # type: ignore[arg-type]
+        with self.meeting(control) as official:
+            official.command('set_track_open', open=True, no_race_anywhere=True)
+            official.command('set_track_open', open=False)
+        assert control.close() == 0
+
+    def die_in_green(self, folder: str = 'b', **more: object) -> None:
+        """Have a run lose its power while karts race."""
+        control = self.start(folder, **more)  # type: ignore[arg-type]
+        with self.meeting(control) as official:
+            official.bring_to(GREEN_GREEN, *KARTS)
+            control.lose_power()
+
+    def look(self, folder: str = 'a', **more: object) -> Seen:
+        """Start race control, and return what is seen first; it ends at once."""
+        control = self.start(folder, **more)  # type: ignore[arg-type]
+        with self.meeting(control) as official:
+            for kart in self.karts:
+                kart.wait_for_frames(3)
+            race = official.wait_for_race(lambda race: True, 'the race')
+            sent = {state for kart in self.karts for _, state in kart.changes}
+        control.lose_power()
+        return Seen(sent, race)
+
+
+@pytest.fixture
+def machine(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Machine:
+    return Machine(parts, tmp_path)
+
+
+# ----- ten ways to have another record, user, home, unit -------------------------------------
+
+needs_root = pytest.mark.skipif(os.geteuid() != 0, reason='it takes root')
+Ways = Callable[[Machine], None]
+
+
+def another_record(machine: Machine) -> None:
+    machine.die_in_green('b')
+
+
+def another_disk(machine: Machine) -> None:
+    with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
+        machine.die_in_green('b', record=f'{folder}/record.sqlite3')
+
+
+def another_home(machine: Machine) -> None:
+    home = machine.folder / 'home'
+    machine.die_in_green('b', under=('env', '-u', 'ROS_HOME', f'HOME={home}'), record="''")
+
+
+def another_ros_home(machine: Machine) -> None:
+    machine.die_in_green('b', under=('env', f'ROS_HOME={machine.folder}/ros'), record="''")
+
+
+def another_user(machine: Machine) -> None:
+    """Who writes no file of the first; it may read the programs, which may be below /root."""
+    under = ('setpriv', '--reuid=12017', '--regid=12017', '--clear-groups')
+    under += ('--inh-caps=+dac_read_search', '--ambient-caps=+dac_read_search')
+    with tempfile.TemporaryDirectory() as folder:
+        pathlib.Path(folder).chmod(0o777)
+        machine.die_in_green('b', under=under, record=f'{folder}/record.sqlite3')
+
+
+def another_unit(machine: Machine) -> None:
+    machine.die_in_green('b', under=('env', '-C', '/', 'INVOCATION_ID=another'))
+
+
+def another_domain(machine: Machine) -> None:
+    with Domain() as domain:
+        machine.die_in_green('b', domain=domain.number)
+
+
+def another_roster(machine: Machine) -> None:
+    machine.die_in_green('b', others=(3, 4))
+
+
+def the_record_as_it_was_before(machine: Machine) -> None:
+    kept = machine.folder / 'kept'
+    shutil.copytree(machine.folder / 'a', kept)
+    machine.die_in_green('a')
+    shutil.rmtree(machine.folder / 'a')
+    kept.rename(machine.folder / 'a')
+
+
+def no_record_at_all(machine: Machine) -> None:
+    machine.die_in_green('a')
+    shutil.rmtree(machine.folder / 'a')
+
+
+@pytest.mark.parametrize(
+    'die',
+    [
+        another_record,
+        another_disk,
+        another_home,
+        another_ros_home,
+        pytest.param(another_user, marks=needs_root),
+        another_unit,
+        another_domain,
+        another_roster,
+        the_record_as_it_was_before,
+        no_record_at_all,
+    ],
+)
+def test_after_a_crash_no_start_on_this_machine_proves_anything_whatever_record_it_has(
+    machine: Machine, die: Ways
+) -> None:
+    machine.end_well()
+    assert machine.mark.read_text(encoding='ascii').strip() == LastRun.ENDED.value
+    die(machine)
+    for folder in ('a', 'c'):  # that record, and a new one
+        assert machine.look(folder).proves_nothing
+
+
+def test_on_a_new_machine_and_after_a_good_end_it_begins_in_the_garage_with_any_record(
+    machine: Machine,
+) -> None:
+    control = machine.start('a')
+    with machine.meeting(control) as official:
+        for kart in machine.karts:
+            kart.wait_for_state(IN_GARAGE)
+        race = official.wait_for_race(lambda race: True, 'the race')
+        assert (state_of(race.state), race.track.open) == (IN_GARAGE, False)
+    assert control.close() == 0
+    machine.end_well('b')
+    assert machine.look('a').begins
+
+
+# ----- a place that is not the machine's, or cannot be written -------------------------------
+
+
+def in_private_tmp(folder: pathlib.Path) -> tuple[str, ...]:
+    """Return words that run a command as systemd does with PrivateTmp=yes."""
+    own = folder / 'systemd-private-1f-evgp-rcs.service' / 'tmp'
+    own.mkdir(parents=True, exist_ok=True)
+    script = 'mount --bind "$0" /var/tmp && exec "$@"'
+    return ('unshare', '--mount', 'sh', '-c', script, str(own))
+
+
+IN_MEMORY = ('unshare', '--mount', 'sh', '-c', 'mount -t tmpfs t /var/tmp && exec "$@"', 'sh')
+READ_ONLY = (
+    *('unshare', '--mount', 'sh', '-c'),
+    'mount --bind /var/tmp /var/tmp && mount -o remount,bind,ro /var/tmp && exec "$@"',
+    'sh',
+)
+
+
+@needs_root
+@pytest.mark.parametrize('where', ['private', 'in memory', 'read-only'])
+def test_where_no_mark_can_be_written_nothing_is_proved_and_no_race_starts(
+    machine: Machine, where: str
+) -> None:
+    machine.end_well()
+    under = {
+        'private': in_private_tmp(machine.folder),
+        'in memory': IN_MEMORY,
+        'read-only': READ_ONLY,
+    }[where]
+    control = machine.start('a', under=under)
+    with machine.meeting(control) as official:
+        race = official.wait_for_race(lambda race: race.alerts, 'an alert')
+        assert {state for kart in machine.karts for _, state in kart.changes} == {RED_RED}
+        assert state_of(race.state) is RED_RED
+        text = next(a.text for a in race.alerts if a.kind == msg.Alert.RECORD_FAILING)
+        assert str(machine.mark) in text
+        official.bring_to(IN_GARAGE)
+        official.command('set_track_open', open=False)
+        refused = official.call('grid_active', track_clear=True)
+        assert (refused.success, str(machine.mark) in refused.message) == (False, True)
+    control.lose_power()
+    # No kart had been on the grid: the run that ended well before is still the last.
+    assert machine.look().begins
+
+
+def a_folder(mark: pathlib.Path) -> None:
+    mark.unlink()
+    mark.mkdir()
+
+
+def a_pipe(mark: pathlib.Path) -> None:
+    mark.unlink()
+    os.mkfifo(mark)
+
+
+def a_link(mark: pathlib.Path) -> None:
+    mark.unlink()
+    mark.symlink_to('/etc/hostname')
+
+
+@pytest.mark.parametrize('harm', [a_folder, a_pipe, a_link])
+def test_a_mark_that_cannot_be_used_is_said_and_once_it_is_gone_a_race_may_start(
+    machine: Machine, harm: Callable[[pathlib.Path], None]
+) -> None:
+    machine.end_well()
+    harm(machine.mark)
+    try:
+        control = machine.start()
+        with machine.meeting(control) as official:
+            official.wait_for_race(
+                lambda race: msg.Alert.RECORD_FAILING in {a.kind for a in race.alerts}, 'alert'
+            )
+            assert {state for kart in machine.karts for _, state in kart.changes} == {RED_RED}
+            (shutil.rmtree if machine.mark.is_dir() else pathlib.Path.unlink)(machine.mark)
+            official.wait_for_race(
+                lambda race: msg.Alert.RECORD_FAILING not in {a.kind for a in race.alerts},
+                'no alert',
+            )
+            assert machine.mark.read_text(encoding='ascii').strip() == BEGAN
+            official.bring_to(GREEN_GREEN, *KARTS)
+            control.lose_power()
+    finally:
+        if machine.mark.is_dir():
+            machine.mark.rmdir()
+    assert machine.look().proves_nothing
+
+
+# ----- a crash at every moment around start and end ------------------------------------------
+
+
+def cut_off(process: Process) -> None:
+    """Kill all that a program has started, as a loss of power does."""
+    pids = family(process.pid)
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGSTOP)
+    for pid in reversed(pids):
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    process.wait()
+
+
+@pytest.mark.parametrize('times', [4, pytest.param(30, marks=pytest.mark.long)])
+def test_whenever_a_start_is_cut_off_the_mark_says_began_before_a_kart_can_connect(
+    machine: Machine, chance: random.Random, times: int
+) -> None:
+    given = settings(machine.folder, write_roster(machine.folder, KARTS))
+    for _ in range(times):
+        leave(machine.mark, LastRun.ENDED)
+        process = Process('evgp_rcs', 'rcs_node', machine.domain, {**given, 'port': machine.port})
+        until = time.monotonic() + chance.uniform(0.2, 3.0)
+        connected = False
+        while time.monotonic() < until and not connected:
+            with contextlib.suppress(OSError), kart_socket(address_of(1), machine.at):
+                connected = True
+            time.sleep(0.001)
+        said = machine.mark.read_text(encoding='ascii').strip()
+        cut_off(process)
+        assert said == BEGAN or not connected
+        assert machine.mark.read_text(encoding='ascii').strip() in (said, BEGAN)
+
+
+@pytest.mark.parametrize('times', [4, pytest.param(30, marks=pytest.mark.long)])
+def test_whenever_an_end_is_cut_off_a_kart_that_is_held_is_not_forgotten(
+    machine: Machine, chance: random.Random, times: int
+) -> None:
+    for at in range(times):
+        leave(machine.mark, LastRun.ENDED)
+        control = machine.start(f'run-{at}')
+        with machine.meeting(control) as official:
+            for kart in machine.karts:
+                kart.wait_for_state(IN_GARAGE)
+            official.command('kart/red_red', kart=1)
+            control.process.terminate()
+            time.sleep(chance.uniform(0.0, 0.5))  # what is tested is when it is cut off
+            cut_off(control)
+        assert machine.mark.read_text(encoding='ascii').strip() == BEGAN
+
+
+def test_a_start_that_cannot_listen_leaves_the_mark_as_it_was(machine: Machine) -> None:
+    given = settings(machine.folder, write_roster(machine.folder, KARTS))
+    for said in LastRun:
+        leave(machine.mark, said)
+        before = machine.mark.read_bytes()
+        with (
+            socket.create_server(machine.at),
+            Process(
+                'evgp_rcs', 'rcs_node', machine.domain, {**given, 'port': machine.port}
+            ) as process,
+        ):
+            assert process.wait() == 3
+        assert machine.mark.read_bytes() == before
+
+
+def test_a_rehearsal_at_a_loopback_address_has_another_mark_than_a_race_at_that_port(
+    machine: Machine,
+) -> None:
+    real = place('0.0.0.0', machine.port)
+    leave(real, LastRun.ENDED)
+    machine.die_in_green()
+    assert real.read_text(encoding='ascii').strip() == LastRun.ENDED.value
+    real.unlink()
+
+
+# ----- a spare -------------------------------------------------------------------------------
+
+
+def test_once_a_copy_was_made_a_start_on_the_spare_proves_nothing_with_whatever_record(
+    machine: Machine,
+) -> None:
+    """Here the spare is the same machine: the first ended well, and its copy could loosen."""
+    machine.end_well()
+    folder = machine.folder / 'a'
+    given = {'/**': {'ros__parameters': {'address': '127.0.0.1', 'port': machine.port}}}
+    (folder / 'rcs.yaml').write_text(yaml.safe_dump(given), encoding='utf-8')
+    words = [executable('evgp_rcs', 'rcs_spare'), str(folder), '--once']
+    words += ['--record', str(folder / 'record.sqlite3')]
+    words += ['--roster', 'karts.yaml', '--params', 'rcs.yaml']
+    home = {**os.environ, 'ROS_HOME': str(machine.folder / 'ros')}
+    subprocess.run(words, env=home, check=True)
+    copy = machine.folder / 'ros/evgp_rcs/spare/record.sqlite3'
+    assert machine.look('b').proves_nothing
+    assert machine.look('c', record=copy).proves_nothing
