@@ -510,7 +510,7 @@ static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order,
 {
     const char *say = NULL;
     evgp_p_pass(kart, now);
-    if (order != 0 && order == kart->order && evgp_p_reached(kart) != EVGP_NONE &&
+    if (order == kart->order && evgp_p_reached(kart) != EVGP_NONE &&
         !(kart->out && kart->acknowledged)) {
         kart->acknowledged = 1;
         kart->slowing = 0;

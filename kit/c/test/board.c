@@ -16,7 +16,7 @@
 static uint32_t seed = 1, clock_ms = 4294900000U; /* it starts again at 0 soon */
 static evgp_board board;
 static int up, accepting, silent, flooding, breaking, opened, failed_write, speed, at_rest, blind;
-static int is_ready; /* what it was last asked */
+static int broke, is_ready; /* what it was last asked */
 static int garage; /* whether the kart may be pushed in IN_GARAGE */
 static evgp_action action;
 static evgp_state said = EVGP_RED_RED; /* what race control says */
@@ -97,8 +97,9 @@ static int connect_it(void)
 static int take(uint8_t *to, size_t size)
 {
     size_t count = 0;
-    PROMISE(opened && ++reads <= 20);
+    PROMISE(opened && ++reads <= 20 && !broke);
     if (breaking) {
+        broke = 1; /* and nothing is read any more */
         return breaking == 1 ? -1 : (int)size + 1; /* more than it was asked for */
     }
     if (*coming == 0 && !silent && (flooding || chance(4) == 0)) {
@@ -173,6 +174,7 @@ static void world(void)
     }
     blind = chance(blind ? 40 : 400) == 0 ? !blind : blind;
     reads = 0;
+    broke = 0;
     failed_write = 0;
 }
 
