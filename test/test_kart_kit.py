@@ -642,6 +642,21 @@ def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
         control.thaw()
 
 
+def test_an_example_obeys_the_last_of_all_frames_that_came_together(
+    start_example: Callable[[int], Program], parts: contextlib.ExitStack
+) -> None:
+    control = parts.enter_context(BareRaceControl())
+    kart = start_example(control.port)
+    control.wait_for_connections(1)
+    control.say(GRID)
+    control.wait_until_it_says(GRID)
+    kart.lines.clear()
+    control.say(*[GREEN] * 100, RED)
+    control.wait_until_it_says(RED)
+    kart.wait_for_line('^obey RED_RED')
+    assert 'obey GREEN_GREEN' not in kart.output
+
+
 def test_an_example_drives_off_by_no_green_of_a_new_connection(
     start_example: Callable[[int], Program], parts: contextlib.ExitStack
 ) -> None:

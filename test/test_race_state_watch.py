@@ -659,9 +659,9 @@ def test_a_kart_that_has_stopped_itself_says_red_red_and_not_what_is_commanded(
     bridge.command(commanded, 8, obeyed=RED_RED, reached=RED_RED)
     stop = wait_for_order(stack, 8)
     assert (stop.state, stop.reached) == (RED_RED, RED_RED)
-    acknowledge_in_vain(stack, bridge, before)
     acknowledge_until(stack, stop, lambda: bridge.asked)
     assert set(bridge.asked) == {(8, RED_RED)}
+    acknowledge_in_vain(stack, bridge, before)
 
 
 def test_a_red_red_is_not_acknowledged_by_what_is_looser(stack: Stack, bridge: BareBridge) -> None:

@@ -279,7 +279,7 @@ class KartBridge(StrictNode):
     def _look_around(self) -> None:
         """Stop while there are two where there must be one; say that the team is heard."""
         seen = {
-            key: self._publishers(name)
+            key: self._who_publishes(name)
             for name, key in self._one_publisher.items()
             if self.count_publishers(name) > 1
         }
@@ -298,7 +298,7 @@ class KartBridge(StrictNode):
         self._look_for_readers()
         self._link.give(Arbiter.team_heard)
 
-    def _publishers(self, topic: str) -> str:
+    def _who_publishes(self, topic: str) -> str:
         """Return the full names of the nodes that publish on a topic."""
         found = self.get_publishers_info_by_topic(topic)
         return ', '.join(
