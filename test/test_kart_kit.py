@@ -490,7 +490,8 @@ BOARD_FAULTS = [
     ('hardware->write(say, strlen(say)) <= 0', '!hardware->write(say, strlen(say))'),
     (': EVGP_RELEASE;', ': EVGP_DRIVE;'),
     (
-        '    hardware->act(action); /* first: a sensor may hang */\n    moves = hardware->moves();\n',
+        '    hardware->act(action); /* first: a sensor may hang */\n'
+        '    moves = hardware->moves();\n',
         '    moves = hardware->moves();\n    hardware->act(action);\n',
     ),
     ('        hardware->act(EVGP_BRAKE); /* a stop', '        /* a stop'),

@@ -79,9 +79,7 @@ class InPython:
             asks = self._orders.asks(self._seen[-1 - given[0] % len(self._seen)], now)
         return self._answer(now, asks)
 
-    def _said(
-        self, bridge: int, state: int, reached: int, order: int, done: bool
-    ) -> orders.Said:
+    def _said(self, bridge: int, state: int, reached: int, order: int, done: bool) -> orders.Said:
         states = [state_of(RaceStateMessage(state=each)) for each in (state, reached)]
         said: orders.Said = self._rules.Said(bridge, *states, order, done, f'of bridge {bridge}')
         return said

@@ -113,7 +113,6 @@ typedef struct {
     uint8_t open;
     uint8_t acknowledged;
     uint8_t armed;
-    uint8_t out; /* it has stopped itself since it was armed, under the same commands */
     uint8_t slowing;
     /* the acknowledgement that was sent last: not more often than race control's frames come */
     uint32_t said_order;
@@ -128,6 +127,7 @@ typedef struct {
     uint8_t frame_bytes;
     uint8_t skipping;
     uint8_t garage_owed; /* IN_GARAGE came and was not said back: it goes before the next word */
+    uint8_t out; /* it has stopped itself since it was armed, under the same commands */
 } evgp_kart;
 
 /* ----- names ------------------------------------------------------------------------------- */

@@ -302,7 +302,12 @@ class KartBridge(StrictNode):
         """Return the full names of the nodes that publish on a topic."""
         found = self.get_publishers_info_by_topic(topic)
         return ', '.join(
-            sorted(f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in found)
+            sorted(
+                'a node whose name is not known yet'
+                if each.node_name.startswith('_NODE')  # rmw: _NODE_NAME_UNKNOWN_
+                else f'{each.node_namespace.rstrip("/")}/{each.node_name}'
+                for each in found
+            )
         )
 
     def _look_for_readers(self) -> None:

@@ -57,8 +57,8 @@ verdict follows from a few facts:
   moving kart steer itself to a stop, and never lets a standing one move.
 
 The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
-a GREEN_GREEN that is not armed; otherwise it is what is commanded. So the release of a team stop, or the return of
-a lost connection, never makes a kart race.
+a GREEN_GREEN that is not armed; otherwise it is what is commanded. So the release of a team stop,
+or the return of a lost connection, never makes a kart race.
 """
 
 from __future__ import annotations
@@ -384,9 +384,7 @@ class Arbiter:
                 self._command(state, now)
         return self._outcome(give_up)
 
-    def team_stop(
-        self, source: StopSource, engaged: bool, now: float, who: str = ''
-    ) -> Outcome:
+    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Outcome:
         """
         Engage or release the team's stop; it is on while any source engages it (§2.C).
 
@@ -415,8 +413,8 @@ class Arbiter:
         """
         Judge the stack's word that it has carried out a command (§4.C).
 
-        An acknowledgement that was accepted before is accepted, and sent, again; but of a kart that
-        is out it is sent once.
+        An acknowledgement that was accepted before is accepted, and sent, again; but of a kart
+        that is out it is sent once.
 
         :param state: the state that it has reached, as a verdict had it in `reached`.
         :param order: the number of the command, as a verdict had it.

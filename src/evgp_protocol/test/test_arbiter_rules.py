@@ -204,9 +204,9 @@ class Oracle:
         for index in range(begin + 1, len(self.history)):
             item = self.history[index]
             before, after = self._stopped(self.history[:index], item.at), self.stop_at(index)
-            if before and not after:
-                begin = index
-            elif after and Oracle(self.history[:index], self.settings).armed:
+            if (before and not after) or (
+                after and Oracle(self.history[:index], self.settings).armed
+            ):
                 begin = index
         return begin
 
@@ -263,12 +263,13 @@ class Oracle:
         if number == 0 or number != self.history[begin].order:
             return False
         speeds = [item for item in self.history if item.kind == 'speed']
-        doubts = [each for each in self.history if each.kind == 'team_stop' and each.value[0] is TWO]
+        stops = [item.value for item in self.history if item.kind == 'team_stop']
+        doubts = [engaged for source, engaged in stops if source is TWO]
         by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
-        by_odometry = by_odometry or bool(speeds) or any(each.value[1] for each in doubts)
+        by_odometry = by_odometry or bool(speeds) or any(doubts)
         if state not in (GREEN, FLAG, RED) or not by_odometry:
             return True
-        if doubts and doubts[-1].value[1]:
+        if doubts and doubts[-1]:
             return False
         speeds = self._sure_speeds(0)
         if not speeds or self.now - speeds[-1].at > 0.5:
