@@ -24,6 +24,7 @@ from evgp_node.graph import INTERFACE
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
@@ -38,9 +39,11 @@ from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import qos_profile_sensor_data as best_effort
+from rig.bare_race_control import BareRaceControl
 from rig.faulty_nodes import (
     BridgeThatHangs,
     BridgeThatRaises,
@@ -500,6 +503,11 @@ def a_second_odometry(team: Team) -> None:
     publish(Odometry, 'odom', 10)(team)
 
 
+def two_odometries(team: Team) -> None:
+    publish(Odometry, 'odom', 10)(team)
+    publish(Odometry, 'odom', 10)(team)
+
+
 def offer(kind: type, service: str) -> Callable[[Team], object]:
     return lambda team: team.node.create_service(kind, f'/kart_bridge/{service}', lambda _, a: a)
 
@@ -513,7 +521,8 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
         (publish(Bool, 'msr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
         (publish(Bool, 'msr', latched(1), Bool(data=True)), "the MSR's contact is open"),
         (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop'),
-        (a_second_odometry, 'more than one publisher of odometry'),
+        (a_second_odometry, 'more than one publisher of odometry: /team, /team'),
+        (two_odometries, 'more than one publisher of odometry: /team, /team'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
         (offer(SetBool, 'team_stop'), 'another node offers ~/team_stop'),
     ],
@@ -522,7 +531,7 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
 def test_a_remote_that_stops_or_could_get_lost_and_a_second_node_stop_the_kart(
     start_race: StartRace, act: Callable[[Team], object], reason: str
 ) -> None:
-    race = start_race(auto_acknowledge_stop=act is a_second_odometry)
+    race = start_race()
     race.green()
     act(race.team)
     told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
@@ -579,6 +588,156 @@ def test_a_contact_of_the_msr_that_is_wired_stops_the_kart_unless_it_is_certainl
         assert state_of(told.state) is RED_RED
 
 
+class DeadBase(RosSide):
+    """A second publisher of odometry: of a base that says 0 m/s, whatever the kart does."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('dead_base', domain)
+        publisher = self.node.create_publisher(Odometry, '/kart_bridge/odom', 10)
+        self.node.create_timer(0.01, lambda: publisher.publish(Odometry()))
+        self.spin()
+
+
+@pytest.mark.parametrize(
+    'asked',
+    [{}, {'odometry_required': True}, {'auto_acknowledge_stop': True, 'standstill_time': 0.1}],
+    ids=['heard once', 'required', 'acknowledges by itself'],
+)
+def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names(
+    start_race: StartRace, parts: contextlib.ExitStack, asked: dict[str, object]
+) -> None:
+    race = start_race(**asked)
+    race.green()
+    race.team.drive_at(3.0)
+    base = parts.enter_context(DeadBase(race.bridge.domain))
+    said = 'more than one publisher of odometry: /dead_base, /team'
+    race.bridge.wait_for_line(said)
+    race.official.command('all_kill')
+    race.team.wait_for(lambda told: state_of(told.commanded) is RED_RED, 'the stop')
+    # The stack says so whenever it can, and the newest odometry is of the one or the other.
+    for _ in range(100):
+        answer = race.team.acknowledge(RED_RED)
+        assert not answer.success
+        assert said in answer.message
+    race.team.wait_for_diagnostic(lambda status: said in status.message)
+    base.close()
+    race.team.wait_until_polled(
+        lambda: 'odometry says 3.00 m/s' in race.team.acknowledge(RED_RED).message, 'one alone'
+    )
+    race.team.drive_at(0.0)
+    race.team.wait_until_polled(lambda: race.team.acknowledge(RED_RED).success, 'a standstill')
+    race.official.wait_for_acks(RED_RED, 1)
+
+
+# ----- a kart that stops itself ------------------------------------------------------------
+
+
+def reports(state: RaceState) -> Callable[[KartStatus], bool]:
+    return lambda kart: state_of(kart.reported) is state
+
+
+@pytest.mark.parametrize(
+    'act',
+    [
+        lambda race: race.team.team_stop(True),
+        lambda race: race.contact.pin.touch(),
+        lambda race: publish(Bool, 'stop', latched(1))(race.team),
+    ],
+    ids=["the team's stop", "the MSR's contact", 'a doubt'],
+)
+def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
+    start_race: StartRace, act: Callable[[OneKartRace], object]
+) -> None:
+    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2, msr_timeout=0.5)
+    race.green()
+    race.team.drive_at(3.0)
+    race.team.wait_until_polled(
+        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
+    )
+    race.official.wait_for_acks(GREEN_GREEN, 1)
+    act(race)
+    told = race.team.wait_for_state(RED_RED)
+    assert (state_of(told.reached), told.acknowledged) == (RED_RED, False)
+    assert not race.team.acknowledge(RED_RED).success  # it rolls
+    race.official.wait_for_kart(1, reports(GREEN_GREEN), 'racing')
+    race.team.drive_at(0.0)
+    race.official.wait_for_kart(1, reports(RED_RED), 'reported as standing')
+    race.bridge.wait_for_line('RED_RED is acknowledged')
+
+
+def test_a_kart_that_stops_itself_on_the_grid_is_not_ready_any_more(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.grid()
+    assert race.team.acknowledge(GRID_ACTIVE).success
+    race.official.wait_for_acks(GRID_ACTIVE, 1)
+    race.team.team_stop(True)
+    race.team.wait_for(lambda told: state_of(told.reached) is RED_RED, 'what it must say')
+    assert race.team.acknowledge(RED_RED).success
+    race.official.wait_for_kart(
+        1, lambda kart: reports(RED_RED)(kart) and not kart.acknowledged, 'not ready'
+    )
+    assert not race.official.call('green_green').success
+
+
+def test_a_kart_that_was_never_ready_says_nothing_of_its_stop_and_is_ready_once_that_is_over(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.team.team_stop(True)
+    race.official.command('grid_active', track_clear=True)
+    race.team.wait_for(lambda told: state_of(told.commanded) is GRID_ACTIVE, 'the grid')
+    assert not race.team.acknowledge(RED_RED).success
+    race.team.team_stop(False)
+    race.team.wait_for_state(GRID_ACTIVE)
+    assert race.team.acknowledge(GRID_ACTIVE).success
+    race.start()
+
+
+def test_a_kart_that_has_stopped_itself_says_so_once_and_stands_until_a_new_grid_active(
+    start_bridge: StartBridge, join_team: JoinTeam, parts: contextlib.ExitStack
+) -> None:
+    said: list[RaceState] = []
+    control = parts.enter_context(BareRaceControl(said.append))
+    team = join_team(start_bridge(control.port))
+
+    def order(state: RaceState, obeyed: RaceState) -> None:
+        control.say(state)
+        told = team.wait_for(lambda each: state_of(each.commanded) is state, state.value)
+        assert state_of(told.state) is obeyed
+
+    def become_ready() -> None:
+        order(GRID_ACTIVE, GRID_ACTIVE)
+        assert team.acknowledge(GRID_ACTIVE).success
+        control.wait_until_it_says(GRID_ACTIVE)
+
+    team.wait_for_state(IN_GARAGE)
+    become_ready()
+    team.team_stop(True)
+    team.wait_for_state(RED_RED)
+    for engaged in (False, True, False):
+        assert team.acknowledge(RED_RED).success  # as often as the stack likes
+        team.team_stop(engaged)
+    told = team.wait_for(lambda each: not each.team_stop, 'the release')
+    assert state_of(told.state) is RED_RED
+    assert 'has stopped itself since it acknowledged GRID_ACTIVE' in told.reason
+    assert not team.acknowledge(GRID_ACTIVE).success
+    order(GREEN_GREEN, RED_RED)
+    assert team.acknowledge(RED_RED).success
+    control.wait_until_it_says(RED_RED)
+    assert said == [IN_GARAGE, GRID_ACTIVE, RED_RED, RED_RED]  # once for each command
+    # Neither was an answer to what comes now.
+    order(RED_RED, RED_RED)
+    assert said[4:] == []
+    assert not team.state.acknowledged
+    assert team.acknowledge(RED_RED).success
+    control.wait_until_it_says(RED_RED)
+    order(IN_GARAGE, IN_GARAGE)
+    become_ready()
+    order(GREEN_GREEN, GREEN_GREEN)
+
+
 def test_absurd_odometry_is_no_standstill_and_ends_no_bridge(start_race: StartRace) -> None:
     race = start_race()
     race.official.command('all_kill')
@@ -620,7 +779,8 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(
 def test_a_stack_that_is_killed_and_starts_again_stands_and_says_why(
     start_race: StartRace,
 ) -> None:
-    race = start_race()
+    # Of odometry by another node: of this one's, the middleware knows the dead publisher for 20 s.
+    race = start_race(arguments=('-r', '~/odom:=/odometry'))
     with ExampleStack(race.bridge.domain) as stack:
         race.drive(stack)
         stack.kill()

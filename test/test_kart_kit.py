@@ -229,7 +229,7 @@ def live(chance: random.Random, count: int, index: int) -> History:
         if not kart.is_open and chance.random() < 0.5:
             kind = 'c'
         else:
-            kind = chance.choices('datcxbrm', [54, 24, 6, 0.2, 0.2, 5, 6, 6])[0]
+            kind = chance.choices('datcxbrmi', [54, 24, 6, 0.2, 0.2, 5, 6, 6, 0.2])[0]
         value, data, said = 0, b'', b''
         if kind == 't':
             kart.tick(now)
@@ -238,6 +238,9 @@ def live(chance: random.Random, count: int, index: int) -> History:
             kept = b''
         elif kind == 'x':
             kart.closed(now)
+        elif kind == 'i':  # no source at all: a stop, whatever it says
+            value = chance.random() < 0.5
+            kart.team_stop(True, now)
         elif kind in STOPS:
             value = chance.random() < (0.3 if kind == 'b' else 0.1)
             kart.team_stop(value, now, STOPS[kind])
@@ -265,6 +268,7 @@ def live(chance: random.Random, count: int, index: int) -> History:
         commanded = verdict.commanded.value if verdict.commanded else 'nothing'
         seen[f'obeys {verdict.state.value} under {commanded}'] += 1
         seen[f'says {said.decode()}'] += 1
+        seen[f'says {said.decode()} under {commanded}'] += 1
         seen['says IN_GARAGE before another word'] += said.startswith(b'$IN_GARAGE;$')
         seen['rolls out'] += verdict.may_drive and verdict.state is FLAG
         seen['takes a stop'] += verdict.team_stop
@@ -295,6 +299,8 @@ NEEDED = (
     'says ',
     *(f'says {encode(state).decode()}' for state in RaceState),
     'says IN_GARAGE before another word',
+    'says $RED_RED; under GRID_ACTIVE',
+    'says $RED_RED; under GREEN_GREEN',
 )
 """What the inputs must lead to: otherwise that the answers are the same says little."""
 
@@ -335,21 +341,21 @@ FAULTS = [
     ('(uint32_t)(now - kart->heard_at) >=', 'now >= kart->heard_at +'),
     ('(uint32_t)(now - kart->slowing_since) >=', '(uint32_t)(now - kart->slowing_since) >'),
     ('>= evgp_p_timeout(kart, source)', '> evgp_p_timeout(kart, source)'),
-    ('kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)', 'kart->commanded == EVGP_NONE'),
+    ('kart->out || evgp_p_team_stop(kart)', 'kart->out'),
     ('kart->commanded == EVGP_GREEN_GREEN && !kart->armed', '0'),
-    ('        if (!to_race) {', '        if (0) {'),
+    ('            kart->armed = 0;\n            kart->out', '            kart->out'),
     ('    kart->order = 0;\n', ''),
     ('    kart->commanded = EVGP_NONE;\n', ''),
-    ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->slowing = 0;\n'),
-    ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->armed = 0;\n'),
-    ('kart->commanded == EVGP_GRID_ACTIVE && kart->acknowledged) {', '0) {'),
+    ('        kart->armed = 0;\n        kart->out = 1;\n', '        kart->out = 1;\n'),
+    ('    kart->slowing = 0;\n    if (kart->armed) {', '    if (kart->armed) {'),
+    ('    if (kart->armed) {', '    if (kart->commanded == EVGP_GRID_ACTIVE) {'),
+    ('        kart->acknowledged = 0;\n        evgp_p_number', '        evgp_p_number'),
+    ('        evgp_p_number(kart); /* who', '        /* who'),
     ('        kart->acknowledged = 0;\n        kart->slowing =', '        kart->slowing ='),
     ('was_driving && state == EVGP_RED_FLAG', 'state == EVGP_RED_FLAG'),
     ('    if (kart->stopped && !stopped) {', '    if (0) {'),
     ('            kart->armed = 1;\n', ''),
-    ('order != 0 && order == kart->order &&', 'order != 0 && kart->order != 0 &&'),
-    ('order != 0 && order == kart->order &&', 'order == kart->order &&'),
-    ('          evgp_p_obey(kart) != kart->commanded)) {', '          0)) {'),
+    ('    if (order == kart->order &&', '    if ('),
     ('kart->said_order != order || kart->heard_since_said', '1'),
     ('            kart->garage_owed = 1;\n', ''),
     ('            kart->garage_owed = 0;\n', ''),
@@ -362,6 +368,16 @@ FAULTS = [
     ('i < count && kart->open', 'i < count'),
     ('return kart->settings.drive_in_garage != 0;', 'return 0;'),
     ('return kart->slowing != 0;', 'return 1;'),
+    ('kart->out || evgp_p_team_stop(kart)', 'evgp_p_team_stop(kart)'),
+    ('return kart->out      ', 'return 0      '),
+    ('to_race && evgp_p_obey(kart) != kart->commanded', '0'),
+    ('to_race && evgp_p_obey(kart) != kart->commanded', 'evgp_p_obey(kart) != kart->commanded'),
+    ('        kart->out = 1;\n', ''),
+    ('            kart->out = 0;\n', ''),
+    ('    kart->out = 0;\n    kart->slowing', '    kart->slowing'),
+    ('!(kart->out && kart->acknowledged)', '1'),
+    ('EVGP_GRID_ACTIVE && !kart->out) {', 'EVGP_GRID_ACTIVE) {'),
+    ('stop != 0 || (int)source != own', 'stop != 0'),
     ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 
@@ -407,7 +423,8 @@ def test_nothing_is_found_by_random_bytes(
 @pytest.mark.parametrize(
     ('old', 'new'),
     [
-        *(FAULTS[each] for each in (0, 10, 11, 12, 15)),
+        *(FAULTS[each] for each in (0, 10, 11, 12)),
+        ('        kart->armed = 0;\n        kart->out = 1;\n', ''),
         ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
     ],
     ids=range(6),
@@ -468,8 +485,20 @@ BOARD_FAULTS = [
     ('>= board->wait)', '> 0)'),
     ('    if (verdict.commanded != EVGP_NONE) {', '    if (0) {'),
     ('    if (verdict.commanded != EVGP_NONE) {', '    if (1) {'),
-    ('== EVGP_RED_FLAG ? EVGP_SLOW_DOWN', '== EVGP_RED_FLAG ? EVGP_DRIVE'),
-    ('!hardware->write(say, strlen(say))', 'hardware->write(say, strlen(say)) < 0'),
+    ('== EVGP_RED_FLAG    ? EVGP_SLOW_DOWN', '== EVGP_RED_FLAG ? EVGP_DRIVE'),
+    ('hardware->write(say, strlen(say)) <= 0', 'hardware->write(say, strlen(say)) < 0'),
+    ('hardware->write(say, strlen(say)) <= 0', '!hardware->write(say, strlen(say))'),
+    (': EVGP_RELEASE;', ': EVGP_DRIVE;'),
+    (
+        '    hardware->act(action); /* first: a sensor may hang */\n'
+        '    moves = hardware->moves();\n',
+        '    moves = hardware->moves();\n    hardware->act(action);\n',
+    ),
+    ('        hardware->act(EVGP_BRAKE); /* a stop', '        /* a stop'),
+    ('        if ((size_t)count > sizeof bytes) {', '        if (0) {'),
+    ('hardware->connect() > 0', 'hardware->connect()'),
+    ('hardware->ready() > 0', 'hardware->ready()'),
+    ('hardware->joined() > 0', 'hardware->joined()'),
 ]
 
 
@@ -612,6 +641,21 @@ def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
     lost(kart, lambda: lose(control))
     with contextlib.suppress(ProcessLookupError):  # it died
         control.thaw()
+
+
+def test_an_example_obeys_the_last_of_all_frames_that_came_together(
+    start_example: Callable[[int], Program], parts: contextlib.ExitStack
+) -> None:
+    control = parts.enter_context(BareRaceControl())
+    kart = start_example(control.port)
+    control.wait_for_connections(1)
+    control.say(GRID)
+    control.wait_until_it_says(GRID)
+    kart.lines.clear()
+    control.say(*[GREEN] * 100, RED)
+    control.wait_until_it_says(RED)
+    kart.wait_for_line('^obey RED_RED')
+    assert 'obey GREEN_GREEN' not in kart.output
 
 
 def test_an_example_drives_off_by_no_green_of_a_new_connection(

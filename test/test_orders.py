@@ -79,10 +79,8 @@ class InPython:
             asks = self._orders.asks(self._seen[-1 - given[0] % len(self._seen)], now)
         return self._answer(now, asks)
 
-    def _said(
-        self, bridge: int, state: int, commanded: int, order: int, done: bool
-    ) -> orders.Said:
-        states = [state_of(RaceStateMessage(state=each)) for each in (state, commanded)]
+    def _said(self, bridge: int, state: int, reached: int, order: int, done: bool) -> orders.Said:
+        states = [state_of(RaceStateMessage(state=each)) for each in (state, reached)]
         said: orders.Said = self._rules.Said(bridge, *states, order, done, f'of bridge {bridge}')
         return said
 
@@ -90,8 +88,8 @@ class InPython:
         order = self._orders.order(now)
         if order not in self._seen:
             self._seen.append(order)
-        commanded = order.commanded.value if order.commanded else 'UNKNOWN'
-        words = (self._seen.index(order), order.state.value, order.number, commanded, int(asks))
+        reached = order.reached.value if order.reached else 'UNKNOWN'
+        words = (self._seen.index(order), order.state.value, order.number, reached, int(asks))
         return ' '.join(map(str, (*words, self._orders.judge(now)[1])))
 
 
@@ -189,8 +187,8 @@ FAULTS_IN_CPP = [
     ('done.serial != present.serial || ', ''),
     (' || said_->acknowledged', ''),
     ('now < ask_again_at_', 'false'),
-    ('state == RaceState::RED_RED && commanded == RaceState::RED_FLAG', 'false'),
-    ('commanded == RaceState::RED_FLAG);', 'commanded != RaceState::UNKNOWN);'),
+    ('state == RaceState::RED_RED && reached == RaceState::RED_FLAG', 'false'),
+    ('reached == RaceState::RED_FLAG);', 'reached != RaceState::UNKNOWN);'),
 ]
 
 FAULTS_IN_PYTHON = [
@@ -203,7 +201,7 @@ FAULTS_IN_PYTHON = [
     ('if alive > 1', 'if alive > 2'),
     ('order is not self.order(now) or ', ''),
     ('now < self._ask_again_at', 'False'),
-    ('state is commanded or (both_red', 'state is commanded or both_red or (both_red'),
+    ('state is reached or (both_red', 'state is reached or both_red or (both_red'),
     ('self._armed_by != self.said.bridge', 'self._armed_by is None'),
 ]
 

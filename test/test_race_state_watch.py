@@ -158,8 +158,8 @@ class StackInCpp(Waits, Part):
     @property
     def order(self) -> Order:
         """Return the order: for the same serial the same object."""
-        serial, state, number, commanded = map(int, self._look()[:4])
-        order = Order(STATES[state], number, STATES.get(commanded))
+        serial, state, number, reached = map(int, self._look()[:4])
+        order = Order(STATES[state], number, STATES.get(reached))
         kept = self._orders.setdefault(serial, order)
         assert dataclasses.astuple(kept) == dataclasses.astuple(order)
         return kept
@@ -244,13 +244,20 @@ class BareBridge(RosSide):
     def say(self, state: RaceState) -> None:
         self.message = KartRaceState(bridge=self._identity, state=state_message(state))
 
-    def command(self, state: RaceState, order: int, obeyed: RaceState | None = None) -> None:
-        """Say that race control commands a state, and that this or another is to be obeyed."""
+    def command(
+        self,
+        state: RaceState,
+        order: int,
+        obeyed: RaceState | None = None,
+        reached: RaceState | None = None,
+    ) -> None:
+        """Say that race control commands a state; this or another is to be obeyed, and said."""
         self.message = KartRaceState(
             bridge=self._identity,
             state=state_message(obeyed or state),
             commanded=state_message(state),
             order=order,
+            reached=state_message(reached or state),
         )
         self._publisher.publish(self.message)
 
@@ -623,7 +630,7 @@ def test_what_is_no_red_is_not_acknowledged_while_the_kart_must_obey_something_s
     bridge.command(commanded, 7, obeyed=RED_RED)  # a team stop
     stack.wait_for_state(RED_RED)
     stop = stack.watch.order
-    assert (stop.number, stop.commanded) == (0, None)
+    assert (stop.number, stop.reached) == (0, None)
     acknowledge_in_vain(stack, bridge, before, stop)
 
 
@@ -635,10 +642,26 @@ def test_a_red_flag_is_acknowledged_by_a_kart_that_stands_under_its_team_stop(
     bridge.command(RaceState.RED_FLAG, 7, obeyed=RED_RED)  # a team stop
     stack.wait_for_state(RED_RED)
     stop = stack.watch.order
-    assert (stop.state, stop.number, stop.commanded) == (RED_RED, 7, RaceState.RED_FLAG)
+    assert (stop.state, stop.number, stop.reached) == (RED_RED, 7, RaceState.RED_FLAG)
     assert stop is not flag
     acknowledge_until(stack, stop, lambda: bridge.asked)
     assert set(bridge.asked) == {(7, RaceState.RED_FLAG)}
+
+
+@pytest.mark.parametrize('commanded', [GRID_ACTIVE, GREEN_GREEN])
+def test_a_kart_that_has_stopped_itself_says_red_red_and_not_what_is_commanded(
+    stack: Stack, bridge: BareBridge, commanded: RaceState
+) -> None:
+    bridge.command(GRID_ACTIVE, 6)
+    wait_for_order(stack, 6)
+    bridge.command(commanded, 7)
+    before = wait_for_order(stack, 7)
+    bridge.command(commanded, 8, obeyed=RED_RED, reached=RED_RED)
+    stop = wait_for_order(stack, 8)
+    assert (stop.state, stop.reached) == (RED_RED, RED_RED)
+    acknowledge_until(stack, stop, lambda: bridge.asked)
+    assert set(bridge.asked) == {(8, RED_RED)}
+    acknowledge_in_vain(stack, bridge, before)
 
 
 def test_a_red_red_is_not_acknowledged_by_what_is_looser(stack: Stack, bridge: BareBridge) -> None:

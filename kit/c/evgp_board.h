@@ -12,7 +12,8 @@
  *     evgp_verdict verdict = evgp_board_turn(&board);
  *     ... feed the watchdog: here, and nowhere else
  *
- * The kart is stopped before anything that may wait, since a loop that waits cannot brake.
+ * The kart is stopped before anything is asked or waited for: a loop that waits cannot brake. What
+ * your functions return is believed only where it is what they may return.
  *
  * A kart that was told to drive just before a stop may begin to move after it: its dead time. So it
  * counts as standing only once it has neither moved nor been told to drive for EVGP_STANDSTILL_MS.
@@ -39,7 +40,8 @@ extern "C" {
 typedef enum {
     EVGP_BRAKE = 0,
     EVGP_SLOW_DOWN = 1, /* RED_FLAG: without power, gently, still steering */
-    EVGP_DRIVE = 2
+    EVGP_DRIVE = 2,     /* GREEN_GREEN, and nothing else */
+    EVGP_RELEASE = 3    /* IN_GARAGE with drive_in_garage: brake released, no power: to be pushed */
 } evgp_action;
 
 /* What your program gives. Only join, connect and close may wait, for less than the watchdog. */
@@ -47,12 +49,12 @@ typedef struct {
     uint32_t (*now)(void);                /* milliseconds; see evgp_kart.h */
     void (*act)(evgp_action what);        /* do this, and remember it until the next call */
     int (*moves)(void);                   /* measured: 1: it moves; 0: it stands; below: unknown */
-    int (*ready)(void);                   /* whether it is ready to race */
-    int (*joined)(void);                  /* whether the network is there: WLAN, or cable */
+    int (*ready)(void);                   /* 1: it is ready to race */
+    int (*joined)(void);                  /* 1: the network is there: WLAN, or cable */
     void (*join)(void);                   /* begin to join it, once more */
-    int (*connect)(void);                 /* connect to race control; 0: that failed */
+    int (*connect)(void);                 /* connect to race control; 1: that is done */
     int (*read)(uint8_t *to, size_t size); /* bytes read; 0: none has come; below: broken */
-    int (*write)(const char *from, size_t size); /* whether it took all of them */
+    int (*write)(const char *from, size_t size); /* 1: it took all of them */
     void (*close)(void);                  /* close the connection */
 } evgp_hardware;
 
@@ -98,6 +100,9 @@ static inline int evgp_p_listen(evgp_board *board)
         if (count <= 0) {
             return count == 0 && evgp_kart_verdict(&board->kart).open;
         }
+        if ((size_t)count > sizeof bytes) {
+            return 0; /* nobody knows what was read */
+        }
         evgp_kart_received(&board->kart, bytes, (size_t)count, board->hardware->now());
     }
     return 0; /* race control does not send that much */
@@ -110,7 +115,7 @@ static inline void evgp_p_try(evgp_board *board)
     const uint32_t last = board->joined ? EVGP_CONNECT_LAST_MS : EVGP_JOIN_LAST_MS;
     if (!board->joined) {
         board->hardware->join();
-    } else if (board->hardware->connect()) {
+    } else if (board->hardware->connect() > 0) {
         board->connected = 1;
         board->moved_at = board->hardware->now(); /* also if the clock has gone back */
         evgp_kart_connected(&board->kart, board->hardware->now());
@@ -124,12 +129,15 @@ static inline void evgp_p_try(evgp_board *board)
 static inline int evgp_p_act(evgp_board *board, evgp_verdict verdict)
 {
     const evgp_hardware *hardware = board->hardware;
-    const evgp_action action = !verdict.may_drive               ? EVGP_BRAKE
-                               : verdict.obey == EVGP_RED_FLAG ? EVGP_SLOW_DOWN
-                                                                : EVGP_DRIVE;
-    const int moves = hardware->moves();
-    const uint32_t now = hardware->now();
-    hardware->act(action);
+    const evgp_action action = !verdict.may_drive                 ? EVGP_BRAKE
+                               : verdict.obey == EVGP_RED_FLAG    ? EVGP_SLOW_DOWN
+                               : verdict.obey == EVGP_GREEN_GREEN ? EVGP_DRIVE
+                                                                  : EVGP_RELEASE;
+    int moves;
+    uint32_t now;
+    hardware->act(action); /* first: a sensor may hang */
+    moves = hardware->moves();
+    now = hardware->now();
     if (moves != 0 || action == EVGP_DRIVE) {
         board->moved_at = now;
     }
@@ -138,7 +146,7 @@ static inline int evgp_p_act(evgp_board *board, evgp_verdict verdict)
     case EVGP_IN_GARAGE: return 1;
     default:
         return (uint32_t)(now - board->moved_at) >= EVGP_STANDSTILL_MS &&
-               (verdict.obey != EVGP_GRID_ACTIVE || hardware->ready());
+               (verdict.obey != EVGP_GRID_ACTIVE || hardware->ready() > 0);
     }
 }
 
@@ -146,10 +154,14 @@ static inline int evgp_p_act(evgp_board *board, evgp_verdict verdict)
 static inline evgp_verdict evgp_board_turn(evgp_board *board)
 {
     const evgp_hardware *hardware = board->hardware;
-    const uint8_t joined = hardware->joined() != 0;
+    uint8_t joined;
     evgp_verdict verdict;
     const char *say;
     evgp_kart_tick(&board->kart, hardware->now());
+    if (!evgp_kart_verdict(&board->kart).may_drive) {
+        hardware->act(EVGP_BRAKE); /* a stop that is known waits for no network */
+    }
+    joined = hardware->joined() > 0;
     if (joined != board->joined) {
         board->joined = joined;
         board->wait = EVGP_CONNECT_FIRST_MS; /* something is new: try soon */
@@ -165,7 +177,7 @@ static inline evgp_verdict evgp_board_turn(evgp_board *board)
     }
     if (evgp_p_act(board, verdict)) {
         say = evgp_kart_acknowledge(&board->kart, verdict.order, hardware->now());
-        if (say != NULL && !hardware->write(say, strlen(say))) {
+        if (say != NULL && hardware->write(say, strlen(say)) <= 0) {
             evgp_p_hang_up(board); /* half a frame may be out: begin again */
         }
     }

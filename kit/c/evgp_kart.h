@@ -31,6 +31,8 @@
  *     connection, and under a team stop.
  *   - GREEN_GREEN is obeyed only right after a GRID_ACTIVE that was acknowledged on this connection,
  *     with no team stop since. Otherwise it is RED_RED.
+ *   - A kart that a team stop takes out of that GRID_ACTIVE or GREEN_GREEN obeys RED_RED until another
+ *     command, and says RED_RED, once, as it would acknowledge one. So race control knows.
  *   - An acknowledgement names the order that was acted on. It counts for no other.
  *
  * Time: milliseconds of a counter that nobody sets and that counts on while the computer sleeps. It
@@ -94,7 +96,7 @@ typedef struct {
     int may_drive;        /* not 0: the kart may move */
     int open;             /* 0: there is no connection, or the socket must be closed */
     int team_stop;        /* not 0: a stop of the kart's own is on, the team's or the MSR's */
-    int acknowledged;     /* not 0: what is commanded was acknowledged */
+    int acknowledged;     /* not 0: what it obeys was acknowledged */
 } evgp_verdict;
 
 /* A kart. Its fields are nobody's but the functions' below. All zeros is a kart that stands. */
@@ -125,6 +127,7 @@ typedef struct {
     uint8_t frame_bytes;
     uint8_t skipping;
     uint8_t garage_owed; /* IN_GARAGE came and was not said back: it goes before the next word */
+    uint8_t out; /* it has stopped itself since it was armed, under the same commands */
 } evgp_kart;
 
 /* ----- names ------------------------------------------------------------------------------- */
@@ -182,13 +185,23 @@ static inline int evgp_p_team_stop(const evgp_kart *kart)
 
 static inline evgp_state evgp_p_obey(const evgp_kart *kart)
 {
-    if (kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)) {
+    if (kart->commanded == EVGP_NONE || kart->out || evgp_p_team_stop(kart)) {
         return EVGP_RED_RED;
     }
     if (kart->commanded == EVGP_GREEN_GREEN && !kart->armed) {
         return EVGP_RED_RED;
     }
     return kart->commanded;
+}
+
+/* Return what a kart says that has reached what it obeys; EVGP_NONE: nothing. */
+static inline evgp_state evgp_p_reached(const evgp_kart *kart)
+{
+    const int to_race =
+        kart->commanded == EVGP_GRID_ACTIVE || kart->commanded == EVGP_GREEN_GREEN;
+    return kart->out                                          ? EVGP_RED_RED
+           : to_race && evgp_p_obey(kart) != kart->commanded ? EVGP_NONE
+                                                              : kart->commanded;
 }
 
 static inline int evgp_p_may_drive(const evgp_kart *kart)
@@ -220,6 +233,7 @@ static inline void evgp_p_lose(evgp_kart *kart)
     kart->order = 0;
     kart->acknowledged = 0;
     kart->armed = 0;
+    kart->out = 0;
     kart->slowing = 0;
     kart->garage_owed = 0;
     kart->frame_bytes = 0;
@@ -231,10 +245,11 @@ static inline void evgp_p_on_team_stop(evgp_kart *kart)
 {
     kart->stopped = 1;
     kart->slowing = 0;
-    kart->armed = 0;
-    if (kart->commanded == EVGP_GRID_ACTIVE && kart->acknowledged) {
+    if (kart->armed) {
+        kart->armed = 0;
+        kart->out = 1;
         kart->acknowledged = 0;
-        evgp_p_number(kart);
+        evgp_p_number(kart); /* who acted on GREEN_GREEN must not say that the kart stands */
     }
 }
 
@@ -291,6 +306,7 @@ static inline void evgp_p_heard(evgp_kart *kart, evgp_state state)
         }
         if (!to_race) {
             kart->armed = 0;
+            kart->out = 0;
         }
     }
 }
@@ -430,7 +446,8 @@ static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t
 }
 
 /*
- * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it.
+ * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it. What
+ * is none of the sources is a stop whatever it says, until the button says go.
  *
  * With remote_timeout_ms, every message of the remote must come here, those that say go too. With
  * msr_timeout_ms, call it with EVGP_STOP_MSR each time that you have read the contact.
@@ -440,7 +457,7 @@ static inline void evgp_kart_team_stop(evgp_kart *kart, evgp_stop_source source,
 {
     const int own = source == EVGP_STOP_REMOTE || source == EVGP_STOP_MSR ? (int)source : 0;
     evgp_p_pass(kart, now);
-    kart->engaged[own] = stop != 0;
+    kart->engaged[own] = stop != 0 || (int)source != own;
     if (evgp_p_timeout(kart, own) > 0) {
         kart->source_heard[own] = 1;
         kart->source_at[own] = now;
@@ -465,38 +482,39 @@ static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
     return verdict;
 }
 
-/* Return the word for what is commanded, behind an IN_GARAGE that other frames have overtaken. */
+/* Return the word for what is reached, behind an IN_GARAGE that other frames have overtaken. */
 static inline const char *evgp_p_word(const evgp_kart *kart)
 {
+    const evgp_state reached = evgp_p_reached(kart);
     if (!kart->garage_owed) {
-        return evgp_frame(kart->commanded);
+        return evgp_frame(reached);
     }
-    switch (kart->commanded) {
+    switch (reached) {
     case EVGP_GRID_ACTIVE: return "$IN_GARAGE;$GRID_ACTIVE;";
     case EVGP_RED_FLAG: return "$IN_GARAGE;$RED_FLAG;";
     case EVGP_RED_RED: return "$IN_GARAGE;$RED_RED;";
-    default: return evgp_frame(kart->commanded);
+    default: return evgp_frame(reached);
     }
 }
 
 /*
- * Say that the kart has done what an order commands; return the characters to send, or NULL.
+ * Say that the kart has reached what a verdict has it obey; return the characters to send, or NULL.
  *
  * Call it in every turn in which that is true, with the order of the verdict that the kart acted
- * on, not a newer one. NULL: the order is over, or the kart must obey something stricter, or the
- * same was sent already and no frame has come since. Send all of the characters, or close the
- * connection; send nothing else in between.
+ * on, not a newer one. A kart that stopped itself in GRID_ACTIVE or GREEN_GREEN, and stands, so says
+ * RED_RED, once. NULL: the order is over, or there is nothing to say, or the same was sent already and
+ * no frame has come since. Send all of the characters, or close the connection; send nothing else in
+ * between.
  */
 static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order, uint32_t now)
 {
     const char *say = NULL;
     evgp_p_pass(kart, now);
-    if (order != 0 && order == kart->order &&
-        !((kart->commanded == EVGP_GRID_ACTIVE || kart->commanded == EVGP_GREEN_GREEN) &&
-          evgp_p_obey(kart) != kart->commanded)) {
+    if (order == kart->order && evgp_p_reached(kart) != EVGP_NONE &&
+        !(kart->out && kart->acknowledged)) {
         kart->acknowledged = 1;
         kart->slowing = 0;
-        if (kart->commanded == EVGP_GRID_ACTIVE) {
+        if (kart->commanded == EVGP_GRID_ACTIVE && !kart->out) {
             kart->armed = 1;
         }
         if (kart->said_order != order || kart->heard_since_said) {
@@ -525,6 +543,9 @@ static inline const char *evgp_kart_reason(const evgp_kart *kart)
     if (evgp_p_team_stop(kart)) {
         return evgp_p_stops(kart, EVGP_STOP_MSR) ? "the MSR's contact is open, or not read"
                                                  : "team stop";
+    }
+    if (kart->out) {
+        return "it has stopped itself since it acknowledged GRID_ACTIVE, and needs another one";
     }
     return "GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it, on this connection";
 }

@@ -16,11 +16,13 @@
 static uint32_t seed = 1, clock_ms = 4294900000U; /* it starts again at 0 soon */
 static evgp_board board;
 static int up, accepting, silent, flooding, breaking, opened, failed_write, speed, at_rest, blind;
+static int broke, is_ready; /* what it was last asked */
+static int garage; /* whether the kart may be pushed in IN_GARAGE */
 static evgp_action action;
 static evgp_state said = EVGP_RED_RED; /* what race control says */
 static const char *coming = "";        /* the rest of the frame that comes */
 static uint32_t heard_at, ended, needed, reads, tries, driven_since, driven_until;
-static unsigned connects, joins, drove, slowed, lost;
+static unsigned connects, joins, drove, slowed, released, lost, stopped;
 
 static void broken(int line)
 {
@@ -36,9 +38,34 @@ static uint32_t chance(uint32_t below)
 
 static uint32_t now(void) { return clock_ms; }
 static void act(evgp_action what) { action = what; }
-static int moves(void) { return blind ? -1 : speed > 0; }
-static int ready(void) { return chance(8) != 0; }
-static int joined(void) { return up; }
+
+/* Whatever is asked may hang: by then the kart brakes, if it must by what is known. */
+static void brakes_first(void)
+{
+    PROMISE(action == EVGP_BRAKE || evgp_kart_verdict(&board.kart).may_drive);
+}
+
+static int moves(void)
+{
+    const evgp_verdict verdict = evgp_kart_verdict(&board.kart);
+    brakes_first();
+    PROMISE((action == EVGP_DRIVE) == (verdict.obey == EVGP_GREEN_GREEN));
+    PROMISE((action == EVGP_RELEASE) == (verdict.obey == EVGP_IN_GARAGE && garage));
+    return blind ? -1 : speed > 0;
+}
+
+static int ready(void)
+{
+    brakes_first();
+    is_ready = chance(8) != 0 ? 1 : -(int)chance(2);
+    return is_ready;
+}
+
+static int joined(void)
+{
+    brakes_first();
+    return up ? 1 : chance(2) != 0 ? 0 : -1;
+}
 
 /* An attempt: the second of a kind waits for `first`, each one after it twice as long, to `last`. */
 static void attempt(uint32_t first, uint32_t last)
@@ -64,15 +91,16 @@ static int connect_it(void)
     connects += accepting != 0;
     coming = "";
     said = EVGP_RED_RED;
-    return opened;
+    return opened ? 1 : chance(2) != 0 ? 0 : -1;
 }
 
 static int take(uint8_t *to, size_t size)
 {
     size_t count = 0;
-    PROMISE(opened && ++reads <= 20);
+    PROMISE(opened && ++reads <= 20 && !broke);
     if (breaking) {
-        return -1;
+        broke = 1; /* and nothing is read any more */
+        return breaking == 1 ? -1 : (int)size + 1; /* more than it was asked for */
     }
     if (*coming == 0 && !silent && (flooding || chance(4) == 0)) {
         coming = evgp_frame(said);
@@ -93,13 +121,16 @@ static int say(const char *from, size_t size)
         PROMISE(speed > 0);
     } else if (strcmp(from, "$IN_GARAGE;") != 0) {
         PROMISE(speed == 0);
+        PROMISE(strcmp(from, "$GRID_ACTIVE;") != 0 || is_ready == 1);
         at_rest = 1;
+        stopped += (said == EVGP_GREEN_GREEN || said == EVGP_GRID_ACTIVE) &&
+                   strcmp(from, "$RED_RED;") == 0;
     }
     failed_write = chance(100) == 0;
     if (chance(8) == 0) {
         said = (evgp_state)(said % 5 + 1);
     }
-    return !failed_write;
+    return failed_write ? -(int)chance(2) : 1;
 }
 
 static void hang_up(void)
@@ -124,10 +155,14 @@ static void world(void)
     /* Often it stops a kart that was told to drive and does not move yet. */
     said = chance(action == EVGP_DRIVE && speed == 0 ? 20 : 300) == 0 ? EVGP_RED_RED : said;
     flooding = chance(2000) == 0;
-    breaking = opened && chance(1000) == 0;
+    breaking = opened && chance(1000) == 0 ? 1 + (int)chance(2) : 0;
     if (action == EVGP_DRIVE) {
         driven_since = driven_until == before ? driven_since : clock_ms;
         driven_until = clock_ms;
+        at_rest = 0;
+    }
+    if (action == EVGP_RELEASE) {
+        speed = chance(4) == 0 ? 1 : speed; /* somebody pushes it */
         at_rest = 0;
     }
     /* What it is told, it begins to do, and ceases to do, after its dead time. */
@@ -139,6 +174,7 @@ static void world(void)
     }
     blind = chance(blind ? 40 : 400) == 0 ? !blind : blind;
     reads = 0;
+    broke = 0;
     failed_write = 0;
 }
 
@@ -153,6 +189,10 @@ int main(void)
     for (turn = 0; turn < 200000U; turn++) {
         evgp_verdict verdict;
         world();
+        if (chance(2000) == 0) {
+            garage = !garage;
+            board.kart.settings.drive_in_garage = garage;
+        }
         if (stop || chance(500) == 0) { /* seldom, since this too lets time pass */
             stop = !stop;
             evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, stop, clock_ms);
@@ -165,6 +205,7 @@ int main(void)
         PROMISE(action != EVGP_SLOW_DOWN || verdict.obey == EVGP_RED_FLAG);
         PROMISE(action == EVGP_BRAKE || clock_ms - heard_at < 1000);
         slowed += action == EVGP_SLOW_DOWN;
+        released += action == EVGP_RELEASE;
         PROMISE(!opened || !breaking);
         PROMISE(!opened || reads < 16); /* what comes faster than it is read is old */
         if (verdict.commanded != EVGP_NONE) {
@@ -176,6 +217,6 @@ int main(void)
                 clock_ms - ended < 400U + (tries == 0 ? 500U : up ? 2000U : 20000U));
         drove += action == EVGP_DRIVE;
     }
-    printf("%u %u %u %u %u\n", connects, joins, drove, slowed, lost);
+    printf("%u %u %u %u %u %u %u\n", connects, joins, drove, slowed, released, lost, stopped);
     return 0;
 }

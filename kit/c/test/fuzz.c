@@ -37,7 +37,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     evgp_settings settings = evgp_default_settings();
     evgp_kart whole, pieces; /* the same bytes, given at once and one by one */
     uint32_t now, heard_at = 0;
-    int heard = 0, green_allowed = 0;
+    int heard = 0, green_allowed = 0, was_ready = 0;
     size_t at = 6;
     if (size < 6) {
         return 0;
@@ -78,8 +78,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             }
             break;
         case 2:
-            evgp_kart_team_stop(&whole, (evgp_stop_source)(value % 3), value >= 240, now);
-            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value % 3), value >= 240, now);
+            evgp_kart_team_stop(&whole, (evgp_stop_source)(value % 4), value >= 240, now);
+            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value % 4), value >= 240, now);
+            MUST(value % 4 < 3 || evgp_kart_verdict(&whole).team_stop); /* no source: a stop */
             break;
         case 3:
         case 4: {
@@ -116,17 +117,26 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(!after.may_drive || (after.obey != EVGP_RED_RED && after.obey != EVGP_GRID_ACTIVE));
         MUST((evgp_kart_reason(&whole)[0] == 0) == (after.obey == after.commanded));
         if (say != NULL) { /* the word for what is commanded, perhaps behind IN_GARAGE */
-            const char *word = evgp_frame(after.commanded);
+            const int itself = after.obey == EVGP_RED_RED && (after.commanded == EVGP_GRID_ACTIVE ||
+                                                              after.commanded == EVGP_GREEN_GREEN);
+            const char *word = evgp_frame(itself ? EVGP_RED_RED : after.commanded);
             const char *garage = evgp_frame(EVGP_IN_GARAGE);
             MUST(after.acknowledged);
+            MUST(!itself || was_ready); /* or it has stopped itself, */
+            MUST(!itself || !before.acknowledged || before.obey != EVGP_RED_RED); /* once */
             if (strcmp(say, word) != 0) {
                 MUST(after.commanded != EVGP_IN_GARAGE);
                 MUST(strncmp(say, garage, strlen(garage)) == 0);
                 MUST(strcmp(say + strlen(garage), word) == 0);
             }
         }
-        if (say != NULL && after.commanded == EVGP_GRID_ACTIVE) {
+        if (say != NULL && after.commanded == EVGP_GRID_ACTIVE &&
+            after.obey == EVGP_GRID_ACTIVE) {
             green_allowed = 1;
+            was_ready = 1;
+        }
+        if (after.commanded != EVGP_GRID_ACTIVE && after.commanded != EVGP_GREEN_GREEN) {
+            was_ready = 0;
         }
         if (after.team_stop || (after.commanded != EVGP_GRID_ACTIVE &&
                                 after.commanded != EVGP_GREEN_GREEN)) {

@@ -562,8 +562,8 @@ def says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
         for said in section.said:
             if said.state is None or said.sent is None or said.state is said.sent.state:
                 continue
-            # GREEN_GREEN that is not to be obeyed is RED_RED to the kart.
-            careful = said.sent.state is GREEN_GREEN and said.state is RED_RED
+            # GREEN_GREEN that is not to be obeyed is RED_RED to the kart. And it may stop itself.
+            careful = said.sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
             since = said.at - said.sent.at
             if since > limits.slack and not careful:
                 why = f'It said {said} {since:.2f} s after it was sent {said.sent.state.value}.'

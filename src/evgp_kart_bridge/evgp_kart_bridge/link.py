@@ -31,7 +31,7 @@ that frame is judged: the connection was silent for too long.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 import concurrent.futures
 import dataclasses
 import errno
@@ -58,7 +58,8 @@ LINK_END_TIMEOUT = 2.0
 """How long the thread may take to end, seconds."""
 
 READ_BYTES = 4096
-"""The most that is read in one turn: about 15 s of frames, and no turn takes long."""
+"""Maximum number of bytes that are read in one turn. All of them are obeyed as one, by the last
+frame. More than that race control sends in 15 s only, and after 1 s the connection is lost."""
 
 SEND_BYTES = 4096
 """The kernel's buffer for what is sent. A small one, so that it soon shows when race control
@@ -221,9 +222,14 @@ class Link:
 
     def _take(self, take: Input) -> Outcome:
         """Give the arbiter an input and do what it says."""
+        outcome = self._give(take)
+        self._tell_news()
+        return outcome
+
+    def _give(self, take: Input) -> Outcome:
+        """Give the arbiter an input and do what it says; what holds now is still to be told."""
         loop = asyncio.get_running_loop()
         outcome = take(self._arbiter, loop.time())
-        verdict = outcome.verdict
         connection = self._connection
         if outcome.give_up is not None and connection is not None:
             self._connection = None
@@ -231,9 +237,6 @@ class Link:
             connection.abort()
         elif outcome.send is not None and connection is not None:
             connection.send(outcome.send)
-            verdict = self._arbiter.verdict  # sending may have ended the connection
-        if verdict != self._told:
-            self._tell_now(verdict)
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
@@ -244,6 +247,11 @@ class Link:
     def _tick(self) -> None:
         self._timer = None
         self._take(Arbiter.tick)
+
+    def _tell_news(self) -> None:
+        verdict = self._arbiter.verdict  # sending may have ended the connection
+        if verdict != self._told:
+            self._tell_now(verdict)
 
     def _tell_now(self, verdict: Verdict) -> None:
         self._told = verdict
@@ -292,14 +300,21 @@ class Link:
         self._status.connections += 1
         self._take(Arbiter.connected)
 
-    def heard(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
-        """Take what came on a connection; on one that was given up it comes too late."""
-        if connection is not self._connection:
-            return
+    def heard(
+        self, connection: _Connection, events: Iterable[StateFrame | MalformedFrame]
+    ) -> None:
+        """Take all that has come on a connection, and tell only what holds after it."""
+        for event in events:
+            if connection is not self._connection:
+                break  # it was given up: what is left comes too late
+            self._hear(connection, event)
+        self._tell_news()
+
+    def _hear(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
         if isinstance(event, StateFrame):
             self._status.heard_anything = True
             before = self._arbiter.verdict.order
-            verdict = self._take(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
+            verdict = self._give(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
                 # Nothing has to be reached. Race control knows by it that what is said from now
                 # on is no answer to what was commanded before.
@@ -371,9 +386,10 @@ class _Connection(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        for event in self._decoder.feed(memoryview(self._buffer)[:nbytes]):
-            self.heard_anything = self.heard_anything or isinstance(event, StateFrame)
-            self._link.heard(self, event)
+        events = self._decoder.feed(memoryview(self._buffer)[:nbytes])
+        if any(isinstance(event, StateFrame) for event in events):
+            self.heard_anything = True
+        self._link.heard(self, events)
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._link.lost(self, self._link.why_closed(self, exc))

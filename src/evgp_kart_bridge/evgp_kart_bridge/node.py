@@ -112,6 +112,7 @@ _ENDED = Verdict(
     order=0,
     connected=False,
     team_stop=False,
+    reached=None,
     acknowledged=False,
     reason='the bridge has ended',
     may_drive=False,
@@ -169,9 +170,8 @@ class KartBridge(StrictNode):
             **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
             '~/race_state': StopSource.TWO_BRIDGES,
             '~/stop': StopSource.TWO_LOCKS,
+            '~/odom': StopSource.TWO_ODOMETRIES,
         }
-        if settings.auto_acknowledge_stop:
-            topics['~/odom'] = StopSource.TWO_ODOMETRIES
         services = {
             '~/acknowledge': StopSource.TWO_ANSWERERS,
             '~/team_stop': StopSource.TWO_STOPPERS,
@@ -180,7 +180,7 @@ class KartBridge(StrictNode):
         self._one_server = {self.resolve_service_name(name): key for name, key in services.items()}
         if not hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
             self._one_server = {}
-        self._seen_double: set[StopSource] = set()
+        self._seen_double: dict[StopSource, str] = {}  # and which nodes they are, if known
         # At random, so that a number of the bridge before this one fits no order of this one. The
         # time would not do: a kart's computer without a battery starts at the same one each time.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
@@ -279,16 +279,36 @@ class KartBridge(StrictNode):
     def _look_around(self) -> None:
         """Stop while there are two where there must be one; say that the team is heard."""
         seen = {
-            key for name, key in self._one_publisher.items() if self.count_publishers(name) > 1
+            key: self._who_publishes(name)
+            for name, key in self._one_publisher.items()
+            if self.count_publishers(name) > 1
         }
-        seen |= {key for name, key in self._one_server.items() if self.count_services(name) > 1}
-        for source in seen ^ self._seen_double:
-            self._link.give(
-                lambda arbiter, now, source=source: arbiter.team_stop(source, source in seen, now)
-            )
+        for name, key in self._one_server.items():
+            if self.count_services(name) > 1:
+                seen[key] = ''
+        for source in {*seen, *self._seen_double}:
+            who = seen.get(source)
+            if who != self._seen_double.get(source):
+                self._link.give(
+                    lambda arbiter, now, source=source, who=who: arbiter.team_stop(
+                        source, who is not None, now, who or ''
+                    )
+                )
         self._seen_double = seen
         self._look_for_readers()
         self._link.give(Arbiter.team_heard)
+
+    def _who_publishes(self, topic: str) -> str:
+        """Return the full names of the nodes that publish on a topic."""
+        found = self.get_publishers_info_by_topic(topic)
+        return ', '.join(
+            sorted(
+                'a node whose name is not known yet'
+                if each.node_name.startswith('_NODE')  # rmw: _NODE_NAME_UNKNOWN_
+                else f'{each.node_namespace.rstrip("/")}/{each.node_name}'
+                for each in found
+            )
+        )
 
     def _look_for_readers(self) -> None:
         """Say once that no stack reads the race state: it may be in another ROS domain."""
@@ -373,6 +393,7 @@ class KartBridge(StrictNode):
             order=verdict.order,
             connected=verdict.connected,
             team_stop=verdict.team_stop,
+            reached=state_message(verdict.reached),
             acknowledged=verdict.acknowledged,
             reason=verdict.reason,
         )
@@ -391,13 +412,14 @@ class KartBridge(StrictNode):
         """Log what is new; what comes back with every attempt to connect, not every time."""
         told = self._told
         obeyed = f'Obey {verdict.state.value}'
+        if verdict.acknowledged and told is not None and not told.acknowledged:
+            said = verdict.reached or verdict.state
+            self.get_logger().info(f'{said.value} is acknowledged')
         if verdict.reason == '':
             if told is None or told.reason or told.state is not verdict.state:
                 self._logged.clear()
                 self._logged_last = ''
                 self.get_logger().info(obeyed)
-            elif verdict.acknowledged and not told.acknowledged:
-                self.get_logger().info(f'{verdict.state.value} is acknowledged')
         elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
             # Nothing is wrong yet.
             if told is None:

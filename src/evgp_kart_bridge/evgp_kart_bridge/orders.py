@@ -41,7 +41,7 @@ class Said:
 
     bridge: int
     state: RaceState | None
-    commanded: RaceState | None
+    reached: RaceState | None
     order: int
     acknowledged: bool
     reason: str
@@ -54,16 +54,17 @@ class Order:
 
     :ivar state: the state to obey.
     :ivar number: the number of race control's command, as in `KartRaceState.order`. 0: the order
-        cannot be acknowledged, because there is no command, or because reaching `state` does not
-        mean that the command is carried out.
-    :ivar commanded: what race control commands, and what an acknowledgement says. It differs from
-        `state` when the kart must obey RED_RED under a commanded RED_FLAG, as in a team stop: a
-        kart that stands has carried out both. None if `number` is 0.
+        cannot be acknowledged, because there is no command, or because a kart that has reached
+        `state` has nothing to say.
+    :ivar reached: what an acknowledgement says. It differs from `state` when the kart must obey
+        RED_RED under a commanded RED_FLAG, as in a team stop: a kart that stands has carried out
+        both. It differs from the command, and is RED_RED, when the kart has stopped itself in
+        GRID_ACTIVE or GREEN_GREEN. None if `number` is 0.
     """
 
     state: RaceState
     number: int
-    commanded: RaceState | None
+    reached: RaceState | None
 
 
 class Orders:
@@ -91,12 +92,12 @@ class Orders:
     def order(self, now: float) -> Order:
         """Return what to do; the same object until something else is to be done."""
         state, _ = self.judge(now)
-        number, commanded = 0, None
+        number, reached = 0, None
         if self.said is not None and not self.doubt(now) and self.said.order:
-            commanded = self.said.commanded
-            if commanded is not None and _carries_out(state, commanded):
+            reached = self.said.reached
+            if reached is not None and _includes(state, reached):
                 number = self.said.order
-        order = Order(state, number, commanded if number else None)
+        order = Order(state, number, reached if number else None)
         if dataclasses.astuple(order) != dataclasses.astuple(self._order):
             self._order = order
         return self._order
@@ -156,7 +157,7 @@ class Orders:
 
         Not if it is over, cannot be acknowledged, is acknowledged, or was asked just now.
         """
-        if order is not self.order(now) or order.commanded is None:
+        if order is not self.order(now) or order.reached is None:
             return False
         if self.said is None or self.said.acknowledged:
             return False
@@ -189,7 +190,7 @@ class Orders:
             self._sure_at = now
 
 
-def _carries_out(state: RaceState, commanded: RaceState) -> bool:
-    """Return whether a kart that has reached `state` has carried out the command."""
-    both_red = state.is_red and commanded.is_red
-    return state is commanded or (both_red and stricter(state, commanded) is state)
+def _includes(state: RaceState, reached: RaceState) -> bool:
+    """Return whether a kart that has reached `state` may say that it has `reached` the other."""
+    both_red = state.is_red and reached.is_red
+    return state is reached or (both_red and stricter(state, reached) is state)

@@ -202,8 +202,9 @@ class RaceStateWatch:
         """
         Tell race control that the kart has reached the state of this order.
 
-        Race control hears the state that it commanded, in the words of the wire: RED_FLAG from a
-        kart that stands under RED_RED because of its team stop.
+        Race control hears `Order.reached`, in the words of the wire: RED_FLAG from a kart that
+        stands under RED_RED because of its team stop, and RED_RED from one that stopped itself in
+        GREEN_GREEN.
 
         Call it in every step in which that is true: it asks the bridge again after 0.2 s if
         an answer is lost or refused, and does nothing once the order is acknowledged. It does
@@ -220,18 +221,18 @@ class RaceStateWatch:
         if unanswered is not None:
             self._bridge.remove_pending_request(unanswered)  # the bridge may have died over it
         asking = self._bridge.call_async(
-            Acknowledge.Request(order=order.number, reached=state_message(order.commanded))
+            Acknowledge.Request(order=order.number, reached=state_message(order.reached))
         )
         asking.add_done_callback(lambda answered: self._hear_answer(order, answered))
         self._asking = asking
 
     def _hear_answer(self, order: Order, answered: Future) -> None:
         answer = answered.result()
-        commanded = order.commanded
+        reached = order.reached
         refused = answer is not None and not answer.success
-        if refused and commanded is not None and order is self.order:
+        if refused and reached is not None and order is self.order:
             self._log.warning(
-                f'{commanded.value} cannot be acknowledged: {answer.message}',
+                f'{reached.value} cannot be acknowledged: {answer.message}',
                 throttle_duration_sec=1.0,
                 throttle_time_source_type=_STEADY,
             )
@@ -315,7 +316,7 @@ def _said(message: KartRaceState) -> Said:
     return Said(
         message.bridge,
         state_of(message.state),
-        state_of(message.commanded),
+        state_of(message.reached),
         message.order,
         message.acknowledged,
         message.reason,

@@ -161,6 +161,19 @@ def test_what_race_control_commands_is_told_whatever_the_cuts(
     running.wait_for_state(GRID_ACTIVE)
 
 
+def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
+    start_link: StartLink, race_control: socket.socket, accept: Accept
+) -> None:
+    running = start_link(race_control)
+    connection = accept(race_control)
+    running.obey(connection, IN_GARAGE, GRID_ACTIVE)
+    before = len(running.verdicts)
+    connection.sendall(encode(GREEN_GREEN) * 100 + encode(RED_RED))
+    running.wait_for_state(RED_RED)
+    running.wait_for(lambda verdict: verdict.commanded is RED_RED, before)
+    assert GREEN_GREEN not in {verdict.state for verdict in running.verdicts[before:]}
+
+
 def test_the_state_is_told_again_and_again(
     start_link: StartLink, race_control: socket.socket, accept: Accept
 ) -> None:

@@ -31,9 +31,8 @@ verdict follows from a few facts:
   no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
 * *order*: the number of what is commanded. Every new command has one that no earlier command had,
   on this connection or another, also when it asks for the same state again. The same command gets
-  a new one when a team stop takes its acknowledgement back, and when a team stop ends. A stack
-  acknowledges by this number, so what it said before never counts for a later command, nor after
-  a team stop.
+  a new one when a team stop takes the kart out, and when a team stop ends. A stack acknowledges by
+  this number, so what it said before never counts for a later command, nor after a team stop.
 * *team stop*: any stop that begins on the kart: the service, the word or the silence of the team's
   safety remote (``tsr_timeout``) or of the MSR's contact (``msr_timeout``), two nodes where there
   must be one, or a bridge that would not hear its team's stop (``team_timeout``).
@@ -47,13 +46,19 @@ verdict follows from a few facts:
   a team stop begins                                not armed
   ================================================= =============================
 
+* *out*: a team stop began while the kart was armed. It then obeys RED_RED until race control
+  commands anything but GREEN_GREEN, or is connected to again, also once the team stop is over.
+  Nobody commanded that RED_RED, and race control takes the kart for one that is ready or races. So
+  once it stands the kart says RED_RED, as it acknowledges one that is commanded: but once only for
+  each command, since no second one must be there for a later RED_RED.
+
 * *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and has since neither
   acknowledged it, nor met a team stop, nor used up ``red_flag_drive_time``. So RED_FLAG lets a
   moving kart steer itself to a stop, and never lets a standing one move.
 
-The state to obey is RED_RED without a command, under a team stop, and under a GREEN_GREEN that
-is not armed; otherwise it is what is commanded. So the release of a team stop, or the return of
-a lost connection, never makes a kart race.
+The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
+a GREEN_GREEN that is not armed; otherwise it is what is commanded. So the release of a team stop,
+or the return of a lost connection, never makes a kart race.
 """
 
 from __future__ import annotations
@@ -71,6 +76,7 @@ _NOT_YET = 'not connected to race control yet'
 _NOTHING_SAID = 'race control has said nothing on this connection yet'
 _NEVER_ARMED = 'no GRID_ACTIVE was acknowledged on this connection'
 _NOT_ACKNOWLEDGED = 'the last GRID_ACTIVE was not acknowledged'
+_OUT = 'it has stopped itself since it acknowledged GRID_ACTIVE, and needs another one'
 
 
 class StopSource(enum.Enum):
@@ -186,8 +192,9 @@ class Verdict:
     :ivar connected: race control is being heard.
     :ivar team_stop: a stop of the kart's own is on: the team's (§2.C), the MSR's contact (§2.B),
         or a doubt about either.
-    :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
-        GRID_ACTIVE, which must then be acknowledged again.
+    :ivar reached: what to acknowledge once the kart has reached `state`: what is commanded, or
+        RED_RED if it is out; None: nothing.
+    :ivar acknowledged: that was acknowledged. A team stop that takes the kart out takes it back.
     :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
     :ivar may_drive: the kart may move. Steering and braking are always the stack's.
     """
@@ -197,6 +204,7 @@ class Verdict:
     order: int
     connected: bool
     team_stop: bool
+    reached: RaceState | None
     acknowledged: bool
     reason: str
     may_drive: bool
@@ -264,9 +272,11 @@ class Arbiter:
         self._acknowledged = False
         self._armed = False
         self._not_armed = _NEVER_ARMED
+        self._out = False
         self._slowing_since: float | None = None
         # The team's stop.
         self._engaged = dict.fromkeys(StopSource, False)
+        self._who: dict[StopSource, str] = {}  # for the reason only
         self._stopped = True  # it was on after the last input, or began in this one
         timeouts = {
             StopSource.TSR: settings.tsr_timeout,
@@ -299,6 +309,8 @@ class Arbiter:
                 'GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
                 + self._not_armed
             )
+        elif self._out:
+            reasons.append(_OUT)
         own = RaceState.RED_RED if reasons else RaceState.GREEN_GREEN
         state = stricter(own, RaceState.RED_RED if commanded is None else commanded)
         return Verdict(
@@ -307,6 +319,7 @@ class Arbiter:
             order=self._order,
             connected=commanded is not None,
             team_stop=self._team_stop,
+            reached=self._reached(state),
             acknowledged=self._acknowledged,
             reason='; '.join(reasons) if state is not commanded else '',
             may_drive=self._may_drive(state),
@@ -331,9 +344,13 @@ class Arbiter:
     @property
     def missing_odometry(self) -> str:
         """Why, as of the last input, no red can be acknowledged for want of odometry; or empty."""
-        if not self._odometry_expected or self._now - self._speed_at <= ODOMETRY_FRESH:
+        if not self._odometry_expected:
             return ''
         topic = self._names.odometry
+        if self._engaged[StopSource.TWO_ODOMETRIES]:
+            return f'{self._why(StopSource.TWO_ODOMETRIES)}; {topic} must have one'
+        if self._now - self._speed_at <= ODOMETRY_FRESH:
+            return ''
         return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
     def tick(self, now: float) -> Outcome:
@@ -367,11 +384,20 @@ class Arbiter:
                 self._command(state, now)
         return self._outcome(give_up)
 
-    def team_stop(self, source: StopSource, engaged: bool, now: float) -> Outcome:
-        """Engage or release the team's stop; it is on while any source engages it (§2.C)."""
+    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Outcome:
+        """
+        Engage or release the team's stop; it is on while any source engages it (§2.C).
+
+        :param who: who the cause is, for the reason.
+        """
         give_up = self._pass(now)
         self._engaged[source] = engaged
+        self._who[source] = who
         self._sign(source, now)
+        if source is StopSource.TWO_ODOMETRIES:
+            # Who has two has odometry; and whose the last speed was, nobody knows.
+            self._odometry_expected = self._odometry_expected or engaged
+            self._speed_at = -math.inf
         if self._team_stop:
             self._on_team_stop()
         return self._outcome(give_up)
@@ -387,19 +413,23 @@ class Arbiter:
         """
         Judge the stack's word that it has carried out a command (§4.C).
 
-        An acknowledgement that was accepted before is accepted, and sent, again.
+        An acknowledgement that was accepted before is accepted, and sent, again; but of a kart
+        that is out it is sent once.
 
-        :param state: the state that it has reached.
+        :param state: the state that it has reached, as a verdict had it in `reached`.
         :param order: the number of the command, as a verdict had it.
-        :return: with `answer`, and with `send` if it is accepted.
+        :return: with `answer`, and if it is accepted with `send`.
         """
         give_up = self._pass(now)
         refusal = self._refusal(state, order)
         if refusal is not None:
             return self._outcome(give_up, answer=Answer(False, refusal))
+        said = self._out and self._acknowledged
         self._acknowledge()
         return self._outcome(
-            give_up, send=state, answer=Answer(True, f'{state.value} is acknowledged')
+            give_up,
+            send=None if said else state,
+            answer=Answer(True, f'{state.value} is acknowledged'),
         )
 
     def speed(self, metres_per_s: float, now: float) -> Outcome:
@@ -409,18 +439,19 @@ class Arbiter:
         self._speed, self._speed_at = abs(metres_per_s), now
         # A base that had odometry and lost it may have died at speed.
         self._odometry_expected = True
-        commanded = self._commanded
-        waiting = commanded is not None and commanded.is_red and not self._acknowledged
+        reached = self.verdict.reached
+        waiting = reached is not None and reached.is_red and not self._acknowledged
         # A speed that is no number is not within the limit, hence not a standstill.
-        still = self._speed <= self._settings.standstill_speed
+        still = not self.missing_odometry and self._speed <= self._settings.standstill_speed
         if not (self._settings.auto_acknowledge_stop and waiting and still):
             self._still_since = None
         elif self._still_since is None or gap:
             self._still_since = now
         if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
-            return self._outcome(give_up, hindrance=self._motion() if waiting else '')
+            hindrance = self.missing_odometry or self._motion()
+            return self._outcome(give_up, hindrance=hindrance if waiting else '')
         self._acknowledge()
-        return self._outcome(give_up, send=commanded)
+        return self._outcome(give_up, send=reached)
 
     # What the inputs have in common.
 
@@ -477,6 +508,7 @@ class Arbiter:
         self._acknowledged = False
         self._armed = False
         self._not_armed = _NEVER_ARMED
+        self._out = False
         self._slowing_since = None
         self._still_since = None
 
@@ -492,6 +524,7 @@ class Arbiter:
         self._slowing_since = now if slows and self._settings.red_flag_drive_time > 0 else None
         if not to_race:
             self._disarm(f'{state.value} was commanded since')
+            self._out = False
         if state is RaceState.GRID_ACTIVE:
             self._not_armed = _NOT_ACKNOWLEDGED
 
@@ -501,12 +534,11 @@ class Arbiter:
             self._order, self._next_order = self._next_order, self._next_order + 1
 
     def _acknowledge(self) -> None:
-        """Have what is commanded acknowledged."""
+        """Have what the verdict has in `reached` acknowledged."""
         self._acknowledged = True
         self._slowing_since = None
         self._still_since = None
-        if self._commanded is RaceState.GRID_ACTIVE:
-            self._armed = True
+        self._armed = self._armed or (self._commanded is RaceState.GRID_ACTIVE and not self._out)
 
     def _refusal(self, state: RaceState, order: int) -> str | None:
         """Return why this acknowledgement is refused now; None: it is not."""
@@ -523,18 +555,25 @@ class Arbiter:
                 f'order {order} is out of date: the present one is {verdict.order}, '
                 f'{verdict.commanded.value}'
             )
-        if state is not verdict.commanded:
+        if state is not verdict.reached:
+            if state is verdict.commanded:
+                return f'the kart must obey {verdict.state.value}: {verdict.reason}'
             return (
                 f'race control commands {verdict.commanded.value}, not {state.value}: '
                 f'acknowledge {verdict.commanded.value} once the kart has reached it'
             )
-        if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and verdict.state is not state:
-            return f'the kart must obey {verdict.state.value}: {verdict.reason}'
         if state.is_red and self._odometry_expected:
             return self.missing_odometry or self._motion() or None
         if state is RaceState.GREEN_GREEN and self._odometry_expected:
             return self._standstill() or None
         return None
+
+    def _reached(self, state: RaceState) -> RaceState | None:
+        """Return what to acknowledge once a kart that obeys `state` has reached it."""
+        if self._out:
+            return RaceState.RED_RED
+        to_race = self._commanded in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
+        return None if to_race and state is not self._commanded else self._commanded
 
     def _standstill(self) -> str:
         """Return why nothing shows that the kart has begun to drive; empty: odometry does."""
@@ -578,8 +617,13 @@ class Arbiter:
         if source in self._timeouts:
             self._signs = {**self._signs, source: now}
 
+    def _why(self, source: StopSource) -> str:
+        """Return what a source says when it stops the kart."""
+        who = self._who.get(source)
+        return f'{_WHY[source]}: {who}' if who else _WHY[source]
+
     def _team_stop_reason(self) -> str:
-        reasons = [_WHY[source] for source, engaged in self._engaged.items() if engaged]
+        reasons = [self._why(source) for source, engaged in self._engaged.items() if engaged]
         for source in self._missed:
             if source is StopSource.TEAM and self._starting:
                 reasons.append('the bridge is starting')
@@ -591,10 +635,12 @@ class Arbiter:
         """Let nothing that allowed the kart to drive outlive a team stop."""
         self._stopped = True
         self._slowing_since = None
-        self._disarm('the team stop was engaged since')
-        if self._commanded is RaceState.GRID_ACTIVE and self._acknowledged:
+        if self._armed:
+            self._out = True
             self._acknowledged = False
+            # Who acted on the GREEN_GREEN of the same command must not say that the kart stands.
             self._number()
+        self._disarm('the team stop was engaged since')
 
     def _may_drive(self, state: RaceState) -> bool:
         """Return whether the kart may drive while it obeys `state`."""

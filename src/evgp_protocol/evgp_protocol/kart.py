@@ -120,19 +120,20 @@ class Kart:
 
     def acknowledge(self, order: int, now: float) -> bytes:
         """
-        Say that the kart has done what an order commands.
+        Say that the kart has reached the state of a verdict.
 
         Call it in every turn in which that is true, with the order of the verdict that the kart
-        acted on, not a newer one.
+        acted on, not a newer one. A kart that stopped itself in GRID_ACTIVE or GREEN_GREEN, and
+        stands, so says RED_RED, once.
 
         :return: what to send: all of it, with nothing in between. Empty: the order is over, or
             the arbiter refuses, or it was sent already and no frame has come since.
         """
         self.tick(now)
-        commanded = self.verdict.commanded
-        if commanded is None:
+        reached = self.verdict.reached
+        if reached is None:
             return b''
-        return self._follow(self._arbiter.acknowledge(commanded, order, now))
+        return self._follow(self._arbiter.acknowledge(reached, order, now))
 
     def _follow(self, outcome: Outcome) -> bytes:
         """Take note of what follows from an input; return what to send."""

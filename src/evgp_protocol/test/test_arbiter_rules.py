@@ -43,6 +43,7 @@ from rig.faults import faults_in, module_with
 
 GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 GARAGE, FLAG, RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
+TWO = StopSource.TWO_ODOMETRIES
 
 
 FIRST_ORDER = 1000
@@ -149,10 +150,10 @@ class Oracle:
         return self.stop_at(len(self.history) - 1)
 
     @property
-    def armed(self) -> bool:
-        """Return whether a GRID_ACTIVE was acknowledged here, and nothing came between."""
+    def _ready(self) -> int | None:
+        """Where the GRID_ACTIVE was acknowledged here that still lets GREEN_GREEN be obeyed."""
         if self.since is None:
-            return False
+            return None
         for index in range(self.since, len(self.history)):
             item = self.history[index]
             if not (item.kind == 'acknowledge' and item.accepted and item.value is GRID):
@@ -160,13 +161,23 @@ class Oracle:
             run = [GRID]
             run += [later.value for later in self.history[index:] if later.kind == 'heard']
             names = [state for state, _ in itertools.groupby(run)]
-            if names in ([GRID], [GRID, GREEN]) and not self.stopped_since(index):
-                return True
-        return False
+            if names in ([GRID], [GRID, GREEN]):
+                return index
+        return None
+
+    @property
+    def armed(self) -> bool:
+        """Return whether a GRID_ACTIVE was acknowledged here, and nothing came between."""
+        return self._ready is not None and not self.stopped_since(self._ready)
+
+    @property
+    def out(self) -> bool:
+        """Return whether a kart that was armed has stopped itself under the same commands."""
+        return self._ready is not None and self.stopped_since(self._ready)
 
     @property
     def state(self) -> RaceState:
-        if self.commanded is None or self.team_stop:
+        if self.commanded is None or self.team_stop or self.out:
             return RED
         if self.commanded is GREEN and not self.armed:
             return RED
@@ -190,23 +201,20 @@ class Oracle:
         begin = self._run
         if begin is None:
             return None
-        ready = False  # a GRID_ACTIVE is acknowledged
         for index in range(begin + 1, len(self.history)):
             item = self.history[index]
             before, after = self._stopped(self.history[:index], item.at), self.stop_at(index)
-            withdrawn = ready and (before or after)
-            if withdrawn or (before and not after):
+            if (before and not after) or (
+                after and Oracle(self.history[:index], self.settings).armed
+            ):
                 begin = index
-            ready = (ready and not withdrawn) or (
-                item.kind == 'acknowledge' and item.accepted and item.value is GRID
-            )
         return begin
 
     def is_numbered(self) -> bool:
         """
         Whether one number, which nothing had before, stands for the present command.
 
-        Since it was commanded, or since a team stop ended or took its acknowledgement back.
+        Since it was commanded, or since a team stop ended or took an armed kart out.
         """
         begin = self._numbered
         if begin is None:
@@ -219,9 +227,17 @@ class Oracle:
     def acknowledged(self) -> bool:
         if self._run is None:
             return False
-        if self.commanded is GRID:
+        if self.commanded is GRID and not self.out:
             return self.armed
-        return any(item.said is self.commanded for item in self._from(self._run))
+        said = [item.said for item in self._from(self._run) if item.said is not None]
+        return self.reached in said
+
+    @property
+    def reached(self) -> RaceState | None:
+        """Return what a kart that has done what it obeys says."""
+        if self.out:
+            return RED
+        return None if self.commanded in (GRID, GREEN) and self.state is RED else self.commanded
 
     @property
     def may_drive(self) -> bool:
@@ -242,31 +258,58 @@ class Oracle:
 
     def must_accept(self, state: RaceState, number: int) -> bool:
         begin = self._numbered
-        if state is not self.commanded or begin is None:
+        if state is not self.reached or begin is None:
             return False
-        if number != self.history[begin].order:
-            return False
-        if state in (GRID, GREEN) and self.state is not state:
+        if number == 0 or number != self.history[begin].order:
             return False
         speeds = [item for item in self.history if item.kind == 'speed']
+        stops = [item.value for item in self.history if item.kind == 'team_stop']
+        doubts = [engaged for source, engaged in stops if source is TWO]
         by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
-        if state not in (GREEN, FLAG, RED) or not (by_odometry or speeds):
+        by_odometry = by_odometry or bool(speeds) or any(doubts)
+        if state not in (GREEN, FLAG, RED) or not by_odometry:
             return True
+        if doubts and doubts[-1]:
+            return False
+        speeds = self._sure_speeds(0)
         if not speeds or self.now - speeds[-1].at > 0.5:
             return False
         speed, limit = speeds[-1].value, self.settings.standstill_speed
         return bool(speed > limit if state is GREEN else speed <= limit)
+
+    def _sure_speeds(self, begin: int) -> History:
+        """Return the speeds from there on, without those that two might have measured."""
+        sure: History = ()
+        doubt = False
+        for index, item in enumerate(self.history):
+            if item.kind == 'team_stop' and item.value[0] is TWO:
+                doubt, sure = item.value[1], ()
+            elif item.kind == 'speed' and not doubt and index >= begin:
+                sure = (*sure, item)
+        return sure
+
+    @property
+    def _red_since(self) -> int | None:
+        """Where it began that a kart that stands must say so."""
+        if not self.out:
+            return self._run if self.commanded in (FLAG, RED) else None
+        begin = self._run
+        assert begin is not None
+        while not Oracle(self.history[: begin + 1], self.settings).out:
+            begin += 1
+        return begin
 
     @property
     def must_acknowledge_by_itself(self) -> bool:
         """Whether the speed that is the last input completes a standstill under a red."""
         if not self.settings.auto_acknowledge_stop or self.history[-1].kind != 'speed':
             return False
-        if self.commanded not in (FLAG, RED) or self._run is None:
+        since = self._red_since
+        if since is None or any(item.said is self.reached for item in self._from(since, -1)):
             return False
-        if any(item.said is self.commanded for item in self._from(self._run, -1)):
+        speeds = self._sure_speeds(since)
+        if not speeds:
             return False
-        speeds = [item for item in self._from(self._run) if item.kind == 'speed']
         begin = self.now
         for earlier, later in itertools.pairwise([*reversed(speeds), None]):
             if not earlier.value <= self.settings.standstill_speed:
@@ -276,7 +319,7 @@ class Oracle:
                 break
         else:
             raise AssertionError('unreachable')
-        stood = bool(speeds) and speeds[-1].value <= self.settings.standstill_speed
+        stood = speeds[-1].value <= self.settings.standstill_speed
         return stood and self.now - begin >= self.settings.standstill_time
 
 
@@ -321,7 +364,7 @@ def check(history: History, verdict: Verdict, settings: Settings) -> None:
     assert oracle.is_numbered()
     assert verdict.connected == (oracle.commanded is not None)
     assert verdict.team_stop == oracle.team_stop
-    assert verdict.acknowledged == oracle.acknowledged
+    assert (verdict.reached, verdict.acknowledged) == (oracle.reached, oracle.acknowledged)
     assert verdict.may_drive == oracle.may_drive
     assert (verdict.reason == '') == (verdict.state is verdict.commanded)
     if not history:
@@ -330,10 +373,11 @@ def check(history: History, verdict: Verdict, settings: Settings) -> None:
     if last.kind == 'acknowledge':
         before = Oracle((*history[:-1], Input('tick', None, last.at)), settings)
         assert last.accepted == before.must_accept(last.value, last.number)
-        assert last.said is (last.value if last.accepted else None)
+        again = before.out and before.acknowledged  # what nobody commanded is said once
+        assert last.said is (last.value if last.accepted and not again else None)
     elif last.kind == 'speed':
         assert (last.said is not None) == oracle.must_acknowledge_by_itself
-        assert last.said in (None, oracle.commanded)
+        assert last.said in (None, oracle.reached)
     else:
         assert last.said is None
     # The socket is given up when a connection that lived at the last input does not at this
@@ -370,6 +414,7 @@ LINK = [
     *(('acknowledge', (RED, named)) for named in ('earlier', 'none')),
 ]
 STOPS = [('team_stop', (source, engaged)) for source in StopSource for engaged in (True, False)]
+DOUBT = [('team_stop', (TWO, engaged)) for engaged in (True, False)]
 TEAM = [('team_heard', None)]
 SPEEDS = [('speed', value) for value in (0.0, 1.0, math.nan)]
 
@@ -386,7 +431,7 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
         # Of the numbers of orders, only whether there is one: the next is always a new one.
         if name in ('_settings', '_names', '_now', '_next_order', '_timeouts'):
             continue
-        if name in ('_absence', '_not_armed', '_starting'):  # for the reason only
+        if name in ('_absence', '_not_armed', '_starting', '_who'):  # for the reason only
             continue
         if name == '_heard_at' and not arbiter._open:
             continue
@@ -447,8 +492,8 @@ INPUTS = {
     'remote required': LINK + STOPS[2:4],
     'MSR wired': LINK + STOPS[4:6],
     'team must be heard': LINK + TEAM + STOPS[:2],
-    'acknowledges by itself': LINK + SPEEDS,
-    'odometry required': LINK + SPEEDS,
+    'acknowledges by itself': LINK + STOPS[:2] + SPEEDS,
+    'odometry required': LINK + DOUBT + SPEEDS,
     'drives in garage': LINK + STOPS[:2],
 }
 """What can come in, in each world: few enough kinds to search it to the end."""
@@ -506,14 +551,37 @@ the same state has the same number: [drives in garage]
 a number outlives its connection: _lose: self._order = 0 => pass
 the end of a team stop keeps the number: _outcome: self._stopped and not stopped => False
 what a team stop takes back keeps its number: _on_team_stop: self._number() =>
+a team stop takes nobody out: _on_team_stop: self._out = True => pass
+a kart that was not ready is out: [drives in garage]
+    _on_team_stop: if self._armed: => if self._commanded is not None:
+what was said before the kart was out counts: [drives in garage]
+    _on_team_stop: self._acknowledged = False => pass
+out only for as long as the team stop is on: verdict: elif self._out: => elif False:
+out for ever: _command: self._out = False => pass
+out on the next connection: _lose: self._out = False => pass
+a kart that is out is ready again: [drives in garage] _reached: if self._out: => if False:
+a kart that is out is armed again: [drives in garage] _acknowledge: and not self._out =>
+says again that it is out: acknowledge: self._out and self._acknowledged => False
+says by odometry what is commanded: [acknowledges by itself]
+    speed: send=reached => send=self._commanded
+odometry does not say that it is out: [acknowledges by itself]
+    speed: self._still_since is None or (now => self._out or self._still_since is None or (now
+one of two odometries shows a standstill: [odometry required]
+    missing_odometry: if self._engaged[StopSource.TWO_ODOMETRIES]: => if False:
+one of two odometries acknowledges: [acknowledges by itself, doubts]
+    speed: not self.missing_odometry and =>
+one of two odometries shows a standstill after the other is gone: [odometry required]
+    team_stop: self._speed_at = -math.inf => pass
+two odometries are none: [plain, doubts]
+    team_stop: self._odometry_expected = self._odometry_expected or engaged => pass
 an order of old is acknowledged: _refusal: != verdict => > verdict
 an order without a number is acknowledged:
     _refusal: if order == 0: => if order == 0: ¶> return None ¶ if False:
 any number will do: _refusal: order != verdict.order => False
-acknowledges what is not commanded: _refusal: state is not verdict.commanded => False
-acknowledges grid under a team stop: _refusal: verdict.state is not state => False
-refuses a red under a team stop:
-    _refusal: state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and =>
+acknowledges what is not commanded: _refusal: state is not verdict.reached => False
+acknowledges grid under a team stop:
+    _reached: to_race and state is not self._commanded => False
+refuses a red under a team stop: _reached: if to_race and => if
 acknowledges a red while moving: [acknowledges by itself] _refusal: self._motion() or =>
 no number is slow enough for a red: [acknowledges by itself]
     _motion: self._speed <= => not self._speed >
@@ -557,7 +625,10 @@ EVERY = {
     )
     for world, settings in WORLDS.items()
 }
-"""Every world, with its own inputs and with every input."""
+DOUBTS = {
+    f'{world}, doubts': (settings, LINK + DOUBT + SPEEDS) for world, settings in WORLDS.items()
+}
+"""Every world, with its own inputs, with every input, and with two that measure the speed."""
 
 
 @pytest.mark.parametrize('name', FAULTS)
@@ -566,7 +637,7 @@ def test_fault_is_found(name: str) -> None:
     module = module_with(arbiter_module, fault.old, fault.new, fault.where)
     with pytest.raises(AssertionError, match='after'):
         if fault.begin:
-            explore(module, *(OWN | EVERY)[fault.begin], limit=15_000)
+            explore(module, *(OWN | EVERY | DOUBTS)[fault.begin], limit=30_000)
         # Most show near the beginning of a world, and the others as it is searched to the end.
         for limit, world in itertools.product((100, 1_000, 10**9), OWN.values()):
             explore(module, *world, limit)

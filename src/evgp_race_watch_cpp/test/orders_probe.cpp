@@ -45,10 +45,10 @@ int main()
       std::cin >> since >> count;
       std::vector<Said> heard(count);
       for (auto & said : heard) {
-        int state = 0, commanded = 0;
-        std::cin >> said.bridge >> state >> commanded >> said.order >> said.acknowledged;
+        int state = 0, reached = 0;
+        std::cin >> said.bridge >> state >> reached >> said.order >> said.acknowledged;
         said.state = race_state(static_cast<std::uint8_t>(state));
-        said.commanded = race_state(static_cast<std::uint8_t>(commanded));
+        said.reached = race_state(static_cast<std::uint8_t>(reached));
         said.reason = "of bridge " + std::to_string(said.bridge);
       }
       orders->hear(heard, since, now);
@@ -72,6 +72,6 @@ int main()
       seen.push_back(order);
     }
     std::cout << index << ' ' << name_of(order.state) << ' ' << order.number << ' ' <<
-      name_of(order.commanded) << ' ' << asks << ' ' << orders->judge(now).second << std::endl;
+      name_of(order.reached) << ' ' << asks << ' ' << orders->judge(now).second << std::endl;
   }
 }

@@ -91,7 +91,7 @@ int main(int argc, char ** argv)
       orders[order.serial] = order;
       std::ostringstream line;
       line << "look " << order.serial << ' ' << number(order.state) << ' ' << order.number << ' ' <<
-        number(order.commanded) << ' ' << (said ? number(said->state) : -1) << ' ' <<
+        number(order.reached) << ' ' << (said ? number(said->state) : -1) << ' ' <<
         (said && said->acknowledged) << ' ' << watch.reason();
       say(line.str());
     } else if (word == "acknowledge") {

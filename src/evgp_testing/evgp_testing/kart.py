@@ -123,7 +123,7 @@ class Team(RosSide):
         self.node.create_subscription(Bool, f'{bridge}/stop', self._hear_stop, latched(1))
         self.node.create_subscription(Odometry, f'{bridge}/odom', self._hear_speed, 10)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear_diagnostics, 10)
-        self._odometry = self._publisher(Odometry, 'odom', QoSProfile(depth=10))
+        self._odometry: Publisher | None = None  # two would stop the kart
         self.spin()
 
     @property
@@ -165,10 +165,12 @@ class Team(RosSide):
         :raises AssertionError: if the bridge does not listen to it in time.
         """
         self._driven = speed
-        if self._driving is None:
+        if self._odometry is None:
+            self._odometry = self._publisher(Odometry, 'odom', QoSProfile(depth=10))
             self._driving = self.node.create_timer(0.02, self._publish_speed)
+        odometry = self._odometry
         # The bridge, and this node itself.
-        self.wait_until(lambda: self._odometry.get_subscription_count() > 1, lambda: 'a bridge')
+        self.wait_until(lambda: odometry.get_subscription_count() > 1, lambda: 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
 
     def roll_at(self, speed: float) -> None:
@@ -266,6 +268,7 @@ class Team(RosSide):
         odometry.twist.twist.linear.x = self._driven
         self._place += self._rolls * 0.02
         odometry.pose.pose.position.x = self._place
+        assert self._odometry is not None  # or there were no timer
         self._odometry.publish(odometry)
 
     def _hear_state(self, state: msg.KartRaceState) -> None:

@@ -56,7 +56,7 @@ struct Said
 {
   std::uint64_t bridge;
   RaceState state;
-  RaceState commanded;
+  RaceState reached;
   std::uint64_t order;
   bool acknowledged;
   std::string reason;
@@ -68,7 +68,7 @@ struct Order
   std::uint64_t serial;  ///< Tells the orders of one watch apart: each has its own.
   RaceState state;  ///< The state to obey; never UNKNOWN.
   std::uint64_t number;  ///< Of race control's command; 0: the order cannot be acknowledged.
-  RaceState commanded;  ///< What an acknowledgement says; UNKNOWN if `number` is 0.
+  RaceState reached;  ///< What an acknowledgement says; UNKNOWN if `number` is 0.
 };
 
 /// The orders of one stack. Every time is in seconds, by one clock that never goes back.
@@ -90,12 +90,12 @@ public:
   Order order(double now)
   {
     Order order{order_.serial, judge(now).first, 0, RaceState::UNKNOWN};
-    if (said_ && doubt(now).empty() && said_->order && carries_out(order.state, said_->commanded)) {
+    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
       order.number = said_->order;
-      order.commanded = said_->commanded;
+      order.reached = said_->reached;
     }
     if (order.state != order_.state || order.number != order_.number ||
-      order.commanded != order_.commanded)
+      order.reached != order_.reached)
     {
       order_ = order;
       ++order_.serial;
@@ -206,11 +206,11 @@ private:
     }
   }
 
-  /// Whether a kart that has reached `state` has carried out the command.
-  static bool carries_out(RaceState state, RaceState commanded)
+  /// Whether a kart that has reached `state` may say that it has `reached` the other.
+  static bool includes(RaceState state, RaceState reached)
   {
-    return state == commanded ||
-           (state == RaceState::RED_RED && commanded == RaceState::RED_FLAG);
+    return state == reached ||
+           (state == RaceState::RED_RED && reached == RaceState::RED_FLAG);
   }
 
   double lease_;

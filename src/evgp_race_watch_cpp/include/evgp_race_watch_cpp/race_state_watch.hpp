@@ -143,13 +143,13 @@ public:
     bridge_->prune_pending_requests();  // the bridge may have died over the last one
     auto request = std::make_shared<Acknowledge::Request>();
     request->order = order.number;
-    request->reached.state = static_cast<std::uint8_t>(order.commanded);
+    request->reached.state = static_cast<std::uint8_t>(order.reached);
     bridge_->async_send_request(
       request, [this, order](rclcpp::Client<Acknowledge>::SharedFuture answered) {
         const auto answer = answered.get();
         if (!answer->success && order.serial == this->order().serial) {
           RCLCPP_WARN_THROTTLE(
-            log_, steady_, 1000, "%s cannot be acknowledged: %s", name_of(order.commanded),
+            log_, steady_, 1000, "%s cannot be acknowledged: %s", name_of(order.reached),
             answer->message.c_str());
         }
       });
@@ -175,7 +175,7 @@ private:
 
   static Said said_of(const Message & message)
   {
-    return {message.bridge, race_state(message.state.state), race_state(message.commanded.state),
+    return {message.bridge, race_state(message.state.state), race_state(message.reached.state),
       message.order, message.acknowledged, message.reason};
   }
 
