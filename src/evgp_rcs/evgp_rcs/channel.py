@@ -78,12 +78,18 @@ class ServerSettings:
 
 @dataclass(frozen=True)
 class Begin:
-    """The first message: with what to start, and where the record is."""
+    """
+    The first message: with what to start, and where the record is.
+
+    :param cannot_know: why a second race control at the address cannot be ruled out, as a phrase;
+        empty: it can.
+    """
 
     roster: Roster
     times: RaceTimes
     settings: ServerSettings
     record: pathlib.Path
+    cannot_know: str = ''
 
 
 class Request(NamedTuple):
@@ -111,10 +117,14 @@ class Alive(NamedTuple):
     The ROS half goes on and hears officials.
 
     Also: whether it hears another race control, and who is there.
+
+    :param cut_off: why karts cannot reach race control now, as a phrase: the cable or the address
+        of an interface that they use is gone; empty: they can.
     """
 
     rival: bool
     there: Attendance = Attendance()
+    cut_off: str = ''
 
 
 @dataclass(frozen=True)

@@ -217,6 +217,13 @@ class Attended(NamedTuple):
     there: Attendance
 
 
+class CutOff(NamedTuple):
+    """Race control has lost the karts' network, for this reason."""
+
+    at: float
+    reason: str
+
+
 class RecordTrouble(NamedTuple):
     """Why the record fails, as a sentence for officials; empty: it works."""
 
@@ -251,6 +258,7 @@ Input = (
     | HeldUp
     | Rival
     | Attended
+    | CutOff
     | RecordTrouble
     | StartBecame
     | Recovered
@@ -282,6 +290,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.rival(present, at)
         case Attended(at, there):
             return race.attended(there, at)
+        case CutOff(at, reason):
+            return race.cut_off(reason, at)
         case RecordTrouble(at, text):
             return race.record_trouble(text, at)
         case StartBecame(at, phase, number):

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import dataclasses
 import gc
 import os
 import signal
@@ -75,13 +76,16 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> None
     record.attach(loop)
     record.begin(rules_version(), setup)
     race = setup.race()
+    left_behind = record.left_behind
+    if begin.cannot_know and left_behind is not None:
+        left_behind = dataclasses.replace(left_behind, final=False)
     server = KartServer(
         race,
         {entry.address: entry.number for entry in begin.roster.entries},
         begin.settings,
         ros_half,
         record,
-        Recovered(loop.time(), record.left_behind),
+        Recovered(loop.time(), left_behind),
     )
     record.remember(race.memory(), loop.time())
     priority.come_first()

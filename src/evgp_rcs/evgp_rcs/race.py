@@ -1038,6 +1038,15 @@ class Race:
         self._tell_alerts(now)
         return self._outcome()
 
+    def cut_off(self, reason: str, now: float) -> Outcome:
+        """Take note that race control has lost the karts' network: nobody knows what karts do."""
+        self.restarted = self.track_open = True
+        for kart in self.karts.values():
+            self._hold(kart, RED_RED, reason, now)
+        self._go(RED_RED, now, reason)
+        self._tell_alerts(now)
+        return self._outcome()
+
     def record_trouble(self, text: str, now: float) -> Outcome:
         """Take note of why the record fails, as a sentence for officials; empty: it works."""
         self.record_fails = text
