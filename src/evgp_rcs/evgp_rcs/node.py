@@ -247,6 +247,8 @@ class RcsNode(StrictNode):
                 'kart and ends: use the MSR if a kart still moves. Unplug one of the two machines',
                 AddressTakenError(self._watch.answer),
             )
+            # First of all: the watch then says that it is here, and karts may turn to it.
+            self._server.end(in_order=False)
         else:
             self._give_sign_of_life()
 
