@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import contextlib
 import os
 import pathlib
+import re
 import shutil
 import statistics
 import subprocess
@@ -25,6 +26,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.process import Process
 from evgp_testing.race_control import end_in_good_order, RaceControl, settings, write_roster
+from evgp_testing.usage import family
 import pytest
 from rig.masters import KARTS_CARD, Masters, NUMBERS
 from rig.networks import kart_address, Namespace, need_networks, RACE_CONTROL
@@ -266,6 +268,12 @@ print(found.name, what)
 """
 
 
+def rights_of(pid: int) -> int:
+    """Return the capabilities that a process has, or may have."""
+    text = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
+    return max(int(each, 16) for each in re.findall(r'Cap(?:Prm|Eff|Amb|Inh):\s+(\w+)', text))
+
+
 def need_arping() -> None:
     """Skip the test where there is no arping, and say so; not where all tests must run."""
     if shutil.which('arping') is None:
@@ -361,6 +369,34 @@ def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_not
         masters.wait_for(RaceState.RED_RED)
         official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
     assert 'arping' in control.output
+
+
+@pytest.mark.own_process
+def test_race_control_that_may_only_ask_by_arping_ends_too_once_another_machine_has_its_address(
+    masters: Masters, tmp_path: pathlib.Path
+) -> None:
+    need_arping()
+    official = masters.official(masters.first)
+    with masters.first.inside(), start(masters, tmp_path / 'plain', under=PLAIN) as control:
+        control.wait_for_line('listens for')
+        masters.wait_for(RaceState.IN_GARAGE)
+        masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
+        assert control.wait() == 1
+        assert hardware_of(masters.spare) in says_why_it_ended(official)
+
+
+def test_of_its_right_to_ask_race_control_leaves_nothing_to_the_processes_that_strangers_reach(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    given = settings(tmp_path, write_roster(tmp_path, [1]))
+    under = under_the_unit()
+    with Process('evgp_rcs', 'rcs_node', domain, given, under=under) as control:
+        control.wait_for_line('listens for')
+        own, *others = family(control.pid)
+        assert rights_of(own) != 0
+        assert len(others) == 2
+        assert [rights_of(each) for each in others] == [0, 0]
 
 
 def test_make_run_on_a_machine_without_a_network_warns_of_no_second_race_control(

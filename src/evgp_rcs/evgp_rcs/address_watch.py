@@ -46,12 +46,12 @@ from typing import NamedTuple
 
 from evgp_node.graph import EVERY
 from evgp_protocol import clock
-from evgp_rcs.network_cards import Card, CardNews, cards, LOOPBACK
+from evgp_rcs.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
 """Time between two questions at an interface, in seconds."""
 
-LOOK = 1.0
+HEARD_WITHIN = 1.0
 """Time within which another machine answers, in seconds. Race control serves no kart before."""
 
 CARDS_EVERY = 0.2
@@ -66,6 +66,9 @@ CLAIMS = 3
 one may have asked nobody just then."""
 
 _CLAIM_EVERY = 0.1
+
+MOST_BLIND = 5
+"""Maximum number of looks at the interfaces in a row that fail; one more ends race control."""
 
 MOST_HEARD = 1000
 """Maximum number of ARP packets that are read between two looks at the interfaces."""
@@ -142,7 +145,7 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
         Question(str(own.ip), card)
         for card in there
         for own in card.addresses
-        if card.name != LOOPBACK and not own.ip.is_loopback
+        if card.name != LOOPBACK_CARD and not own.ip.is_loopback
         if str(own.ip) == host or (host == EVERY and any(each in own.network for each in known))
     )
 
@@ -200,7 +203,7 @@ class Lookout:
         :param gone: the addresses that were taken away since the last look.
         """
         # What this machine sent a moment ago may come in at another interface of it only now.
-        own = frozenset(each.hardware for each in there if each.name != LOOPBACK)
+        own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
         self._own, self._owned = own, self._own
         names = {each.name: each for each in there}
         asked = {(each.address, each.card.name): each for each in self._asks(there)}
@@ -218,7 +221,7 @@ class Lookout:
                 self._since[key], self._times[key] = now, 0
         for address in list(self._lost):
             since = [self._since[key] for key in asked if key[0] == address and key in self._since]
-            if any(now - each >= LOOK for each in since):
+            if any(now - each >= HEARD_WITHIN for each in since):
                 del self._lost[address]
 
     def due(self, now: float) -> list[tuple[Question, bool]]:
@@ -228,7 +231,7 @@ class Lookout:
             if now - since >= self._times[key] * ASK_EVERY and key in self._asked:
                 # Of the times that passed unused, none is made up for.
                 times = self._times[key] = int((now - since) / ASK_EVERY) + 1
-                announce = 0 < times - LOOK / ASK_EVERY <= ANNOUNCEMENTS
+                announce = 0 < times - HEARD_WITHIN / ASK_EVERY <= ANNOUNCEMENTS
                 found.append((self._asked[key], announce))
         return found
 
@@ -439,7 +442,8 @@ class AddressWatch:
         self._asker = _an_asker()
         self._news = CardNews()
         self._lookout = Lookout(asks)
-        self._lookout.see(cards(), (), clock.now())
+        self._there = cards()
+        self._lookout.see(self._there, (), clock.now())
         self._began = clock.now()
         self._state = threading.Condition()
         self._answer = ''
@@ -465,7 +469,7 @@ class AddressWatch:
         """Return why the watch has failed."""
         return self._error
 
-    def first_look(self, seconds: float = LOOK) -> str:
+    def first_look(self, seconds: float = HEARD_WITHIN) -> str:
         """
         Wait until a machine that has the address must have answered, unless nobody can be asked.
 
@@ -510,6 +514,7 @@ class AddressWatch:
 
     def _watch(self) -> None:
         lookout, asker = self._lookout, self._asker
+        there, blind = self._there, 0
         while not (self._closing.is_set() or self._answer):
             for question, announce in lookout.due(clock.now()):
                 asker.ask(question)
@@ -517,7 +522,13 @@ class AddressWatch:
                     asker.announce(question)
             select.select([self._news.file.fileno(), *asker.files], [], [], CARDS_EVERY)
             gone = self._news.gone()
-            lookout.see(cards(), gone, clock.now())
+            try:
+                there, blind = cards(), 0
+            except OSError:  # above all: this process has no file descriptor left now
+                blind += 1
+                if blind > MOST_BLIND:
+                    raise
+            lookout.see(there, gone, clock.now())
             self._answer = next(filter(None, map(lookout.hear, asker.claims())), '')
             # A loss that nobody was told yet is not over.
             cut_off = lookout.cut_off

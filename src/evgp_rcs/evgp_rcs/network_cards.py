@@ -29,7 +29,7 @@ import struct
 import sys
 from typing import NamedTuple
 
-LOOPBACK = 'lo'
+LOOPBACK_CARD = 'lo'
 """The interface of which the other end is always this machine."""
 
 _DUMP = 0x0301  # NLM_F_REQUEST | NLM_F_DUMP

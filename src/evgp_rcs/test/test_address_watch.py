@@ -29,12 +29,12 @@ from evgp_rcs.address_watch import (
     ASK_EVERY,
     Claim,
     claim_in,
-    LOOK,
+    HEARD_WITHIN,
     Lookout,
     packet,
     to_be_asked,
 )
-from evgp_rcs.network_cards import Card, LOOPBACK
+from evgp_rcs.network_cards import Card, LOOPBACK_CARD
 from hypothesis import given, strategies
 import pytest
 
@@ -51,7 +51,7 @@ def card(name: str, *addresses: str, number: int = 2, **fields: object) -> Card:
 
 
 ETH0 = card('eth0', '10.0.0.1/24')
-LO = card(LOOPBACK, '127.0.0.1/8', number=1, hardware='00:00:00:00:00:00')
+LO = card(LOOPBACK_CARD, '127.0.0.1/8', number=1, hardware='00:00:00:00:00:00')
 
 
 def lookout(*there: Card, host: str = ADDRESS, at: float = 0.0) -> Lookout:
@@ -108,7 +108,7 @@ def test_it_asks_at_once_and_then_again_and_again_and_announces_once_nobody_answ
     asked = [watch.due(step * ASK_EVERY) for step in range(20)]
     assert all(len(each) == 1 for each in asked)
     announced = [announce for ((_, announce),) in asked]
-    before = int(LOOK / ASK_EVERY)
+    before = int(HEARD_WITHIN / ASK_EVERY)
     assert announced == [*[False] * before, *[True] * ANNOUNCEMENTS][:20] + [False] * (
         20 - before - ANNOUNCEMENTS
     )
@@ -188,9 +188,9 @@ def test_a_cable_an_interface_or_an_address_that_is_lost_cuts_race_control_off_u
     back = [ETH0._replace(number=10, losses=2)]
     watch.see(back, (), 0.3)
     assert len(watch.due(0.3)) == 1  # it is asked at once
-    see_until(watch, back, 0.3, 0.3 + LOOK - 0.1)
+    see_until(watch, back, 0.3, 0.3 + HEARD_WITHIN - 0.1)
     assert watch.cut_off != ''
-    see_until(watch, back, 0.3 + LOOK - 0.1, 0.3 + LOOK + 0.2)
+    see_until(watch, back, 0.3 + HEARD_WITHIN - 0.1, 0.3 + HEARD_WITHIN + 0.2)
     assert watch.cut_off == ''
 
 
@@ -200,7 +200,7 @@ def test_a_lost_address_is_followed_to_an_interface_of_another_name() -> None:
     usb = card('enx02', '10.0.0.1/24', number=7)
     watch.see([usb], (), 0.4)
     assert [each.card.name for each, _ in watch.due(0.4)] == ['enx02']
-    see_until(watch, [usb], 0.4, 0.4 + LOOK + 0.2)
+    see_until(watch, [usb], 0.4, 0.4 + HEARD_WITHIN + 0.2)
     assert watch.cut_off == ''
 
 
