@@ -300,6 +300,14 @@ def test_a_program_that_was_up_is_tried_again_whatever_keeps_it_from_starting_no
     assert ends.is_final(0, 1000.0)
 
 
+def test_one_that_gives_way_is_tried_again_for_some_time_after_it_was_up_and_no_more() -> None:
+    ends = Ends(0.0, gives_way=True)
+
+    assert not any(ends.is_final(code, 1000.0) for code in (1, 3, 2))
+    assert not ends.is_final(3, 1000.0 + FIRST_TRIES - 0.1)
+    assert ends.is_final(3, 1000.0 + FIRST_TRIES)
+
+
 PROGRAM = """
 import os, signal, sys
 with open(sys.argv[1], 'a') as log:

@@ -11,7 +11,6 @@ import os
 import pathlib
 import subprocess
 import sys
-import threading
 import time
 
 from evgp_node import graph
@@ -20,84 +19,21 @@ from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs.neighbours import ask, Found, Look
 from evgp_rcs.spare import ORIGIN
-from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import RaceControl, settings, write_roster
-from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from rig.masters import FIRST, Masters, NUMBERS, SPARE
 from rig.networks import kart_address, Namespace, need_networks, own_disk, RACE_CONTROL
 
-NUMBERS = range(1, 11)
-FIRST, SPARE = '10.78.0.1', '10.78.0.2'
-"""The addresses on the officials' network."""
 
-
-class Event:
-    """
-    Two machines, each with a cable to the karts' switch and one to the officials', and ten karts.
-
-    :ivar last_word: what each kart was sent last, on whatever connection, and since when.
-    """
-
-    def __init__(self, stack: contextlib.ExitStack, folder: pathlib.Path) -> None:
-        """Plug all cables in, and let the karts look for race control's address."""
-        self.domain = stack.enter_context(Domain()).number
-        self.first, self.spare, self.switches, self.karts = (
-            stack.enter_context(Namespace()) for _ in range(4)
-        )
-        self._stack, self._folder = stack, folder
-        self._disk_of_spare = folder / 'disk of the spare'
-        for network in ('karts', 'officials'):
-            self.switches.ip(f'link add {network} type bridge', f'link set {network} up')
-        self._cable(self.first, 'first', RACE_CONTROL, FIRST)
-        self._cable(self.spare, 'spare', '10.77.0.2', SPARE)
-        self._cable(self.karts, 'all', *map(kart_address, NUMBERS[:1]))
-        self.karts.ip(*(f'addr add {kart_address(n)}/24 dev eth0' for n in NUMBERS[1:]))
-        self.links: dict[int, WireKart] = {}
-        self._ended = threading.Event()
-        for number in NUMBERS:
-            kart = threading.Thread(target=self._drive, args=(number,))
-            kart.start()
-            stack.callback(kart.join)
-        stack.callback(self._ended.set)
-
-    def _cable(self, machine: Namespace, name: str, *addresses: str) -> None:
-        networks = zip(('karts', 'officials'), addresses, strict=False)
-        for at, (network, address) in enumerate(networks):
-            self.switches.ip(
-                f'link add {name}-{network} type veth peer name eth{at} netns {machine.path}',
-                f'link set {name}-{network} master {network} up',
-            )
-            machine.ip(f'addr add {address}/24 dev eth{at}', f'link set eth{at} up')
-        if len(addresses) == 2:
-            machine.ip('route add 239.0.0.0/8 dev eth1')
-
-    def _drive(self, number: int) -> None:
-        """Be a kart: connect to the address, again and again."""
-        while not self._ended.wait(0.2):
-            with self.karts.inside(), contextlib.suppress(OSError):
-                kart = WireKart(
-                    kart_address(number),
-                    DEFAULT_PORT,
-                    Acknowledges.EACH_CHANGE,
-                    RACE_CONTROL,
-                    timeout=1.0,
-                )
-                self.links[number] = kart
-                while not (kart.ended or self._ended.wait(0.05)):
-                    if time.monotonic() - max([kart.opened, *kart.times[-1:]]) > 1.0:
-                        break  # race control is silent, and a kart waits no longer
-                kart.close()
-
-    def plug(self, name: str, up: bool) -> None:
-        """Plug a cable in at its switch, or out."""
-        self.switches.ip(f'link set {name} {"up" if up else "down"}')
+class Event(Masters):
+    """Two machines, of which the second is the first one's spare."""
 
     def start_first(self, monkeypatch: pytest.MonkeyPatch) -> RaceControl:
         """Start race control on the first machine, with every kart connected, and copy it."""
-        folder = self._folder / 'first'
+        folder = self.folder / 'first'
         folder.mkdir()
         monkeypatch.setenv(graph.INTERFACE, FIRST)
         with self.first.inside():
@@ -107,21 +43,21 @@ class Event:
                 NUMBERS,
                 parameters={'address': RACE_CONTROL, 'port': DEFAULT_PORT},
                 addresses=kart_address,
-                under=own_disk(self._folder / 'disk of the first'),
+                under=own_disk(self.folder / 'disk of the first'),
             )
-        self._stack.enter_context(control)
+        self.stack.enter_context(control)
         self.wait_for(RaceState.IN_GARAGE)
         return control
 
     def copy(self) -> None:
         """Copy as `make spare` does."""
-        (self._folder / 'first' / 'rcs.yaml').write_text(
+        (self.folder / 'first' / 'rcs.yaml').write_text(
             '/**:\n  ros__parameters:\n    pause: 1.0\n'
         )
-        folder = self._folder / 'first'
+        folder = self.folder / 'first'
         subprocess.run(
             [
-                *own_disk(self._disk_of_spare),
+                *own_disk(self.folder / 'disk of the spare'),
                 *(executable('evgp_rcs', 'rcs_spare'), str(folder), '--once'),
                 *('--record', str(folder / 'record.sqlite3')),
                 *('--roster', 'karts.yaml', '--params', 'rcs.yaml'),
@@ -133,11 +69,11 @@ class Event:
     def take_over(self) -> Program:
         """Start a takeover on the spare."""
         with self.spare.inside():
-            return self._stack.enter_context(
+            return self.stack.enter_context(
                 Program(
                     'takeover',
                     [
-                        *own_disk(self._disk_of_spare),
+                        *own_disk(self.folder / 'disk of the spare'),
                         *(executable('evgp_rcs', 'rcs_takeover'), RACE_CONTROL, 'eth0'),
                     ],
                     self.domain,
@@ -147,17 +83,7 @@ class Event:
             )
 
     def _environment(self) -> dict[str, str]:
-        return {**os.environ, 'ROS_HOME': str(self._folder / 'ros')}
-
-    def wait_for(self, state: RaceState, since: float = 0.0) -> float:
-        """Return when the last kart was sent a state, by a connection younger than that."""
-        ends = time.monotonic() + 2 * PATIENCE
-        while time.monotonic() < ends:
-            links = [each for each in list(self.links.values()) if each.opened >= since]
-            if len(links) == len(NUMBERS) and all(each.state is state for each in links):
-                return max(each.changes[-1][0] for each in links)
-            time.sleep(0.02)
-        raise AssertionError({n: (each.ended, each.changes) for n, each in self.links.items()})
+        return {**os.environ, 'ROS_HOME': str(self.folder / 'ros')}
 
 
 @pytest.fixture
@@ -199,7 +125,7 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
     assert took < 60.0
 
     event.plug('first-karts', up=True)
-    assert takeover.wait() == 1, takeover.output
+    assert takeover.wait() == IN_THE_WAY, takeover.output
     assert all(kart.state is RaceState.RED_RED for kart in event.links.values())
     with event.spare.inside():
         left = subprocess.run(['ip', 'address'], capture_output=True, text=True, check=True)
@@ -313,6 +239,6 @@ def test_a_machine_with_two_interfaces_on_one_network_is_no_rival_of_itself() ->
             )
             machine.ip(f'addr add {address}/24 dev eth{at}', f'link set eth{at} up')
         with machine.inside():
-            assert ask(RACE_CONTROL, 'eth0', probes=1) == Look(Found.NOTHING)
+            assert ask(RACE_CONTROL, 'eth0', 1.0) == Look(Found.NOTHING)
             # The other interface has that address, but it is the same machine.
-            assert ask('10.77.0.2', 'eth0', probes=1) == Look(Found.NOTHING)
+            assert ask('10.77.0.2', 'eth0', 1.0) == Look(Found.NOTHING)

@@ -57,11 +57,13 @@ class Ends:
     Which ends of a program are final.
 
     :param now: when it is started first, in seconds of a monotonic clock.
+    :param gives_way: whether what is in the way for `FIRST_TRIES` ends it also after it was up.
     """
 
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, *, gives_way: bool = False) -> None:
         """Begin with a program that was never up."""
-        self._began = now
+        self._tries_since = now
+        self._gives_way = gives_way
         self._was_up = False
 
     def is_final(self, code: int, now: float) -> bool:
@@ -70,19 +72,21 @@ class Ends:
             # Not refused: what refuses it later may be what it has left behind, or what has
             # changed around it. The settings are those with which it was up.
             self._was_up = True
+            self._tries_since = now
         if code == 0:
             return True
-        if self._was_up:
+        if self._was_up and not (self._gives_way and code == IN_THE_WAY):
             return False
         # A second one that is started by mistake must not take over later, unexpected.
-        return code == WRONG_SETTING or now - self._began >= FIRST_TRIES
+        return code == WRONG_SETTING or now - self._tries_since >= FIRST_TRIES
 
 
-def keep_running(command: Sequence[str]) -> int:
+def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     """
     Run a program until it ends for good.
 
     :param command: the program and its arguments.
+    :param gives_way: as of `Ends`.
     :return: its exit code; 128 and the signal's number if a signal ended it.
     """
     told, tell = os.pipe()
@@ -100,7 +104,7 @@ def keep_running(command: Sequence[str]) -> int:
         news.register(0, 0)
     name = os.path.basename(command[0])  # noqa: PTH119
     failures = 0
-    ends = Ends(time.monotonic())
+    ends = Ends(time.monotonic(), gives_way=gives_way)
     while True:
         began = time.monotonic()
         # In a session of its own: it hears of the terminal through this process.

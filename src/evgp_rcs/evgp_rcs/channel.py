@@ -124,8 +124,10 @@ class Alive(NamedTuple):
     """
     The ROS half goes on and hears officials.
 
-    Also: whether it hears another race control, who is there, and what of the karts' network is
-    gone, in a phrase; empty: nothing.
+    Also: whether it hears another race control, and who is there.
+
+    :param cut_off: why karts cannot reach race control now, as a phrase: the cable or the address
+        of an interface that they use is gone; empty: they can.
     """
 
     rival: bool

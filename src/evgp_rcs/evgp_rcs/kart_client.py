@@ -187,15 +187,16 @@ class KartServerClient:
             self.takes_passings = False
             self._send(passings)
 
-    def alive(self, rival: bool, there: Attendance) -> None:
+    def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
         """
         Say that the ROS half can take a stop.
 
         :param rival: whether another race control is heard in this domain.
         :param there: who is there to stop the race.
+        :param cut_off: why karts cannot reach race control now; empty: they can.
         """
         if not self._stopping:
-            self._send(Alive(rival, there))
+            self._send(Alive(rival, there, cut_off))
 
     def end(self, in_order: bool) -> None:
         """

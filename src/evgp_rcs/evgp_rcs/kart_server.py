@@ -425,10 +425,9 @@ class KartServer:
                 self._take(inputs.Rival(self.now(), message.rival))
             if message.there != self._race.there:
                 self._take(inputs.Attended(self.now(), message.there))
-            if message.cut_off != self._cut_off:
-                self._cut_off = message.cut_off
-                if message.cut_off:
-                    self._take(inputs.CutOff(self.now(), message.cut_off))
+            if message.cut_off not in ('', self._cut_off):
+                self._take(inputs.CutOff(self.now(), message.cut_off))
+            self._cut_off = message.cut_off
         elif isinstance(message, End):
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:

@@ -13,23 +13,25 @@
 # limitations under the License.
 
 """
-Whether another machine is there, on the karts' network or the officials'.
+Whether another machine is there, on the karts' network or the officials': for a takeover.
 
-``ask`` and ``link`` go by what ``arping`` and ``ip`` say (iputils-arping, iproute2); `why_not` is
-the decision, and pure. What cannot be known counts as bad as an answer.
+`why_not` is the decision, and pure. What cannot be known counts as bad as an answer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import enum
 import errno
-import json
-import os
-import re
+import ipaddress
 import socket
-import subprocess
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from evgp_rcs.address_watch import AddressTakenError, AddressWatch, Question
+from evgp_rcs.network_cards import Card, cards
+
+ASK_FOR = 3.0
+"""Time for which another machine is asked whether it has an address, in seconds."""
 
 ANSWER_WITHIN = 1.0
 """Maximum time for a connection to the old race control, in seconds."""
@@ -58,9 +60,8 @@ def why_not(looks: Sequence[Look]) -> str:
 
 def link(interface: str) -> Look:
     """Look whether an interface is up, with a cable in it: otherwise nobody could be heard."""
-    for entry in _ip('link', 'show', 'dev', interface):
-        if {'UP', 'LOWER_UP'} <= {*entry['flags']}:
-            return Look(Found.NOTHING)
+    if any(each.name == interface and each.plugged for each in cards()):
+        return Look(Found.NOTHING)
     return Look(
         Found.NOT_KNOWN,
         f'{interface} is down or has no cable, so this machine cannot know who is there: plug it '
@@ -68,41 +69,40 @@ def link(interface: str) -> Look:
     )
 
 
-def ask(address: str, interface: str, probes: int = 3) -> Look:
+def ask(address: str, interface: str, seconds: float = ASK_FOR) -> Look:
     """
-    Ask by ARP whether another machine on the network of an interface has an address (RFC 5227).
+    Ask whether another machine on the network of an interface has an address.
 
-    It takes a second for each probe, unless there is an answer. Without root it needs an
-    ``arping`` that is allowed to, as Debian's and Ubuntu's is.
+    It takes that many seconds, unless there is an answer. It asks as race control does all the
+    time, but announces nothing.
     """
-    command = ['arping', '-D', '-c', str(probes), '-w', str(probes + 1), '-I', interface, address]
-    done = _run(command)
-    # A mistake has the same exit code as an answer, and a cable that is pulled the same as none.
-    # This machine itself answers where two of its interfaces are on one network.
-    answer = re.search(r'(?:reply|request) from .*', done.stdout, re.IGNORECASE)
-    own = {entry.get('address', '').lower() for entry in _ip('link')}
-    is_own = answer and own.intersection(re.findall(r'[\w:]{17}', answer[0].lower()))
-    if done.returncode == 1 and answer and not is_own:
-        return Look(Found.ANSWER, f'another machine on {interface} has {address} ({answer[0]})')
-    if is_own or (done.returncode == 0 and 'Received 0 response' in done.stdout):
-        return Look(Found.NOTHING)
-    return Look(
-        Found.NOT_KNOWN,
-        f'arping cannot ask on {interface} who has {address}: '
-        f'{_last_line(done.stderr + done.stdout)} (apt-get install iputils-arping)',
-    )
+    return _ask(address, interface, lambda card: card.name == interface, seconds)
 
 
 def ask_where_it_is(address: str) -> Look:
     """Ask the same about an address, at the interface that is on its network."""
-    for route in _ip('route', 'get', address):
-        if 'gateway' not in route:
-            return max(link(route['dev']), ask(address, route['dev']))
-    return Look(
-        Found.NOT_KNOWN,
-        f'this machine has no address on the network of {address} now, so it cannot know whether '
-        'that machine is off',
+    where, ip = f'the network of {address}', ipaddress.IPv4Address(address)
+    return _ask(address, where, lambda card: any(ip in own.network for own in card.addresses))
+
+
+def _ask(
+    address: str, where: str, there: Callable[[Card], bool], seconds: float = ASK_FOR
+) -> Look:
+    if not any(map(there, cards())):
+        return Look(
+            Found.NOT_KNOWN,
+            f'this machine has no interface on {where} now, so it cannot know who is there',
+        )
+    watch = AddressWatch(
+        lambda now: [Question(address, each) for each in now if there(each)], announces=False
     )
+    try:
+        not_known = watch.first_look(seconds)
+    except AddressTakenError as error:
+        return Look(Found.ANSWER, str(error))
+    finally:
+        watch.close()
+    return Look(Found.NOT_KNOWN, not_known) if not_known else Look(Found.NOTHING)
 
 
 def connect(address: str, port: int, interface: str) -> Look:
@@ -114,32 +114,3 @@ def connect(address: str, port: int, interface: str) -> Look:
         if trying.connect_ex((address, port)) in (0, refused):
             return Look(Found.ANSWER, f'{address} answers at TCP port {port}')
     return Look(Found.NOTHING)
-
-
-def announce(address: str, interface: str) -> None:
-    """Tell everybody on a network that this machine has an address (gratuitous ARP)."""
-    _run(['arping', '-U', '-c', '1', '-w', '1', '-I', interface, address])
-
-
-def _ip(*words: str) -> list[dict[str, Any]]:
-    found: list[dict[str, Any]] = json.loads(_run(['ip', '-json', *words]).stdout or '[]')
-    return found
-
-
-def _run(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run a command beside the terminal, whose Ctrl-C is not for it."""
-    try:
-        return subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            check=False,
-            start_new_session=True,
-            env={**os.environ, 'LC_ALL': 'C'},
-        )
-    except OSError as error:
-        return subprocess.CompletedProcess(command, 127, '', f'{command[0]}: {error.strerror}')
-
-
-def _last_line(text: str) -> str:
-    return (text.strip().splitlines() or ['it says nothing'])[-1]

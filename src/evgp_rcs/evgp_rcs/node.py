@@ -25,17 +25,21 @@ one starts it, and neither outlives the other. Each thread here has its own work
 - the client's thread (``kart_client``) hears the kart server;
 - one calls this node again and again, as an official's program would, gives the kart server a sign
   of life as long as the calls come in, tells it who is there, and looks after the graph;
-- the teller's thread (``teller``) publishes the race and its events, and logs.
+- the teller's thread (``teller``) publishes the race and its events, and logs;
+- the watch's thread (``address_watch``) sees whether another machine has race control's address.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import ipaddress
 import itertools
 import sys
 import threading
 from typing import Any
 
 from evgp_node.graph import (
+    EVERY,
     GraphError,
     has_its_address,
     Inbox,
@@ -49,21 +53,16 @@ from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs import priority
+from evgp_rcs.address_watch import AddressTakenError, watch_for_race_control
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs.channel import ANSWER_TIMEOUT
+from evgp_rcs.channel import ANSWER_TIMEOUT, Begin
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.line import Line
 from evgp_rcs.official import heard, tidy
 from evgp_rcs.presence import MOST_PROGRAMS, Presences
 from evgp_rcs.race import Answer, Command
-from evgp_rcs.rival import (
-    claim_the_graph,
-    look_for_rivals,
-    refuse_rivals,
-    refuse_taken_address,
-    RivalError,
-)
+from evgp_rcs.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
 from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
@@ -132,7 +131,8 @@ class RcsNode(StrictNode):
     :raises RosterError: if the roster is.
     :raises KartServerError: if the kart server cannot start.
     :raises GraphError: if the ROS graph can be reached from where karts connect.
-    :raises RivalError: if there is another race control on it, or on the karts' network.
+    :raises RivalError: if there is another race control on it.
+    :raises AddressTakenError: if another machine has race control's address.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -155,13 +155,18 @@ class RcsNode(StrictNode):
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
+        # It asks while the graph is looked at, and goes on until the end.
+        self._watch = watch_for_race_control(
+            begin.settings.host, (entry.address for entry in begin.roster.entries)
+        )
         refuse_rivals(self)
-        if not_known := refuse_taken_address(begin.settings.host):
-            self.get_logger().warning(f'Is there a second race control? {not_known}')
+        begin = self._after_the_first_look(begin)
         self._on_failure = on_failure
         self._failure = ''
         self._closing = threading.Event()
         self._calls = self._heard = 0
+        self._rival = False
+        self._signing = threading.Lock()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
         self._teller = Teller(self, begin.roster, self._teller_failed, self._banner)
         self._server = KartServerClient(
@@ -178,6 +183,7 @@ class RcsNode(StrictNode):
         self._teller.start()
         self._line.start()
         self._asking.start()
+        self._watch.tell(self._hear_watch)
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
@@ -201,6 +207,58 @@ class RcsNode(StrictNode):
         self._teller.stop()
         self._closing.set()
         self._asking.join()
+        self._watch.close()
+
+    def _after_the_first_look(self, begin: Begin) -> Begin:
+        """
+        Wait until another machine that has the address must have answered.
+
+        :return: with what to start, and whether that can be known.
+        :raises AddressTakenError: if one has answered.
+        """
+        try:
+            not_known = self._watch.first_look()
+        except AddressTakenError as error:
+            raise AddressTakenError(
+                f'{error}: karts would reach either. Unplug one of the two machines, or end the '
+                'other race control and take its address away'
+            ) from error
+        if not not_known or ipaddress.IPv4Address(begin.settings.host).is_loopback:
+            return begin
+        if begin.settings.host == EVERY:
+            # Nobody has said that this machine is where karts look for race control.
+            self.get_logger().info(f'Other race controls are not looked for: {not_known}')
+            return begin
+        self.get_logger().warning(f'Is there a second race control? {not_known}')
+        return dataclasses.replace(begin, cannot_know=not_known)
+
+    def _hear_watch(self) -> None:
+        """Hand on what the watch of the address has found, in its thread."""
+        if self._watch.error is not None:
+            self._fail(
+                'Race control cannot see any more whether another machine has its address, and '
+                'sends RED_RED to every kart: use the MSR if a kart still moves',
+                self._watch.error,
+            )
+        elif self._watch.answer:
+            found = f'{self._watch.answer[0].upper()}{self._watch.answer[1:]}'
+            self._fail(
+                f'{found}, which is that of race control. So race control sends RED_RED to every '
+                'kart and ends: use the MSR if a kart still moves. Unplug one of the two machines',
+                AddressTakenError(self._watch.answer),
+            )
+            # First of all: the watch then says that it is here, and karts may turn to it.
+            self._server.end(in_order=False)
+        else:
+            self._give_sign_of_life()
+
+    def _give_sign_of_life(self) -> None:
+        with self._signing:
+            try:
+                there = self._presences.attendance(clock.now())
+                self._server.alive(self._rival, there, self._watch.cut_off)
+            except KartServerError:
+                pass  # its end is noticed, and told, by the thread that hears it
 
     def _teller_failed(self, error: BaseException) -> None:
         self._fail(
@@ -222,7 +280,6 @@ class RcsNode(StrictNode):
     def _ask(self) -> None:
         inbox = Inbox()
         trouble = ''
-        rival = False
         for sign in itertools.count():
             if sign % GRAPH_LOOK == 0:
                 before, trouble = trouble, trouble_of_graph(self.context.get_domain_id())
@@ -242,17 +299,14 @@ class RcsNode(StrictNode):
                         ),
                     )
                     return
-                rival = look_for_rivals(self)
+                self._rival = look_for_rivals(self)
                 # To itself DDS sends by the officials' address only. While that is gone (their
                 # cable was pulled), no call can come in, though those of this machine do.
                 if has_its_address():
                     self._calls += 1
                     called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
                     self._self_call.remove_pending_request(called)
-            try:
-                self._server.alive(rival, self._presences.attendance(clock.now()))
-            except KartServerError:
-                pass  # its end is noticed, and told, by the thread that hears it
+            self._give_sign_of_life()
             if self._closing.wait(ALIVE_EVERY):
                 return
 
@@ -367,7 +421,8 @@ def main(args: list[str] | None = None) -> int:
     # First: what ROS starts gets it too, and so does the kart server.
     priority.come_before_others()
     refusals = (ParameterError, GraphError, RosterError)
-    return run_node('rcs', RcsNode, refusals, args, obstacles=(RivalError, KartServerError))
+    obstacles = (RivalError, AddressTakenError, KartServerError)
+    return run_node('rcs', RcsNode, refusals, args, obstacles=obstacles)
 
 
 if __name__ == '__main__':

@@ -16,8 +16,8 @@
 A second race control on the same ROS graph, which officials could not tell from the first.
 
 Its answers and its race would mix with ours. So the second does not start (`claim_the_graph`,
-`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`). Nor does it start
-where another machine has race control's address on the karts' network (`refuse_taken_address`).
+`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`). Whether another
+machine has race control's address on the karts' network is for ``address_watch``.
 """
 
 from __future__ import annotations
@@ -25,8 +25,7 @@ from __future__ import annotations
 import socket
 import time
 
-from evgp_node.graph import EVERY, interfaces, LOOPBACK, reachable_at
-from evgp_rcs.neighbours import ask, Found, link, Look
+from evgp_node.graph import LOOPBACK, reachable_at
 from rclpy.node import Node
 
 FIRST_LOOK = 1.5
@@ -60,29 +59,6 @@ def claim_the_graph(node: Node) -> socket.socket:
             'End it first, or give this one another ROS_DOMAIN_ID'
         ) from error
     return claim
-
-
-def refuse_taken_address(address: str) -> str:
-    """
-    Refuse to start where another machine has an address at which this one listens for karts.
-
-    It takes a second for each such address.
-
-    :return: why that cannot be known; empty: it is known.
-    :raises RivalError: if another one has it, as after a takeover.
-    """
-    worst = Look(Found.NOTHING)
-    for own, interface in interfaces().items():
-        if address in (own, EVERY) and interface != 'lo':
-            # Where it listens at all of them, some may be for cables that are not needed.
-            plugged = link(interface) if address == own else worst
-            worst = max(worst, plugged, ask(own, interface, probes=1))
-    if worst.found is Found.ANSWER:
-        raise RivalError(
-            f'{worst.what}: karts would reach either. Unplug this machine, or end that race '
-            'control'
-        )
-    return worst.what
 
 
 def refuse_rivals(node: Node) -> None:

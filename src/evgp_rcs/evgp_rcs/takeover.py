@@ -17,8 +17,9 @@
 
 It takes the address only if nobody answers on any network of the old one; then it starts race
 control on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy proves nothing: the
-race comes back in RED_RED, as after a crash. If another machine has the address later, this one
-ends: two masters never command together.
+race comes back in RED_RED, as after a crash. Race control watches its address all the time. If
+another machine comes to have it, race control ends, does not start again, and the address is given
+back.
 """
 
 from __future__ import annotations
@@ -29,27 +30,22 @@ import contextlib
 import ipaddress
 import os
 import pathlib
-import signal
 import sqlite3
 import subprocess
 import sys
-import threading
 import time
 
 from evgp_node.graph import bind_graph, fence_graph, GraphError, INTERFACE, interfaces
 from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.folder import rcs_folder
-from evgp_rcs.neighbours import announce, ask, ask_where_it_is, connect, Found, link, Look, why_not
+from evgp_rcs.neighbours import ask, ask_where_it_is, connect, Found, link, Look, why_not
 from evgp_rcs.rival import refuse_rivals, RivalError
 from evgp_rcs.run_mark import leave_began, place
 from evgp_rcs.spare import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-
-ANNOUNCEMENTS = 5
-"""Number of times karts are told who has the address now: if they miss one, the next will do."""
 
 # The kernel gives the address back however this process ends. Ctrl-C is not for the shell.
 _HOLD = """
@@ -104,25 +100,6 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         yield
 
 
-def defend(address: str, interface: str, lost: list[str]) -> None:
-    """
-    Announce an address, and end this process once another machine has it too.
-
-    :param lost: then gets a sentence that says who has it.
-    """
-    announcements = 0
-    while not lost:
-        if announcements < ANNOUNCEMENTS:
-            announcements += 1
-            announce(address, interface)
-        look = ask(address, interface, probes=1)
-        if look.found is Found.ANSWER:
-            lost.append(look.what)
-            os.kill(os.getpid(), signal.SIGTERM)
-        elif look.found is Found.NOT_KNOWN:
-            time.sleep(1.0)  # its cable was pulled: nobody is reached either
-
-
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
     """
     Take the address, if nobody has it, and run race control until it ends for good.
@@ -137,7 +114,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     looks = [connect(own, port, interface)]
     rehearsed = interface == 'lo' and address.ip.is_loopback  # nobody else can be there
     if not rehearsed:
-        looks += [link(interface), ask(own, interface)]
+        looks.append(ask(own, interface))
     if officials := os.environ.get(INTERFACE, '').strip():
         looks.append(look_among_officials(officials))
     if source := (copy / ORIGIN).read_text(encoding='utf-8'):
@@ -146,13 +123,10 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         _say(f'REFUSED: {reason}. Switch the old machine off and unplug it, and plug this one in.')
         return IN_THE_WAY
     age = time.time() - (copy / RECORD).stat().st_mtime
-    lost: list[str] = []
     with contextlib.nullcontext() if rehearsed else held(address, interface):
         if copy == copies():  # what comes after this is another copy
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
         leave_began(place(own, port))  # the first machine may have raced on since the copy
-        if not rehearsed:
-            threading.Thread(target=defend, args=(own, interface, lost), daemon=True).start()
         _say(
             f'This machine is race control now, on a copy {age:.0f} s old ({copy}). Everything is '
             'in doubt: RED_RED. Ctrl-C ends it and gives the address back.'
@@ -160,10 +134,9 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
         command += ['-p', f'roster:={copy / ROSTER}', '-p', f'record:={copy / RECORD}']
-        code = keep_running([*command, '-p', f'port:={port}'])
-    if lost:
-        _say(f'ENDED: {lost[0]}. Two machines must never be race control.')
-        return 1
+        code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
+    if code == IN_THE_WAY:
+        _say('ENDED: something is in the way, as said above, and the address is given back.')
     return code
 
 
@@ -175,8 +148,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Take race control's address over, and be race control.
 
-    :return: that of race control; 1 if another machine came to have the address; 2 if there is no
-        copy, or a setting is wrong; 3 if the old machine answers, or that cannot be known.
+    :return: that of race control; 2 if there is no copy, or a setting is wrong; 3 if the old
+        machine answers, if that cannot be known, or if another one came to have the address.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_takeover'),
