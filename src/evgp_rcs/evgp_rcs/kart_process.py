@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import dataclasses
 import gc
 import os
 import signal
@@ -77,9 +76,6 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     record.attach(loop)
     record.begin(rules_version(), setup)
     race = setup.race()
-    left_behind = record.left_behind
-    if begin.cannot_know and left_behind is not None:
-        left_behind = dataclasses.replace(left_behind, final=False)
     server = KartServer(
         race,
         {entry.address: entry.number for entry in begin.roster.entries},

@@ -46,8 +46,8 @@ unanswered *may be moving*; one that was told to form the grid is *on the grid*.
 either doubt: the kart acknowledges a red and then stands by it for ``settle`` seconds on the same
 connection, or an official made it safe by hand. A lost connection never does.
 
-What race control cannot know counts as the worst it could be: what happened before it began, unless
-the last run on this machine is known to have ended in good order with nothing under way
+What race control cannot know counts as the worst it could be: what happened before it began,
+unless the last run on this machine is known to have ended in good order with nothing under way
 (``recover``), and what happens while it is cut off from the karts (``cut_off``). One exception is
 the proposal's own (§3.B): where no run is known to have begun, it begins in IN_GARAGE.
 
@@ -643,7 +643,8 @@ class Race:
     passings of the timing line (``passed``), with what becomes of a start that waits
     (``start_becomes``), with who is there (``attended``), and with what is wrong around it
     (``held_up``, ``cut_off``, ``contested``, ``rival``, ``record_trouble``); each returns the
-    orders to send and the events that happened. Times are seconds of one monotonic clock and never go back.
+    orders to send and the events that happened. Times are seconds of one monotonic clock and
+    never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -952,9 +953,7 @@ class Race:
         self._redirect(kart, now, anew=True)
         return self._outcome()
 
-    def disconnected(
-        self, number: int, reason: str, now: float, silent: bool = False
-    ) -> Outcome:
+    def disconnected(self, number: int, reason: str, now: float, silent: bool = False) -> Outcome:
         """
         Take note that a kart's connection is gone (§3.E, §4.D).
 

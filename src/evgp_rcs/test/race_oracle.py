@@ -1645,7 +1645,7 @@ def check_recovery(
     home = view.state is IN_GARAGE and not any(kart.hold or kart.doubt for kart in view.karts)
     ends = ('NONE' if view.unstated else 'ENDED_OPEN' if view.track_open else 'ENDED') * home
     if memory.at_rest != home or memory.ends_as.name != (ends or 'UNKNOWN'):
-        raise RuleBrokenError('restart', f'at rest is {memory.at_rest}, {memory.ends_as} in {view}')
+        raise RuleBrokenError('restart', f'{memory.at_rest=}, {memory.ends_as} in {view}')
     outcome = again.recover(memory if known else None, last_run, now)
     after = look(again)
 

@@ -883,7 +883,9 @@ def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
     officials: Officials,
 ) -> None:
     officials.to_ready().says(1, RED_RED)
-    assert officials.is_refused('GREEN_GREEN').endswith('waiting for kart 1 (Ohm): stopped itself.')
+    assert officials.is_refused('GREEN_GREEN').endswith(
+        'waiting for kart 1 (Ohm): stopped itself.'
+    )
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
     officials.acknowledge(2)

@@ -76,7 +76,9 @@ WORLDS = {
     'first': world(60, 1, 0, 'first'),
     'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
     'silence in the garage': world(150, 1, 1, silence=True, then=ONE_SILENT),
-    'silence for long': world(5, 1, 1, silence=True, then=(*ONE_SILENT, *[oracle.Input('tick')] * 3)),
+    'silence for long': world(
+        5, 1, 1, silence=True, then=(*ONE_SILENT, *[oracle.Input('tick')] * 3)
+    ),
     'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
