@@ -28,7 +28,7 @@ from evgp_rcs.roster import load_roster
 _SECONDS = (0.1, 3600)
 
 OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
-    ('port', 'The TCP port at which karts connect; 0: any.', (0, 65535)),
+    ('port', 'The TCP port at which karts connect.', (1, 65535)),
     ('beat_rate', 'Frames per second to each kart, Hz (§4.C: at least 10).', (10, 100)),
     (
         'send_timeout',

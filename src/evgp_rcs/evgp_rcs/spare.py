@@ -128,7 +128,8 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
             made = tar.getmember(RECORD).mtime
         load_roster(folder / f'{ROSTER}.new')
         newest = _newest_event(folder / f'{RECORD}.new')
-        leave_began(place(*_listens_at(folder / f'{PARAMETERS}.new')))
+        for mark in _marks(folder / f'{PARAMETERS}.new'):
+            leave_began(mark)
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
         # What a reader of the last copy has left beside it does not belong to this one.
         for path in folder.glob(f'{RECORD}-*'):
@@ -150,17 +151,20 @@ def _write(path: pathlib.Path, data: bytes) -> None:
         os.fsync(file.fileno())
 
 
-def _listens_at(parameters: pathlib.Path) -> tuple[str, int]:
+def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
     """
-    Return the address and the port at which race control listens with these parameters.
+    Return the marks that race control may have here with these parameters, whatever their nodes.
 
     :raises ValueError, yaml.YAMLError: if that cannot be read.
     """
-    found: dict[str, object] = {}
-    for node in _mappings(yaml.safe_load(parameters.read_bytes())):
-        found |= node
-    port = found.get('port', ServerSettings.port)
-    return str(found.get('address', ServerSettings.host)), int(str(port))
+    found = list(_mappings(yaml.safe_load(parameters.read_bytes())))
+    addresses = {str(each['address']) for each in found if 'address' in each}
+    ports = {int(str(each['port'])) for each in found if 'port' in each}
+    return {
+        place(address, port)
+        for address in addresses or {ServerSettings.host}
+        for port in ports | {ServerSettings.port}
+    }
 
 
 def _mappings(value: object) -> Iterator[dict[str, object]]:

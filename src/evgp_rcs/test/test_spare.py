@@ -168,6 +168,7 @@ def test_a_source_is_an_address_or_a_folder(wrong: str) -> None:
         ('{}', '12017'),
         ('/**: {ros__parameters: {pause: 1.0}}', '12017'),
         ('/**: {ros__parameters: {port: 4001}}', '4001'),
+        ('/**: {ros__parameters: {pause: 1.0}}\n/board: {ros__parameters: {port: 1}}', '12017'),
         ('/rcs: {ros__parameters: {address: 10.0.0.1, port: 4001}}', '4001'),
         ('rcs: {ros__parameters: {address: 127.0.0.1}}', '127.0.0.1:12017'),
     ],

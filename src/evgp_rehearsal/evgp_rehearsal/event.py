@@ -479,7 +479,9 @@ class Rehearsal(Part):
         if what is Failure.DIE:
             copy, record = str(self._folder), self._folder / 'record.sqlite3'
             parameters = self._folder / 'rcs.yaml'
-            settings = {'/**': {'ros__parameters': self._settings()}}
+            # Else the copy would doubt what a real race has left on this machine.
+            where = {'address': '127.0.0.1', 'port': self.control.port}
+            settings = {'/**': {'ros__parameters': {**self._settings(), **where}}}
             parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
             packed = fetch(copy, 'karts.yaml', parameters.name, str(record))
             keep(packed, copy, self._folder / 'evgp_rcs' / 'spare')

@@ -89,15 +89,16 @@ def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
 
 
 def new_port() -> int:
-    """
-    Return a free port where no race control is known to have run on this machine.
-
-    One that another test has killed there left its mark (``evgp_rcs.run_mark``).
-    """
+    """Return a free port where no race control is known to have run on this machine."""
     port = free_port()
     for address in ('127.0.0.1', ServerSettings.host):
-        place(address, port).unlink(missing_ok=True)
+        forget_runs_at(address, port)
     return port
+
+
+def forget_runs_at(address: str, port: int) -> None:
+    """Have race control begin there as on a machine where none has run; never for a real race."""
+    place(address, port).unlink(missing_ok=True)  # the mark of one that another test has killed
 
 
 class RaceControl(Process):
