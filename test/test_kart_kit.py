@@ -229,14 +229,14 @@ def live(chance: random.Random, count: int, index: int) -> History:
         if not kart.is_open and chance.random() < 0.5:
             kind = 'c'
         else:
-            kind = chance.choices('datcxbrmi', [54, 24, 6, 0.2, 0.2, 5, 6, 6, 0.2])[0]
+            kind = chance.choices('datcxbrmie', [54, 24, 6, 0.2, 0.1, 5, 6, 6, 0.2, 0.1])[0]
         value, data, said = 0, b'', b''
         if kind == 't':
             kart.tick(now)
         elif kind == 'c':
             kart.connected(now)
             kept = b''
-        elif kind == 'x':
+        elif kind in 'xe':  # closed, or what could not be read
             kart.closed(now)
         elif kind == 'i':  # no source at all: a stop, whatever it says
             value = chance.random() < 0.5
@@ -378,6 +378,7 @@ FAULTS = [
     ('!(kart->out && kart->acknowledged)', '1'),
     ('EVGP_GRID_ACTIVE && !kart->out) {', 'EVGP_GRID_ACTIVE) {'),
     ('stop != 0 || (int)source != own', 'stop != 0'),
+    ('    if (count > SIZE_MAX / 2U) {', '    if (0) {'),
     ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 

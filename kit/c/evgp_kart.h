@@ -428,7 +428,8 @@ static inline void evgp_kart_closed(evgp_kart *kart, uint32_t now)
  * Take what has come on the present connection: any number of bytes, cut anywhere.
  *
  * Read all there is before you look at the verdict, so that the kart obeys the last frame. What
- * comes after too long a silence comes too late: the connection is lost already.
+ * comes after too long a silence comes too late: the connection is lost already. A count below 0, as
+ * recv() returns where it fails, is a connection that is lost.
  */
 static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t count,
                                       uint32_t now)
@@ -436,6 +437,9 @@ static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t
     const uint8_t *each = (const uint8_t *)bytes;
     size_t i;
     evgp_p_pass(kart, now);
+    if (count > SIZE_MAX / 2U) {
+        evgp_p_lose(kart);
+    }
     for (i = 0; i < count && kart->open; i++) {
         const evgp_state state = evgp_p_decode(kart, each[i]);
         if (state != EVGP_NONE) {

@@ -67,6 +67,7 @@ int main(void)
         case 'b': evgp_kart_team_stop(&kart, EVGP_STOP_BUTTON, value != 0, now); break;
         case 'r': evgp_kart_team_stop(&kart, EVGP_STOP_REMOTE, value != 0, now); break;
         case 'm': evgp_kart_team_stop(&kart, EVGP_STOP_MSR, value != 0, now); break;
+        case 'e': evgp_kart_received(&kart, "", (size_t)-1, now); break; /* as recv() fails */
         case 'i': evgp_kart_team_stop(&kart, (evgp_stop_source)3, value != 0, now); break;
         case 'a': say = evgp_kart_acknowledge(&kart, value, now); break;
         case 'd': {

@@ -131,6 +131,7 @@ class Link:
         self._settings = settings
         self._tell = tell
         self._on_failure = on_failure
+        self._verdict = arbiter.verdict  # after the last input
         self._told: Verdict | None = None
         self._status = LinkStatus()
         self._connection: _Connection | None = None
@@ -230,6 +231,7 @@ class Link:
         """Give the arbiter an input and do what it says; what holds now is still to be told."""
         loop = asyncio.get_running_loop()
         outcome = take(self._arbiter, loop.time())
+        self._verdict = outcome.verdict
         connection = self._connection
         if outcome.give_up is not None and connection is not None:
             self._connection = None
@@ -237,6 +239,7 @@ class Link:
             connection.abort()
         elif outcome.send is not None and connection is not None:
             connection.send(outcome.send)
+            self._verdict = self._arbiter.verdict  # sending may have ended the connection
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
@@ -249,9 +252,8 @@ class Link:
         self._take(Arbiter.tick)
 
     def _tell_news(self) -> None:
-        verdict = self._arbiter.verdict  # sending may have ended the connection
-        if verdict != self._told:
-            self._tell_now(verdict)
+        if self._verdict != self._told:
+            self._tell_now(self._verdict)
 
     def _tell_now(self, verdict: Verdict) -> None:
         self._told = verdict

@@ -302,7 +302,8 @@ class Arbiter:
             reasons.append(f'another bridge runs in {self._names.graph}: end one of them')
         if commanded is None:
             reasons.append(self._absence)
-        if self._team_stop:
+        team_stop = self._team_stop
+        if team_stop:
             reasons.append(self._team_stop_reason())
         if commanded is RaceState.GREEN_GREEN and not self._armed:
             reasons.append(
@@ -318,7 +319,7 @@ class Arbiter:
             commanded=commanded,
             order=self._order,
             connected=commanded is not None,
-            team_stop=self._team_stop,
+            team_stop=team_stop,
             reached=self._reached(state),
             acknowledged=self._acknowledged,
             reason='; '.join(reasons) if state is not commanded else '',

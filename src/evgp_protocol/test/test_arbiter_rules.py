@@ -544,7 +544,7 @@ hearing the team releases its stop:
 one source releases the other:
     team_stop: _engaged[source] = engaged => _engaged = dict.fromkeys(StopSource, engaged)
 service stop is ignored: _team_stop: any(self._engaged.values()) => self._engaged[StopSource.TSR]
-team stop is looser than red: verdict: if self._team_stop => if False
+team stop is looser than red: verdict: if team_stop: => if False:
 a new command keeps its number: _command: _number() => _order = self._order or self._next_order
 the same state has the same number: [drives in garage]
     _command: _number() => _order = 1 + list(RaceState).index(state)
