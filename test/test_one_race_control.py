@@ -219,7 +219,7 @@ def test_a_race_goes_to_red_red_when_race_control_loses_its_cable_and_the_proces
     masters.wait_for(RaceState.RED_RED)
     for number in NUMBERS:
         _, after = masters.sent(number, cut_at)
-        assert after == {RaceState.RED_RED}
+        assert after <= {RaceState.RED_RED}
     assert control.runs
 
 
@@ -269,9 +269,9 @@ print(found.name, what)
 
 
 def rights_of(pid: int) -> int:
-    """Return the capabilities that a process has, or may have."""
+    """Return the capabilities that a process has, or hands on."""
     text = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
-    return max(int(each, 16) for each in re.findall(r'Cap(?:Prm|Eff|Amb|Inh):\s+(\w+)', text))
+    return max(int(each, 16) for each in re.findall(r'Cap(?:Prm|Eff|Amb):\s+(\w+)', text))
 
 
 def need_arping() -> None:

@@ -49,13 +49,11 @@ from evgp_protocol import clock
 from evgp_rcs.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
-"""Time between two questions at an interface, in seconds."""
+"""Time between two questions at an interface, and maximum time between two looks at the interfaces,
+in seconds. The kernel reports most changes at once, and always that a cable is back."""
 
 HEARD_WITHIN = 1.0
 """Time within which another machine answers, in seconds. Race control serves no kart before."""
-
-CARDS_EVERY = 0.2
-"""Maximum time between two looks at the interfaces, in seconds."""
 
 ANNOUNCEMENTS = 5
 """Number of times that other machines are told who has the address, once nobody else answers: a
@@ -363,14 +361,12 @@ class _Arping(Asker):
         if shutil.which('arping') is None:
             raise FileNotFoundError(errno.ENOENT, 'there is no arping')
         super().__init__()
-        self._asking: dict[Question, subprocess.Popen[str]] = {}
+        self._asking: list[tuple[Question, subprocess.Popen[str]]] = []
         self._announcing: list[subprocess.Popen[str]] = []
         self.trouble, self.asked = '', 0
 
     def ask(self, question: Question) -> None:
-        same = [each for each in self._asking if each.address == question.address]
-        if question.card.name not in [each.card.name for each in same]:
-            self._asking[question] = self._run('-D', question)
+        self._asking.append((question, self._run('-D', question)))
 
     def announce(self, question: Question) -> None:
         self._announcing.append(self._run('-U', question))
@@ -391,13 +387,11 @@ class _Arping(Asker):
     def claims(self) -> list[Claim]:
         self._announcing = [each for each in self._announcing if each.poll() is None]
         found = []
-        for question, asked in list(self._asking.items()):
-            if asked.poll() is None:
-                continue
-            del self._asking[question]
+        ended = [each for each in self._asking if each[1].poll() is not None]
+        self._asking = [each for each in self._asking if each not in ended]
+        self.asked += len(ended)
+        for (address, card), asked in ended:
             said, _ = asked.communicate()
-            self.asked += 1
-            address, card = question
             # A mistake has the same exit code as an answer.
             answer = re.search(r'(?:reply|request) from .*?\[([\w:]{17})\]', said, re.IGNORECASE)
             if answer is not None:
@@ -411,7 +405,7 @@ class _Arping(Asker):
         return found
 
     def close(self) -> None:
-        for each in (*self._asking.values(), *self._announcing):
+        for each in (*(asking for _, asking in self._asking), *self._announcing):
             each.kill()
             each.communicate()
 
@@ -484,7 +478,7 @@ class AddressWatch:
                 now = clock.now()
                 if now >= until and (self._asker.asked or now >= until + seconds):
                     break
-                self._state.wait(CARDS_EVERY / 4)
+                self._state.wait(0.05)
             if self._error is not None:
                 raise self._error
             if self._answer:
@@ -499,11 +493,8 @@ class AddressWatch:
             on_news()
 
     def close(self) -> None:
-        """End the watch."""
+        """End the watch, within `ASK_EVERY`."""
         self._closing.set()
-        self._thread.join()
-        self._asker.close()
-        self._news.close()
 
     def _run(self) -> None:
         try:
@@ -511,6 +502,9 @@ class AddressWatch:
         except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
             self._error = error
             self._notify()
+        finally:
+            self._asker.close()
+            self._news.close()
 
     def _watch(self) -> None:
         lookout, asker = self._lookout, self._asker
@@ -520,7 +514,7 @@ class AddressWatch:
                 asker.ask(question)
                 if announce and self._announces:
                     asker.announce(question)
-            select.select([self._news.file.fileno(), *asker.files], [], [], CARDS_EVERY)
+            select.select([self._news.file.fileno(), *asker.files], [], [], ASK_EVERY)
             gone = self._news.gone()
             try:
                 there, blind = cards(), 0

@@ -243,8 +243,8 @@ class RcsNode(StrictNode):
         elif self._watch.answer:
             found = f'{self._watch.answer[0].upper()}{self._watch.answer[1:]}'
             self._fail(
-                f'{found}, which is that of race control. So race control sends RED_RED to every '
-                'kart and ends: use the MSR if a kart still moves. Unplug one of the two machines',
+                f"{found}, which is race control's. Race control sends RED_RED to every kart "
+                'and ends. Use the MSR if a kart still moves, and unplug one of the two machines',
                 AddressTakenError(self._watch.answer),
             )
             # First of all: the watch then says that it is here, and karts may turn to it.
