@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import pathlib
 
 from evgp_node.states import state_of
@@ -160,6 +161,28 @@ def test_the_stops_have_the_name_that_race_control_was_given(
     ]
 
     assert [answer.success for answer in answers] == [True, True]
+
+
+def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
+    race: WireRace,
+) -> None:
+    for age, told in (
+        (65.4, 'ALL_KILL was pressed 65 s ago.'),
+        (1e300, 'ALL_KILL was pressed 86400 s ago.'),
+        (math.inf, 'ALL_KILL was pressed 86400 s ago.'),
+        (-math.inf, ''),
+        (-65.0, ''),
+        (math.nan, ''),
+        (1e-300, ''),
+    ):
+        answer = race.official.call('all_kill', age=age)
+        assert answer.success
+        assert ('pressed' in answer.message) == bool(told)
+        assert answer.message.endswith(told)
+    now = race.official.wait_for_race(lambda each: each.state_cause, 'the stop')
+    assert now.state_cause.endswith(', pressed 65 s ago')
+    # What is no stop has no age: it shares the type of its request.
+    assert 'pressed' not in race.official.call('kart/finish', kart=1, age=65.0).message
 
 
 def test_every_command_tells_who_gave_it_accepted_or_refused(

@@ -21,6 +21,7 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
+from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import BY_HAND
@@ -31,12 +32,14 @@ from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import FLAG_IN, SETTLING
+from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import wait_until_ended
 from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
 import rclpy
@@ -709,6 +712,40 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
         rclpy.try_shutdown(context=context)
 
     assert listener.told[-1] == 0
+
+
+def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_they_are_there(
+    parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('evgp_rcs_console.client.GIVE_UP', 1.0)
+    domain = parts.enter_context(Domain()).number
+    silent = parts.enter_context(RosSide('silent', domain))
+    answering = threading.Event()
+    parts.callback(answering.set)
+
+    def answer(request: object, response: srv.RaceCommand.Response) -> srv.RaceCommand.Response:
+        answering.wait()
+        return response
+
+    silent.node.create_service(srv.RaceCommand, '/rcs/race_over', answer)
+    silent.spin()
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    listener = Hearing()
+    client = Client('waits', listener, context, there='rcs_gui', use_global_arguments=False)
+    try:
+        assert client.wait_for(CommandKind.RACE_OVER, PATIENCE)
+        client.give(Given(CommandKind.RACE_OVER))
+        ends = time.monotonic() + PATIENCE
+        while listener.answer is None and time.monotonic() < ends:
+            client.say_there('Anna', '')
+            listener.wait_for(lambda: listener.answer, now() + 0.1)
+    finally:
+        answering.set()
+        client.close()
+        rclpy.try_shutdown(context=context)
+    assert listener.answer is not None
+    assert not listener.answer[1].success
 
 
 def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:

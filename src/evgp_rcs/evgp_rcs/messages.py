@@ -169,6 +169,7 @@ def race_message(
             )
             for alert in race.alerts
         ],
+        race_since=wall(race.race_since),
         laps=race.laps,
         heats=[
             msg.Heat(

@@ -117,6 +117,10 @@ PRESENCE_QOS = QoSProfile(
 who says nothing for `presence.SILENT_AFTER` counts as gone."""
 
 
+MOST_AGE = 86_400.0
+"""Maximum age of a press that is kept, in seconds: a day."""
+
+
 class DeafError(RuntimeError):
     """What officials send does not come in any more."""
 
@@ -406,8 +410,14 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
         frozenset(request.karts) if entry.names_karts else frozenset(),
         state_of(request.hold) if entry.names_hold else None,
         official=heard(request.official),
+        age=_age(request.age) if entry.stop else 0.0,
         **taken,
     )
+
+
+def _age(said: float) -> float:
+    """Return the age of a press (s), whatever was sent as one; not a number: 0."""
+    return min(said, MOST_AGE) if said > 0.0 else 0.0
 
 
 def main(args: list[str] | None = None) -> int:

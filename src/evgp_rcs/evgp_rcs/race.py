@@ -97,6 +97,9 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
+OLD = 3.0
+"""Maximum age of a press that race control does not mention, in seconds."""
+
 
 class EventKind(enum.Enum):
     """What can happen in a race."""
@@ -185,6 +188,8 @@ class Command(NamedTuple):
     :param transponder: for GIVE_TRANSPONDER: which.
     :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
     :param reason: for a correction or a penalty: why.
+    :param age: for a stop: seconds since the official pressed, by the sender's word. No rule
+        depends on it.
     """
 
     kind: CommandKind
@@ -202,6 +207,12 @@ class Command(NamedTuple):
     laps: int = 0
     disqualified: bool = False
     reason: str = ''
+    age: float = 0.0
+
+    @property
+    def pressed(self) -> str:
+        """Return how long ago it was pressed; empty: just now."""
+        return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
     @property
     def passing(self) -> Identity:
@@ -688,6 +699,8 @@ class Race:
         """How many times GRID_ACTIVE was accepted."""
         self.number = 0
         """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
+        self.race_since: float | None = None
+        """When the last race of this run began (s); None: none did, as far as this run knows."""
         self.heat = ''
         """The name of the heat that was last put into the race; empty: none was."""
         self.track_open = False
@@ -916,7 +929,8 @@ class Race:
             if rule.is_command:
                 self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
             self._by = command
-            answer = Answer(True, f'{rule.effect(self, command, now)}.')
+            pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
+            answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
             self._by = None
         # The cause stands before its effects.
         self._events.insert(
@@ -1273,7 +1287,7 @@ class Race:
         """Return the command that is being put in force, and who gave it."""
         assert self._by is not None
         official = f' by {self._by.official}' if self._by.official else ''
-        return f'{self._by.kind.value}{official}'
+        return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
@@ -1328,6 +1342,7 @@ class Race:
             return 'GRID_ACTIVE is the last command again; who has acknowledged it need not again'
         self.grids += 1
         self.number = self.grids
+        self.race_since = now
         self.msr_used = False
         self.starters = ()
         heats, forgotten = self.laps.heats.keep(self.laps)
@@ -1396,7 +1411,8 @@ class Race:
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
-        reason = f'{hold.value} by {command.official or "an official"}'
+        by = f'{hold.value} by {command.official or "an official"}'
+        reason = ', '.join(filter(None, (by, command.pressed)))
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING  # somebody has seen that it must be stopped
         self._hold(kart, hold, reason, now)

@@ -106,6 +106,7 @@ class Snapshot(NamedTuple):
     state: RaceState
     state_since: float
     state_cause: str
+    race_since: float | None
     over: bool
     karts: list[KartSnapshot]
     commands: list[Offer]
@@ -130,6 +131,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race.state,
         race.state_since,
         race.state_cause,
+        race.race_since,
         race.over,
         [
             KartSnapshot._make(

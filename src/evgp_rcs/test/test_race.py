@@ -930,6 +930,36 @@ def test_a_change_of_state_names_its_cause_and_who_gave_it(officials: Officials)
     assert officials.race.karts[1].hold_reason == 'ALL_KILL by Anna'
 
 
+@pytest.mark.parametrize(('age', 'said'), [(0.0, ''), (3.0, ''), (65.4, 'pressed 65 s ago')])
+@pytest.mark.parametrize('kind', [kind for kind, entry in CATALOGUE.items() if entry.stop])
+def test_a_stop_that_was_pressed_long_ago_says_so_wherever_it_is_named(
+    kind: CommandKind, age: float, said: str, officials: Officials
+) -> None:
+    officials.to_green().wait(1.0)
+    kart = 1 if CATALOGUE[kind].to_one_kart else 0
+    command = Command(kind, kart, statement=True, official='Anna', age=age)
+    outcome = officials.race.command(command, officials.now)
+    assert outcome.answer is not None
+    assert outcome.answer.success
+    message = outcome.answer.message
+    assert message.endswith(f' {kind.value} was {said}.') if said else 'pressed' not in message
+    assert outcome.events[0].text == message
+    cause = officials.race.karts[1].hold_reason if kart else officials.race.state_cause
+    by = 'RED_RED' if kind is CommandKind.KART_RED_RED else 'RED_FLAG' if kart else kind.value
+    assert cause == (f'{by} by Anna, {said}' if said else f'{by} by Anna')
+
+
+def test_when_the_race_began_is_when_grid_active_was_accepted_last(officials: Officials) -> None:
+    race = officials.race
+    assert race.race_since is None
+    officials.to_green()
+    since = race.race_since
+    assert since is not None
+    officials.wait(1.0)
+    officials.does('ALL_KILL')
+    assert race.race_since == since
+
+
 # ----- laps ---------------------------------------------------------------------------------
 
 

@@ -253,6 +253,11 @@ class Alarm:
         if self._book.update(race.alerts, two):
             self.sound_soon()
 
+    def take_own(self, text: str) -> None:
+        """Take an alert of this window, which stays until it is seen; it sounds soon."""
+        self._book.add_own(text)
+        self.sound_soon()
+
     def show(self, known: bool) -> None:
         """
         Show the alerts.

@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import contextlib
 from dataclasses import dataclass
+import math
 import os
 import sys
 import threading
@@ -58,6 +59,12 @@ ACCEPTED_WITHIN = 1.0
 """Maximum time until race control has accepted ALL KILL, in seconds; then officials are told."""
 
 
+DROPPED_FOR = 5.0
+"""Time for which the button says that it dropped a press, in seconds. Meanwhile it does not count
+as one that works. So it is shorter than ``nobody_there`` usually is: after that, race control
+would stop the new race."""
+
+
 @dataclass(frozen=True)
 class ButtonSettings:
     """The parameters; `read_settings` says what they mean."""
@@ -87,6 +94,7 @@ class StopButton(StrictNode):
         self._heard = Hearing()
         self._given: Given | None = None
         self._since = 0.0
+        self._dropped, self._dropped_at = '', -math.inf
         self._client = Client(
             'rcs_button_calls',
             self._heard,
@@ -130,10 +138,24 @@ class StopButton(StrictNode):
         answer = self._heard.answer
         return self._given is None or (answer is not None and answer[0] is self._given)
 
+    def _take_dropped(self, at: float) -> None:
+        """Take that the last press is not sent any more; a button that is held is a new one."""
+        dropped = self._heard.dropped
+        if dropped is None or dropped[0] is not self._given:
+            return
+        age = round(at - dropped[0].at)
+        self._given = None
+        self._dropped, self._dropped_at = texts.BUTTON_DROPPED.format(age=age), at
+        if self._presses.is_down:
+            self._kill()
+
     def _look(self, trouble: str) -> None:
         """Say that this button is there, and why it cannot stop the race, if it cannot."""
         at = now()
-        if not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
+        self._take_dropped(at)
+        if at - self._dropped_at < DROPPED_FOR:
+            trouble = trouble or self._dropped
+        elif not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
             trouble = trouble or texts.BUTTON_UNANSWERED
         elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
             trouble = trouble or texts.BUTTON_FINDS_NOBODY

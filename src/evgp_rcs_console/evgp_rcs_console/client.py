@@ -19,8 +19,9 @@ Two threads, so that nothing a screen does ever waits for ROS:
 
 - the executor's thread hears `rcs/race`, `rcs/events`, `rcs/results` and the answers to commands;
 - the sender's thread takes commands from a queue and calls the services. It also presses each stop
-  again and again, once asked for, until race control has accepted it (``standing``). That somebody
-  is there goes the same way, so that it is not said where no stop gets out.
+  again and again, once asked for, until race control has accepted it or it has outlived its race
+  (``StandingStops``). That somebody is there goes the same way, so that it is not said where no
+  stop gets out.
 
 Whoever listens is called in these threads, and must hand over to its own at once.
 """
@@ -52,7 +53,14 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs.official import MOST_OF_NAME
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import Given, PRESS_AGAIN, request, Standing, StandingStops
+from evgp_rcs_console.commands import (
+    Given,
+    PRESS_AGAIN,
+    RaceBegan,
+    request,
+    Standing,
+    StandingStops,
+)
 from evgp_rcs_console.snapshot import (
     Alert,
     Answer,
@@ -78,6 +86,7 @@ from rclpy.qos import (
     DurabilityPolicy,
     HistoryPolicy,
     LivelinessPolicy,
+    qos_profile_services_default,
     QoSProfile,
     ReliabilityPolicy,
 )
@@ -290,6 +299,22 @@ THERE_QOS = QoSProfile(
 )
 """Of ``rcs/presence``."""
 
+STOP_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""
+Of the services of the stops that are for no single kart, to call them.
+
+Fast DDS forgets a machine that it has not heard for 20 s, and what was sent to it. After a shorter
+outage it delivers what was sent meanwhile, the oldest first. With ROS's usual depth of 10 the one
+that counts, the first, would say an age that is 5 s too small. With 1 it is the newest one, too
+small by ``PRESS_AGAIN`` at most. The stops of karts share a service, so there a stop could
+push out one of another kart.
+"""
+
 
 class Listener(Protocol):
     """
@@ -315,6 +340,9 @@ class Listener(Protocol):
     def on_answer(self, given: Given, answer: Answer) -> None:
         """Take the answer to a command, also that none came; of a stop, the one that counts."""
 
+    def on_dropped(self, given: Given, why: str) -> None:
+        """Take that a stop is not sent any more: a later race has begun; why, as a sentence."""
+
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Take the stops that race control has not accepted yet, and how often each was sent."""
 
@@ -328,7 +356,7 @@ class Client:
         SROS2 is in force; to hear the race it needs none of them.
     :param there: the program at which an official sits (``say_there``); empty: nobody does, as
         without that permission.
-    :param hears: it hears the race. Otherwise it only commands.
+    :param hears: the listener hears the race. Otherwise the client alone does, for its stops.
     :raises RCLError: if ROS does not let it be that client.
     """
 
@@ -349,12 +377,16 @@ class Client:
         self._services: dict[str, Any] = {}
         for entry in map(CATALOGUE.__getitem__, commands):
             if entry.service not in self._services:
+                alone = entry.stop and not entry.to_one_kart
                 self._services[entry.service] = self.node.create_client(
-                    service_class(entry.service_type), f'rcs/{entry.service}'
+                    service_class(entry.service_type),
+                    f'rcs/{entry.service}',
+                    qos_profile=STOP_QOS if alone else qos_profile_services_default,
                 )
+        subscribe = self.node.create_subscription
+        subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
+        self._hears = hears
         if hears:
-            subscribe = self.node.create_subscription
-            subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
             subscribe(msg.RaceEvents, 'rcs/events', self._hear_events, latched(200))
             subscribe(msg.Results, 'rcs/results', self._hear_results, latched(1))
         self._program, self._id = there, uuid.uuid4().hex
@@ -364,6 +396,7 @@ class Client:
                 self._there = self.node.create_publisher(msg.Presence, 'rcs/presence', THERE_QOS)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
+        self._began = RaceBegan()
         self._given: queue.SimpleQueue[Given | msg.Presence | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting: dict[Any, Given] = {}
@@ -406,22 +439,20 @@ class Client:
 
     def _send(self) -> None:
         while True:
-            try:
+            with contextlib.suppress(queue.Empty):
                 given = self._given.get(timeout=self._wake())
-            except queue.Empty:
-                self._press()
-                self._give_up()
-                continue
-            if given is None:
-                return
-            if isinstance(given, msg.Presence):
-                self._say(given)
-            elif CATALOGUE[given.command].stop:
-                with self._lock:
-                    self._standing.add(given, now())
-                self._press()
-            else:
-                self._call(given)
+                if given is None:
+                    return
+                if isinstance(given, msg.Presence):
+                    self._say(given)
+                elif CATALOGUE[given.command].stop:
+                    with self._lock:
+                        self._standing.add(given, now())
+                else:
+                    self._call(given)
+            # Each time: what else goes this way, such as that somebody is there, puts off neither.
+            self._press()
+            self._give_up()
 
     def _say(self, word: msg.Presence) -> None:
         if self._there is not None:
@@ -438,7 +469,7 @@ class Client:
 
     def _press(self) -> None:
         with self._lock:
-            pressed = self._standing.press(now())
+            pressed = self._standing.press(now(), self._finds)
         for given in pressed:
             self._request(given)
         # Told under the lock: never after it is told that the press was accepted.
@@ -446,8 +477,11 @@ class Client:
             if pressed:
                 self._listener.on_pressing(self._standing.pressed)
 
+    def _finds(self, given: Given) -> bool:
+        return bool(self._services[CATALOGUE[given.command].service].service_is_ready())
+
     def _call(self, given: Given) -> None:
-        if self._services[CATALOGUE[given.command].service].service_is_ready():
+        if self._finds(given):
             self._request(given)
             return
         name = texts.full_name(given)
@@ -510,10 +544,18 @@ class Client:
         number = info.get('publication_sequence_number')
         if number is not None:
             self._sources.hear(number, at)
-        race = read_race(message)
+        two = self._sources.are_two(at)
+        began = self._began.hear(_seconds(message.stamp), _seconds(message.race_since), at)
         with self._lock:
-            self._karts = frozenset(kart.number for kart in race.karts)
-        self._listener.on_race(race, at, self._sources.are_two(at))
+            self._karts = frozenset(kart.number for kart in message.karts)
+            # Of two race controls nobody knows of which race the press was.
+            ended = [] if two else self._standing.outlived(began, at)
+            if ended:
+                self._listener.on_pressing(self._standing.pressed)
+        for given in ended:
+            self._listener.on_dropped(given, texts.dropped(given, at))
+        if self._hears:
+            self._listener.on_race(read_race(message), at, two)
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         for event in message.events:
@@ -542,7 +584,7 @@ def request_message(given: Given) -> Any:
     """Return the request of a command."""
     fields = {
         name: state_message(value) if isinstance(value, State) else value
-        for name, value in request(given).items()
+        for name, value in request(given, now()).items()
     }
     return service_class(CATALOGUE[given.command].service_type).Request(**fields)
 

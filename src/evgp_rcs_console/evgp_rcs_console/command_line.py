@@ -44,6 +44,7 @@ class Exit(enum.IntEnum):
     REFUSED = 1
     USAGE = 2
     NOT_THERE = 3
+    OUTLIVED = 4
 
 
 STARTING = 5.0
@@ -136,7 +137,8 @@ def parser() -> argparse.ArgumentParser:
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
-        'or did not answer. ROS arguments go after --ros-args.',
+        'or did not answer, 4 a stop was too old: another race had begun. ROS arguments go after '
+        '--ros-args.',
     )
     waiting = argparse.ArgumentParser(add_help=False)
     waiting.add_argument(

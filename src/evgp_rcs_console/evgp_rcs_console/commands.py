@@ -21,15 +21,17 @@ it is allowed.
 Each stop is sent again until race control accepts it: that can do no harm, since it only ever
 makes things stricter. But a stop must not outlive what an official decides later, so a command of
 this console that loosens, once race control has accepted it, ends the stops given before it. ALL
-KILL and the record of the MSR stand until race control has accepted them.
+KILL and the record of the MSR stand until race control has accepted them. And no stop outlives its
+race: one that is over ``OUTLIVES`` old ends once it is certain that a later race has begun.
 
 Pure: snapshots and times go in.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+import math
 
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
@@ -50,6 +52,8 @@ class Given:
     :param official: who gave it, as sent to race control.
     :param taken: the further fields of its request (``Entry.takes``).
     :param at: when it was given, by the clock that counts a suspend, in seconds.
+    :param waited: for how long the press had waited by then, in seconds, as far as that is known.
+        Race control is told; no stop ends by it, since it may be too large.
     """
 
     command: CommandKind
@@ -61,6 +65,7 @@ class Given:
     official: str = ''
     taken: Mapping[str, int | bool | str] = field(default_factory=dict)
     at: float = field(default_factory=now)
+    waited: float = 0.0
 
 
 def asks(command: CommandKind) -> bool:
@@ -69,10 +74,15 @@ def asks(command: CommandKind) -> bool:
     return entry.loosens or entry.call_is_statement
 
 
-def request(given: Given) -> dict[str, int | bool | str | list[int] | State]:
-    """Return the fields of the request of a command."""
+def request(given: Given, at: float) -> dict[str, float | bool | str | list[int] | State]:
+    """
+    Return the fields of the request of a command.
+
+    :param at: when it is sent, in seconds. Each time that a stop is sent its age is written anew:
+        a request that DDS delivers late is older than it says, by that delay, and no younger.
+    """
     entry = CATALOGUE[given.command]
-    fields: dict[str, int | bool | str | list[int] | State] = {
+    fields: dict[str, float | bool | str | list[int] | State] = {
         'official': given.official,
         **entry.fixed,
         **given.taken,
@@ -87,6 +97,8 @@ def request(given: Given) -> dict[str, int | bool | str | list[int] | State]:
         fields['hold'] = given.hold
     if entry.names_heat:
         fields['heat'] = given.heat
+    if entry.stop:
+        fields['age'] = max(0.0, at - given.at) + given.waited
     return fields
 
 
@@ -256,6 +268,41 @@ ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
 """The stops that end with an accepted command of ``LOOSENS_RACE``."""
 
 
+OUTLIVES = 10.0
+"""Age up to which a stop is sent whatever race has begun since, in seconds."""
+
+CERTAIN = 5.0
+"""Time after a press from which on a race counts as later, in seconds: for as long the first
+snapshot that a program hears may have been under way."""
+
+
+class RaceBegan:
+    """
+    When the race that a snapshot shows began, by this machine's clock.
+
+    The clocks of the two machines have nothing in common. But a snapshot comes after it was taken.
+    So the smallest difference seen between when one came and its stamp is that of the clocks, plus
+    the delay of the one that came fastest. A snapshot that was held up, or that waited while this
+    machine was suspended, makes no race seem later. Nor does a clock of race control that is set:
+    set forward, the difference gets smaller at once; set back, the race seems an earlier one.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no snapshot heard."""
+        self._difference = math.inf
+
+    def hear(self, stamp: float, since: float, now: float) -> float:
+        """
+        Take a snapshot and return when its race began, at the earliest, in seconds.
+
+        :param stamp: when it was taken; ``since``: when its race began, by the clock of race
+            control; 0: none has begun in this run.
+        :param now: when it came.
+        """
+        self._difference = min(self._difference, now - stamp)
+        return since + self._difference if since else -math.inf
+
+
 @dataclass(frozen=True)
 class Standing:
     """
@@ -266,6 +313,7 @@ class Standing:
     :param presses: how often it was sent.
     :param due: when it is sent next.
     :param said: why race control did not accept it, if it said so.
+    :param found: race control was there when it was sent last, as far as that was looked at.
     """
 
     given: Given
@@ -273,6 +321,7 @@ class Standing:
     presses: int = 0
     due: float = 0.0
     said: str = ''
+    found: bool = True
 
 
 class StandingStops:
@@ -294,14 +343,44 @@ class StandingStops:
             known = Standing(given, since=now)
         self._stops[_key(given)] = replace(known, given=given, due=now)
 
-    def press(self, now: float) -> list[Given]:
-        """Return what is to be sent now, and count it as sent."""
+    def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
+        """
+        Return what is to be sent now, and count it as sent.
+
+        An old stop is not sent in the first moment in which race control is there again, but
+        ``PRESS_AGAIN`` later. By then a snapshot has come (they come twice a second, and the
+        newest at once) if any comes at all, and has ended the stop if a later race has begun.
+
+        :param finds: whether race control is there to take a stop; asked for old ones only.
+        """
         pressed = []
         for key, stop in self._stops.items():
-            if stop.due <= now:
-                self._stops[key] = replace(stop, presses=stop.presses + 1, due=now + PRESS_AGAIN)
+            if stop.due > now:
+                continue
+            found = now - stop.given.at <= OUTLIVES or finds(stop.given)
+            waits = found and not stop.found
+            presses = stop.presses + (not waits)
+            due = now + PRESS_AGAIN
+            self._stops[key] = replace(stop, presses=presses, due=due, found=found)
+            if not waits:
                 pressed.append(stop.given)
         return pressed
+
+    def outlived(self, begun: float, now: float) -> list[Given]:
+        """
+        Take when the last race began, at the earliest (s); return the stops that end by it.
+
+        No restart of race control ends a stop, nor does a race of which only the number is known:
+        a stop ends only where an official's GRID_ACTIVE was certainly accepted after the press.
+        """
+        ended = [
+            (key, stop.given)
+            for key, stop in self._stops.items()
+            if now - stop.given.at > OUTLIVES and begun - stop.given.at > CERTAIN
+        ]
+        for key, _ in ended:
+            del self._stops[key]
+        return [given for _, given in ended]
 
     def next_press(self, now: float) -> float | None:
         """Return the time until something is to be sent, in seconds; None: nothing is."""

@@ -63,6 +63,7 @@ class Hearing:
         self.heard_at = 0.0
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
+        self.dropped: tuple[Given, str] | None = None
         self.events: list[Event] = []
         self.results: Results | None = None
 
@@ -94,6 +95,12 @@ class Hearing:
         """Keep what race control said of a stop that it has not accepted."""
         if stops:
             self.standing = stops
+
+    def on_dropped(self, given: Given, why: str) -> None:
+        """Keep which stop is not sent any more, and why."""
+        with self.news:
+            self.dropped = given, why
+            self.news.notify_all()
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
         """Return whether something is true, once it is or the time is up."""
@@ -189,7 +196,9 @@ def _give(
         {name: getattr(wanted, name) for name in entry.takes},
     )
     client.give(given)
-    hearing.wait_for(lambda: hearing.answer is not None, until)
+    hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
+    if hearing.dropped is not None:
+        return {'code': Exit.OUTLIVED, 'error': hearing.dropped[1]}
     if hearing.answer is None:
         said = ''.join(
             f' Race control said: {stop.said}' for stop in hearing.standing if stop.said

@@ -307,6 +307,7 @@ class Inbox(QtCore.QObject):
     results = Signal(object)
     answer = Signal(object, object)
     pressing = Signal(object)
+    dropped = Signal(object, str)
 
     def __init__(self) -> None:
         """Have heard nothing."""
@@ -333,6 +334,10 @@ class Inbox(QtCore.QObject):
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Hand over the stops that race control has not accepted yet."""
         self.pressing.emit(stops)
+
+    def on_dropped(self, given: Given, why: str) -> None:
+        """Hand over a stop that is not sent any more."""
+        self.dropped.emit(given, why)
 
 
 class ChosenKart(KartField):
@@ -546,6 +551,11 @@ class Display(QtCore.QObject):
         self.unanswered.stops = stops
         self._show_kill()
         self.bottom.show()
+
+    def take_dropped(self, why: str) -> None:
+        """Show that a stop is not sent any more, until that is seen."""
+        self.alarm.take_own(why)
+        self.refresh()
 
     # ----- what is shown ------------------------------------------------------------------
 

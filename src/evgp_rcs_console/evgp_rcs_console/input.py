@@ -49,12 +49,17 @@ class Presses(QtCore.QObject):
 
     :param give: sends a command.
     :param signature: in whose name.
+    :param late: for how long a press has waited.
     """
 
-    def __init__(self, give: Give, signature: Signature, display: Display) -> None:
+    def __init__(
+        self, give: Give, signature: Signature, display: Display, late: LateInput
+    ) -> None:
         """Wait for a press."""
         super().__init__(display.areas)
         self._give = give
+        self._late = late
+        self._all_kill_was_dropped = False
         self._signature = signature
         self.display = display
         self._areas = display.areas
@@ -66,8 +71,23 @@ class Presses(QtCore.QObject):
 
     def kill(self) -> None:
         """Send ALL KILL."""
-        self._give(Given(CommandKind.ALL_KILL, official=self._signature.claim))
+        self._all_kill_was_dropped = False
+        claim = self._signature.claim
+        self._give(Given(CommandKind.ALL_KILL, official=claim, waited=self._late.waited))
         self._chosen.clear()
+
+    def hold_kill(self) -> None:
+        """Take that the key of ALL KILL is held: if it was dropped, that is a new press."""
+        if self._all_kill_was_dropped:
+            self.kill()
+
+    def take_dropped(self, given: Given, why: str) -> None:
+        """Take that a stop is not sent any more; ALL KILL is, if its button is still held."""
+        self.display.take_dropped(why)
+        if given.command is CommandKind.ALL_KILL:
+            self._all_kill_was_dropped = True
+            if self._areas.kill.button.isDown():
+                self.kill()
 
     def let_go(self, down: Button, button: Button) -> None:
         """Take a press of a button, if its command is still the one that it was pressed for."""
@@ -189,7 +209,8 @@ class Presses(QtCore.QObject):
             self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
 
     def _send(self, button: Button) -> None:
-        self._give_it(replace(button.given(), official=self._signature.claim))
+        claim = self._signature.claim
+        self._give_it(replace(button.given(), official=claim, waited=self._late.waited))
 
     def _give_it(self, given: Given) -> None:
         self._give(given)
@@ -204,6 +225,7 @@ class LateInput:
     Measures for how long a key or click has waited, and drops what is too old.
 
     :param period: how often ``beat`` is called, in seconds.
+    :ivar waited: for how long the last key or click had, in seconds.
     """
 
     def __init__(self, period: float, display: Display) -> None:
@@ -213,6 +235,7 @@ class LateInput:
         self._clock = InputClock()
         self._beat = Beat(period, clock.now())
         self._dropped: list[str] = []
+        self.waited = 0.0
 
     def beat(self, now: float) -> None:
         """Take that the window's thread is alive."""
@@ -224,7 +247,8 @@ class LateInput:
     def age(self, event: QtGui.QInputEvent) -> float:
         """Return for how long a key or click has waited at least, in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
-        return max(waited, self._beat.held_up(clock.now()))
+        self.waited = max(waited, self._beat.held_up(clock.now()))
+        return self.waited
 
     def drop(self, name: str, age: float) -> bool:
         """Say that a key or click was too old (s); return that it is used up."""
@@ -357,8 +381,7 @@ class Keyboard:
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
         if keys.is_kill(_alone(event), event.nativeScanCode()):
-            if not repeated:
-                self._presses.kill()
+            (self._presses.hold_kill if repeated else self._presses.kill)()
             return True
         name = _name(event)
         stroke = keys.meaning(name)

@@ -39,12 +39,14 @@ class Notice:
     :param number: the alert's number; a higher one is newer.
     :param seen: the official has marked it as seen.
     :param standing: its cause still exists.
+    :param own: it is this console's, not race control's: it stays until it is seen.
     """
 
     number: int
     alert: Alert
     seen: bool = False
     standing: bool = True
+    own: bool = False
 
     @property
     def use_msr(self) -> bool:
@@ -103,7 +105,7 @@ class AlertBook:
         known: set[Key] = set()
         for notice in self._notices:
             key = notice.alert.kind, notice.alert.kart
-            if not notice.standing:
+            if notice.own or not notice.standing:
                 kept.append(notice)
             elif key in now:
                 if two or notice.alert.use_msr or not now[key].use_msr:
@@ -120,6 +122,11 @@ class AlertBook:
         self._notices = kept
         return bool(news)
 
+    def add_own(self, text: str) -> None:
+        """Take an alert of this console: it stays until it is seen."""
+        self._count += 1
+        self._notices.append(Notice(self._count, Alert('', 0, False, text), own=True))
+
     def see(self, number: int) -> None:
         """Mark an alert as seen; one that has ended with all that have."""
         if any(notice.number == number and not notice.standing for notice in self._notices):
@@ -127,7 +134,7 @@ class AlertBook:
         self._notices = [
             replace(notice, seen=True) if notice.number == number else notice
             for notice in self._notices
-            if notice.number != number or notice.standing
+            if notice.number != number or (notice.standing and not notice.own)
         ]
 
     def see_all(self) -> None:

@@ -116,6 +116,11 @@ class Presses:
         """Take that the device is gone; return whether that is a press."""
         return self._normally_closed and self._known and self.take(CONTACT_KEY, True, now)
 
+    @property
+    def is_down(self) -> bool:
+        """Return whether a key is down that went down since the first look."""
+        return any(since > -math.inf for since in self._down.values())
+
     def is_held(self, now: float) -> bool:
         """Return whether a key is down for too long, or since the first look."""
         return any(now - since >= HELD for since in self._down.values())

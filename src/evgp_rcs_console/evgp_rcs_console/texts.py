@@ -44,6 +44,10 @@ BUTTON_HELD = 'It is held down, or its contact is open: release it, so that it c
 BUTTON_ASLEEP = 'Its USB port is asleep: switch power saving of USB off'
 BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet: USE THE MSR'
 BUTTON_FINDS_NOBODY = 'It does not find race control: a press does not stop the race'
+BUTTON_DROPPED = (
+    'Its ALL KILL, pressed {age} s ago, is no longer sent: another race has begun since. To stop '
+    'that race, press again'
+)
 BUTTON_ENDED = 'Its program has been ended: start it again'
 BUTTON_WORKS = 'A press sends ALL KILL'
 BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
@@ -210,6 +214,10 @@ KILL_NOTE_NOT_YET = (
 )
 STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
+DROPPED = (
+    '{command}, pressed {age} s ago, is no longer sent: race control did not answer it, and '
+    'another race has begun since. To stop that race, press again.'
+)
 KEYS_OFF = 'KEYS OFF: click this window'
 KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
@@ -372,6 +380,11 @@ def full_name(given: Given) -> str:
     """Return the name of an official's command in a sentence."""
     name = command_name(given.command, given.kart)
     return f'{name} {given.heat}' if given.heat else name
+
+
+def dropped(given: Given, at: float) -> str:
+    """Return that a stop is no longer sent from this time (s) on, as sentences."""
+    return DROPPED.format(command=full_name(given), age=round(at - given.at))
 
 
 def heat(each: Heat, in_race: bool = False, is_next: bool = False) -> str:

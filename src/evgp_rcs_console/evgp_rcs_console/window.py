@@ -54,7 +54,7 @@ class ConsoleWindow(Areas):
         look.palette = NIGHT if is_night() else DAY
         self._display = display = Display(self, looking)
         self._late = LateInput(LOOK / 1000, display)
-        presses = Presses(give, signature, display)
+        presses = Presses(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)
         self._keyboard = Keyboard(presses, self._late)
         chosen, alarm, bottom = display.chosen, display.alarm, display.bottom
@@ -83,6 +83,7 @@ class ConsoleWindow(Areas):
         inbox.results.connect(display.take_results, queued)
         inbox.answer.connect(display.take_answer, queued)
         inbox.pressing.connect(display.take_pressing, queued)
+        inbox.dropped.connect(presses.take_dropped, queued)
         self._timer = QtCore.QTimer(self)
         self._timer.timeout.connect(self._look)
         self._timer.start(LOOK)

@@ -57,6 +57,19 @@ def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
     assert 'MSR' not in summary(book.shown, 0)
 
 
+def test_an_alert_of_the_console_itself_stays_through_every_race_until_it_is_seen() -> None:
+    book = AlertBook()
+    book.add_own('ALL KILL is no longer sent')
+    book.update([alert(7)])
+    book.update([])
+    book.begin_race()
+    assert told(book) == ['! ALERT: ALL KILL is no longer sent']
+
+    book.see_all()
+
+    assert book.shown == []
+
+
 def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_again() -> None:
     book = AlertBook()
     book.update([msr_alert(3)])

@@ -16,11 +16,26 @@
 
 from __future__ import annotations
 
+import math
+
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Given, PRESS_AGAIN, StandingStops
+from evgp_rcs_console.commands import (
+    CERTAIN,
+    Given,
+    OUTLIVES,
+    PRESS_AGAIN,
+    RaceBegan,
+    request,
+    StandingStops,
+)
 import pytest
 
 STOPS = [kind for kind, entry in CATALOGUE.items() if entry.stop]
+
+
+def found(_: Given) -> bool:
+    """Find race control."""
+    return True
 
 
 def kart_of(command: CommandKind) -> int:
@@ -34,22 +49,22 @@ def test_every_stop_is_pressed_again_until_it_is_accepted(command: CommandKind) 
     given = Given(command, kart_of(command), at=0.0)
     stops.add(given, 0.0)
 
-    pressed = [stops.press(PRESS_AGAIN * n) for n in range(4)]
+    pressed = [stops.press(PRESS_AGAIN * n, found) for n in range(4)]
 
     assert pressed == [[given]] * 4
     (stop,) = stops.pressed
     assert (stop.presses, stop.since) == (4, 0.0)
     assert stops.accepted(given)
-    assert stops.press(99.0) == []
+    assert stops.press(99.0, found) == []
     assert stops.next_press(99.0) is None
 
 
 def test_a_stop_is_not_pressed_before_its_time() -> None:
     stops = StandingStops()
     stops.add(Given(CommandKind.RED_FLAG, at=0.0), 0.0)
-    stops.press(0.0)
+    stops.press(0.0, found)
 
-    assert stops.press(PRESS_AGAIN - 0.01) == []
+    assert stops.press(PRESS_AGAIN - 0.01, found) == []
     assert stops.next_press(0.1) == pytest.approx(PRESS_AGAIN - 0.1)
 
 
@@ -59,19 +74,19 @@ def test_stops_of_several_karts_stand_beside_each_other() -> None:
     for given in pressed_stops:
         stops.add(given, 0.0)
 
-    assert stops.press(0.0) == pressed_stops
+    assert stops.press(0.0, found) == pressed_stops
     stops.accepted(pressed_stops[0])
-    assert stops.press(PRESS_AGAIN) == [pressed_stops[1]]
+    assert stops.press(PRESS_AGAIN, found) == [pressed_stops[1]]
 
 
 def test_an_official_who_presses_again_waits_for_the_answer_to_that() -> None:
     stops = StandingStops()
     first, second = Given(CommandKind.ALL_KILL, at=0.0), Given(CommandKind.ALL_KILL, at=5.0)
     stops.add(first, 0.0)
-    stops.press(0.0)
+    stops.press(0.0, found)
     stops.add(second, 5.0)
 
-    assert stops.press(5.0) == [second]
+    assert stops.press(5.0, found) == [second]
     assert not stops.accepted(first)
     (stop,) = stops.pressed
     assert (stop.presses, stop.since) == (2, 0.0)
@@ -97,7 +112,7 @@ def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
 
     (stop,) = stops.pressed
     assert stop.said == 'race control ends'
-    assert stops.press(PRESS_AGAIN) == [given]
+    assert stops.press(PRESS_AGAIN, found) == [given]
 
 
 @pytest.mark.parametrize(
@@ -134,3 +149,85 @@ def test_a_stop_given_after_what_loosens_stands() -> None:
     stops.accepted(loosens)
 
     assert stops.stands(stop)
+
+
+@pytest.mark.parametrize('command', STOPS)
+def test_each_time_that_a_stop_is_sent_it_says_how_old_its_press_is(command: CommandKind) -> None:
+    given = Given(command, kart_of(command), at=100.0)
+
+    assert [request(given, at)['age'] for at in (99.0, 100.0, 165.0)] == [0.0, 0.0, 65.0]
+
+
+def test_what_a_press_has_waited_in_a_window_is_told_and_ends_no_stop() -> None:
+    given = Given(CommandKind.ALL_KILL, at=100.0, waited=60.0)
+    stops = StandingStops()
+    stops.add(given, 100.0)
+
+    assert request(given, 101.0)['age'] == 61.0
+    assert stops.outlived(99.0, 120.0) == []
+
+
+@pytest.mark.parametrize('command', STOPS)
+def test_an_old_stop_ends_where_a_later_race_has_certainly_begun(command: CommandKind) -> None:
+    given = Given(command, kart_of(command), at=100.0)
+    stops = StandingStops()
+    stops.add(given, 100.0)
+
+    for begun, at in (
+        (-math.inf, 200.0),  # no race has begun in this run of race control
+        (90.0, 200.0),  # it is the race of the press
+        (100.0 + CERTAIN, 200.0),  # it may be: the snapshot may have been under way for as long
+        (109.0, 100.0 + OUTLIVES),  # it is later, but the press is not old
+    ):
+        assert stops.outlived(begun, at) == []
+    assert stops.stands(given)
+
+    assert stops.outlived(106.0, 111.0) == [given]
+    assert stops.pressed == ()
+
+
+def test_an_old_stop_that_is_pressed_again_is_a_new_one() -> None:
+    first, second = Given(CommandKind.ALL_KILL, at=0.0), Given(CommandKind.ALL_KILL, at=60.0)
+    stops = StandingStops()
+    stops.add(first, 0.0)
+    stops.add(second, 60.0)
+
+    assert stops.outlived(30.0, 61.0) == []
+    assert stops.stands(second)
+
+
+def test_an_old_stop_waits_for_one_snapshot_once_race_control_is_found_again() -> None:
+    given = Given(CommandKind.ALL_KILL, at=0.0)
+    stops = StandingStops()
+    stops.add(given, 0.0)
+    there = {20.0: False, 20.5: True, 21.0: True, 21.5: True}
+
+    pressed = [stops.press(at, lambda _, at=at: there[at]) for at in there]
+
+    assert pressed == [[given], [], [given], [given]]
+
+
+def test_a_stop_that_is_not_old_waits_for_nothing() -> None:
+    given = Given(CommandKind.ALL_KILL, at=0.0)
+    stops = StandingStops()
+    stops.add(given, 0.0)
+
+    for n in range(int(OUTLIVES / PRESS_AGAIN) + 1):
+        assert stops.press(n * PRESS_AGAIN, lambda _, n=n: n % 2 == 0) == [given]
+
+
+def test_when_a_race_began_is_known_by_the_snapshot_that_came_fastest() -> None:
+    began = RaceBegan()
+    # Their clock is 1000 s ahead of ours.
+    assert began.hear(1100.0, 0.0, 100.2) == -math.inf
+    assert began.hear(1150.0, 1140.0, 150.1) == pytest.approx(140.1)
+    # One that waited for a minute, as while this machine was suspended, makes no race later.
+    assert began.hear(1160.0, 1140.0, 220.0) == pytest.approx(140.1)
+
+
+@pytest.mark.parametrize('step', [-7200.0, 7200.0], ids=['back', 'forward'])
+def test_a_clock_of_race_control_that_is_set_makes_no_race_seem_later(step: float) -> None:
+    began = RaceBegan()
+    began.hear(1100.0, 1090.0, 100.0)
+
+    assert began.hear(1110.0 + step, 1090.0 + step, 110.0) <= 90.0

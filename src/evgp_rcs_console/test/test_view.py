@@ -140,7 +140,7 @@ def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
     button = button_of(command, Available(True, karts=(1, 2)))
 
     assert 'now to 2 karts: 1, 2.' in button.consequence
-    assert request(button.given())['karts'] == [1, 2]
+    assert request(button.given(), 0.0)['karts'] == [1, 2]
 
 
 def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
@@ -150,7 +150,7 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     )
 
     assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
-    assert request(button.given())['hold'] is State.RED_RED
+    assert request(button.given(), 0.0)['hold'] is State.RED_RED
 
 
 @pytest.mark.parametrize(
@@ -169,9 +169,9 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
 
     assert 'something is so' in asked.condition
     assert asked.given().stated
-    assert request(asked.given())[field] is True
+    assert request(asked.given(), 0.0)[field] is True
     assert not_asked.condition
-    assert request(not_asked.given())[field] is False
+    assert request(not_asked.given(), 0.0)[field] is False
 
 
 @pytest.mark.parametrize(
@@ -276,7 +276,7 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     screen = show(with_heats(), 0.0, {})
 
     assert [button.label for button in screen.heats] == ['Heat A: 3', 'Final: 7  (in the race)']
-    assert [request(button.given())['heat'] for button in screen.heats] == ['Heat A', 'Final']
+    assert [request(button.given(), 0.0)['heat'] for button in screen.heats] == ['Heat A', 'Final']
     assert screen.button(CommandKind.SET_HEAT) == screen.heat_button
     assert not any(button.condition for button in screen.heats)
 

@@ -30,6 +30,7 @@ from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs_console import style, texts
+from evgp_rcs_console.alerts import Sound
 from evgp_rcs_console.commands import asks, Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
@@ -54,7 +55,7 @@ from evgp_rcs_console.snapshot import (
 from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import BARS, FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
-from evgp_rcs_console.window import ConsoleWindow
+from evgp_rcs_console.window import ConsoleWindow, LOOK
 from example_race import EVERYTHING, KART, RACE
 import pytest
 
@@ -131,6 +132,14 @@ class Console:
     def _strike(self, name: str) -> None:
         key = QtGui.QKeySequence(name)[0]
         QtTest.QTest.keyClick(self._handle, key.key(), key.keyboardModifiers())
+
+    def repeat(self, key: QtCore.Qt.Key) -> None:
+        """Have a key that is held repeat."""
+        none = QtCore.Qt.KeyboardModifier.NoModifier
+        kind = QtCore.QEvent.Type.KeyPress
+        event = QtGui.QKeyEvent(kind, key.value, none, ' ', True)
+        self.application.sendEvent(self._handle, event)
+        self.settle()
 
     def click(self, name: str) -> None:
         """Click a widget."""
@@ -964,6 +973,47 @@ def test_all_kill_by_key_whichever_widget_has_the_focus(opened: Any) -> None:
         console.press('Tab')
 
     assert {'filter', 'log', 'mute', 'kart_finish_1', 'official', 'all_kill'} <= found
+
+
+def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
+    opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sounds: list[Sound] = []
+    monkeypatch.setattr(Sound, 'play', lambda each: sounds.append(each))
+    console = opened()
+    console.tell(RACE)
+    sounds.clear()
+
+    console.inbox.on_dropped(Given(CommandKind.RED_FLAG), 'RED FLAG is no longer sent')
+    console.tell(replace(RACE, state=State.GRID_ACTIVE))
+
+    assert 'RED FLAG is no longer sent' in console.find('banner').whole
+    console.settle(2 * LOOK / 1000)
+    assert sounds
+    assert console.commands == []
+    console.press('F10')
+    assert 'RED FLAG' not in console.find('banner').whole
+
+
+def test_all_kill_that_is_still_held_when_it_is_no_longer_sent_is_a_new_press(opened: Any) -> None:
+    console = opened()
+    console.tell(RACE)
+    dropped = Given(CommandKind.ALL_KILL), 'ALL KILL is no longer sent'
+    kill = [(CommandKind.ALL_KILL, 0)]
+
+    console.click_at(console.place('all_kill'), 'mousePress')
+    assert console.commands == kill
+    console.inbox.on_dropped(*dropped)
+    console.settle()
+    assert console.commands == kill
+    console.click_at(console.place('all_kill'), 'mouseRelease')
+    console.inbox.on_dropped(*dropped)
+    console.settle()
+    assert console.commands == []
+
+    console.repeat(QtCore.Qt.Key.Key_Space)  # the keyboard repeats a key that is held
+    console.repeat(QtCore.Qt.Key.Key_Space)
+    assert console.commands == kill
 
 
 @pytest.mark.parametrize(('key', 'told'), [('F2', True), ('Tab', True), ('Shift', False)])

@@ -1,0 +1,205 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A stop that is pressed where the link is lost, and what becomes of it once the link is back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import os
+import pathlib
+import re
+
+from evgp_node import graph
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from evgp_testing.part import PATIENCE
+from evgp_testing.ros_side import environment_kept
+from evgp_testing.wire_race import WireRace
+import pytest
+from rig.console import Console
+from rig.networks import Machine, need_networks, RACE_CONTROL, Track
+from rig.screen import Screen, why_no_screen
+from rig.stop_button import StopButton
+from test_rcs_ctl import start as start_rcs_ctl
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_RED = RaceState.RED_RED
+
+OUTLIVED = 4
+
+DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer sent'
+OWN = f'{DROPPED}: race control did not answer it'
+
+
+class Officials:
+    """
+    A race of one kart, with its officials beside it, and desks with a network of their own.
+
+    For a process that has not used ROS yet: Fast DDS looks for the networks only once.
+    """
+
+    def __init__(self, folder: pathlib.Path, parts: contextlib.ExitStack) -> None:
+        """Bring the race to GREEN_GREEN."""
+        self._folder, self._parts = folder, parts
+        self._track = parts.enter_context(Track())
+        self.desks: list[Machine] = []
+        with self._at(self._machine('own', RACE_CONTROL)):
+            self.race = parts.enter_context(WireRace(folder, [1]))
+        self.race.bring_to(GREEN_GREEN)
+        self.domain = self.race.domain
+
+    def _machine(self, name: str, address: str) -> Machine:
+        machine = self._track.machine(name, address)
+        machine.ip('route add 239.0.0.0/8 dev eth0')  # by which they find each other
+        return machine
+
+    @contextlib.contextmanager
+    def _at(self, machine: Machine) -> Iterator[None]:
+        with machine.inside(), environment_kept():
+            os.environ[graph.INTERFACE] = machine.address
+            yield
+
+    @contextlib.contextmanager
+    def desk(self) -> Iterator[Machine]:
+        """Have what is started meanwhile at a desk of its own."""
+        number = len(self.desks) + 2
+        desk = self._machine(f'desk{number}', f'10.77.0.{number}')
+        self.desks.append(desk)
+        with self._at(desk):
+            yield desk
+
+    def window(self) -> tuple[Console, Machine]:
+        """Open a window at a desk, and return it once it shows the race."""
+        screen = self._parts.enter_context(Screen())
+        with self.desk() as desk:
+            console = Console(self._folder, self.domain, screen)
+        self._parts.callback(console.close)
+        console.wait_for('kart_1', linked='true')
+        self._wait_until_known('rcs_gui')
+        return console, desk
+
+    def button(self, name: str) -> tuple[StopButton, Machine]:
+        """Start a button at a desk, and return it once it works."""
+        (folder := self._folder / name).mkdir()
+        with self.desk() as desk:
+            button = self._parts.enter_context(StopButton(folder, self.domain, official=name))
+        button.program.wait_for_line('A press sends ALL KILL')
+        self._wait_until_known('rcs_button_calls')
+        return button, desk
+
+    def _wait_until_known(self, name: str) -> None:
+        """Return once DDS knows a program."""
+        node = self.race.official.node
+        self.race.official.wait_until_polled(lambda: name in node.get_node_names(), name)
+
+    def wait_until_forgotten(self, *names: str) -> None:
+        """Return once DDS has forgotten the programs that nothing is heard of."""
+        node = self.race.official.node
+        self.race.official.wait_until_polled(
+            lambda: not {*names} & {*node.get_node_names()}, f'that {names} are forgotten'
+        )
+
+    def killers(self) -> list[str]:
+        """Return who has given ALL KILL, as race control tells it."""
+        events = self.race.official.events
+        kind = msg.RaceEvent.COMMAND
+        kills = (each for each in events if each.kind == kind and 'RED_RED is' in each.text)
+        return [f'{each.official}: {each.text}' for each in kills]
+
+
+@pytest.fixture
+def officials(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Officials:
+    """Return a race and its officials."""
+    need_networks()
+    return Officials(tmp_path, parts)
+
+
+@pytest.fixture
+def need_screen() -> None:
+    """Skip the test where no window can be opened."""
+    if why := why_no_screen():
+        assert not os.environ.get('EVGP_ALL_TESTS'), why
+        pytest.skip(why)
+
+
+@pytest.mark.early
+@pytest.mark.own_process
+@pytest.mark.timeout(240)
+def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_still_held(
+    need_screen: None, officials: Officials
+) -> None:
+    race, official = officials.race, officials.race.official
+    console, _ = officials.window()
+    button, _ = officials.button('Bea')
+    held, far = officials.button('Carla')
+    for desk in officials.desks:
+        desk.air(1.0)
+    console.click('all_kill')
+    button.move(True)
+    button.move(False)
+    held.move(True)
+    with officials.desk() as desk:
+        desk.air(1.0)
+        ctl = start_rcs_ctl(officials.domain, 'all-kill', '--wait', '300')
+    with ctl:
+        try:
+            console.wait_for('all_kill', pressing='true')
+            officials.wait_until_forgotten('rcs_gui', 'rcs_button_calls')
+            official.command('all_kill')
+            race.bring_to(GREEN_GREEN)
+            before = officials.killers()
+            for desk in officials.desks:
+                if desk is not far:
+                    desk.air()
+
+            console.wait_for('banner', text=OWN)
+            console.wait_for('all_kill', pressing='false')
+            button.program.wait_for_line(r'ALL KILL, pressed \d+ s ago, is no longer sent')
+            official.wait_for_race(
+                lambda each: 'Bea (button): Its ALL KILL' in each.button_fault, 'what it says'
+            )
+            stdout, stderr = ctl.communicate(timeout=PATIENCE)
+        finally:
+            ctl.kill()
+    assert (ctl.returncode, stdout) == (OUTLIVED, '')
+    assert re.search(DROPPED, stderr)
+    assert race.karts[0].state is GREEN_GREEN
+    assert officials.killers() == before
+
+    console.press_on('seen_all', see='seen_0', visible=False)
+    assert not re.search(OWN, console.wait_for('banner')['text'])
+    far.air()
+    race.karts[0].wait_for_state(RED_RED)
+    race_now = official.wait_for_race(lambda each: 'Carla' in each.state_cause, 'her press')
+    assert 'pressed' not in race_now.state_cause
+
+
+@pytest.mark.own_process
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize('forgotten', [False, True], ids=['briefly', 'for long'])
+def test_an_old_stop_of_this_race_is_taken_and_race_control_says_its_age(
+    forgotten: bool, need_screen: None, officials: Officials
+) -> None:
+    race, official = officials.race, officials.race.official
+    console, desk = officials.window()
+    desk.air(1.0)
+    console.click('all_kill')
+    console.wait_for('kill_hint', text='SENT 1[2-9] times')
+    if forgotten:
+        officials.wait_until_forgotten('rcs_gui')
+    desk.air()
+    race.karts[0].wait_for_state(RED_RED)
+    told = official.wait_for_event(
+        lambda each: each.kind == msg.RaceEvent.COMMAND and 'ALL_KILL was pressed' in each.text,
+        'its age',
+    )
+    found = re.search(r'ALL_KILL was (pressed (\d+) s ago)\.', told.text)
+    assert found is not None
+    # It was sent twelve times in 5.5 s: what DDS delivers first is the last one.
+    assert int(found[2]) >= (15 if forgotten else 5)
+    now = official.wait_for_race(lambda each: each.state_cause.startswith('ALL_KILL'), 'the stop')
+    assert now.state_cause.endswith(f', {found[1]}')
+    assert found[1] in now.karts[0].hold_reason
+    console.wait_for('status', text=found[1])
