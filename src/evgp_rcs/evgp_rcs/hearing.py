@@ -43,7 +43,7 @@ RED_RED                       GRID_ACTIVE               nothing
 ============================= ========================= ======================================
 
 *What IN_GARAGE hides.* It need not be said back. After RED_RED, IN_GARAGE, RED_RED a word RED_RED
-may be a late one for the first. Three things show that the kart has read what came after an order,
+may be a late one for the first. Four things show that the kart has read what came after an order,
 each for every habit of which it is used, and however late the kart reads:
 
 - *A pause.* The kart has spoken of the order; the next one was answered by its TCP; and then
@@ -57,13 +57,16 @@ each for every habit of which it is used, and however late the kart reads:
   for the order as frames of that were sent, it has read them all, and its next word is for a later
   order. It is taken for such a kart after `ECHOES` words for one order, and not if it ever says
   more words than it is sent frames.
+- *Few words.* A kart that speaks less often than `SELDOM`, but again and again, does not say every
+  frame back. So it reads all there is at once and says the last of it, and is not later than
+  `QUIET`; unless it says what only an order of long ago can have asked for.
 - *A word that stays alone.* The kart had said one word for the first order, and `ONCE` later
   another one, which may be for a later order, and then nothing for `QUIET`. So it does not say
   every frame back: it says each change once, and the second word is for the later order
   (`settled`).
 
 No pause and no count is over before the next order's frames were answered for `QUIET`. Until then,
-and where none of the three comes, what the kart says is its word for the earlier order.
+and where none of the four comes, what the kart says is its word for the earlier order.
 ``counts_in`` is how long that can last; where no time makes it count, only a new connection does.
 
 What a flood queued answers nothing either. A kart that sends faster than it is read has more bytes
@@ -105,6 +108,10 @@ it says no more words than it is sent frames."""
 
 SLOWEST = 8.0
 """Minimum rate at which a kart reads frames, Hz. What reads more slowly, only inspection finds."""
+
+SELDOM = 5.0
+"""Rate of words below which a kart does not say every frame back, Hz: it reads `SLOWEST`, and may
+read nothing for a second."""
 
 PACE_WINDOW = 4.0
 """Time over which the words of a kart that says every frame back are counted against the frames
@@ -163,6 +170,7 @@ class _Pace:
         self._frames = self._words = 0
         self._slow = 0  # windows with too few words, one after the other
         self._lost = 0  # frames that were sent and not said back
+        self.speaks_seldom = False
 
     @property
     def behind(self) -> float:
@@ -178,6 +186,8 @@ class _Pace:
         self._frames += 1
         if not self._counts or self._frames < self._window:
             return
+        if self._words > 1:
+            self.speaks_seldom = self._words < SELDOM * PACE_WINDOW
         if self._words >= PACE * self._frames:
             self._lost = max(0, self._lost - max(0, self._words - self._frames))
             self._slow *= self._lost > 0
@@ -220,6 +230,8 @@ class Hearing:
         self._says_garage = False
         # Whether it has said more words for an order than it was sent frames.
         self._outruns = False
+        # Whether it has said what none of its orders asks for that it may be reading.
+        self._is_late = False
         # The beat up to whose frame the kart has read at least, at `SLOWEST`.
         self._slowest = 0.0
         # A word that is for a later order if nothing follows it, and its place; what became so.
@@ -263,24 +275,23 @@ class Hearing:
 
     def counts_in(self) -> float:
         """
-        Return in how many seconds what was decoded last counts for the last order, at the latest.
+        Return in how many seconds a word for the last order's state counts for it, at the latest.
 
-        If the kart goes on saying it, or was heard to say each change once. 0: it counts, it is
-        another state, or nobody knows.
+        Ask after ``decode``, of a word that did not count. It holds if the kart goes on saying it,
+        or was heard to say each change once. 0: nobody knows.
         """
-        if len(self._orders) < 2:
-            return 0.0
-        first, last = self._orders[0], self._orders[-1]
-        if first.state is not last.state or not first.words:
-            return 0.0
         beats = self._pause_beats + 1
-        if first.words > 1 and self._alone is None:
-            if self._outruns:
-                return 0.0
+        if len(self._orders) < 2:
+            return beats / self._beat_rate
+        first, last = self._orders[0], self._orders[-1]
+        if first.state is last.state and first.words > 1 and self._alone is None:
             answered_in = self._orders[1].answered_in
             if answered_in is not None:
-                beats -= self._beats - answered_in
-            beats = max(beats, max(ECHOES, self._frames_of_first()) - first.words, 1)
+                beats = max(beats - self._beats + answered_in, 1)
+            if not self._reads_all:
+                if self._outruns:
+                    return 0.0
+                beats = max(beats, max(ECHOES, self._frames_of_first()) - first.words)
         return beats / self._beat_rate
 
     def settled(self) -> list[tuple[StateFrame, int]]:
@@ -383,6 +394,7 @@ class Hearing:
         self._alone = None
         if self._deaf_beats or not isinstance(heard, StateFrame):
             return NO_ORDER
+        self._is_late |= not any(order.state is heard.state for order in self._orders)
         can = [
             passed
             for passed, order in enumerate(self._orders)
@@ -398,9 +410,9 @@ class Hearing:
         order.said_in = self._beats
         self._says_garage |= order.state is RaceState.IN_GARAGE
         self._slowest = max(self._slowest, order.beat)
-        if len(self._orders) == 1:
+        if order.state is self._orders[-1].state:
             first_after = None
-            if order.words == 1 and order.answered_in is not None:
+            if len(self._orders) == order.words == 1 and order.answered_in is not None:
                 first_after = self._beats - order.answered_in
             self._pace.said(first_after)
         if len(can) == 1:
@@ -424,8 +436,15 @@ class Hearing:
         if self._silent_for() > self._pause_beats:
             late = self._slowest - self._pause_beats <= second.beat
             return first.words > 0 or not (self._says_garage or late)
+        if self._reads_all:
+            return first.words > 0
         counted = first.state is not RaceState.IN_GARAGE and not self._outruns
         return counted and first.words >= max(ECHOES, self._frames_of_first())
+
+    @property
+    def _reads_all(self) -> bool:
+        """Return whether the kart reads all there is at once, by what it has said so far."""
+        return self._pace.speaks_seldom and not self._is_late
 
     def _frames_of_first(self) -> int:
         """Return how many frames of the first order were sent at most."""
