@@ -44,8 +44,12 @@ ANSWER_STEP = 0.2
 0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
 narrow one is, on which a stop would wait behind them."""
 
-# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015).
+# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015), and where
+# the window of the other end stands in it since Linux 5.4 (2019).
 _TCP_INFO = struct.Struct('=8B24I4Q')
+_WINDOW = struct.Struct('=I')
+_WINDOW_AT = 228
+_ENOUGH = _WINDOW_AT + _WINDOW.size
 _COUNT = bytes(4)
 
 _TCP_THIN_LINEAR_TIMEOUTS = 16  # since Linux 2.6.34; Python does not name it
@@ -94,6 +98,7 @@ class TcpInfo:
     :ivar unanswered: segments that were sent and are not answered.
     :ivar since_answer: time since the other end's kernel last answered, s; exact to 1 to 4 ms.
     :ivar answered: bytes that the other end's kernel has answered, of the whole connection.
+    :ivar window: bytes that the other end's kernel would still take; None: it is not known.
     """
 
     round_trip: float
@@ -102,6 +107,7 @@ class TcpInfo:
     unanswered: int
     since_answer: float
     answered: int
+    window: int | None = None
 
 
 def parse(data: bytes) -> TcpInfo | None:
@@ -109,6 +115,9 @@ def parse(data: bytes) -> TcpInfo | None:
     if len(data) < _TCP_INFO.size:
         return None
     fields = _TCP_INFO.unpack_from(data)[8:]
+    window = None
+    if len(data) >= _ENOUGH:
+        (window,) = _WINDOW.unpack_from(data, _WINDOW_AT)
     return TcpInfo(
         round_trip=fields[15] / 1e6,
         variation=fields[16] / 1e6,
@@ -116,6 +125,7 @@ def parse(data: bytes) -> TcpInfo | None:
         unanswered=fields[4],
         since_answer=fields[12] / 1e3,
         answered=fields[26],
+        window=window,
     )
 
 
@@ -149,7 +159,7 @@ def make_prompt(link: Socket) -> None:
 def read(link: Socket) -> TcpInfo | None:
     """Return what the kernel knows of a TCP connection; None: it does not say, or it is closed."""
     try:
-        return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO.size))
+        return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
     except OSError:
         return None
 

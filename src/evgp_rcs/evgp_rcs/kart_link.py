@@ -231,7 +231,8 @@ class KartLink(asyncio.BufferedProtocol):
     def _measure(self, age: float, now: float) -> None:
         assert self._socket is not None
         rest = self._answers.written - self._answers.answered
-        self._owner.link_measured(self, self._meter.measure(age, rest, read(self._socket), now))
+        measured = self._meter.measure(age, rest, read(self._socket), now, self._hearing.behind)
+        self._owner.link_measured(self, measured)
 
     def _unsent(self) -> int:
         """Return how many bytes have not left yet, or may not have."""

@@ -940,7 +940,7 @@ class Race:
                 state,
                 chatter=True,
             )
-        elif state is kart.sent and not counts and not kart.acknowledged:
+        elif state is kart.sent is not IN_GARAGE and not kart.acknowledged:
             first = kart.counts_at is None
             kart.counts_at, kart.counts_in = now + counts_in, counts_in
             if first:
@@ -987,7 +987,9 @@ class Race:
             kart.link_poor_at = now
         if before is None or before.grade is not link.grade:
             text = f'The link to {kart} is {link.grade.value}'
-            if link.grade is not Grade.GOOD:
+            if link.behind:
+                text += f': its program may read {link.behind:.1f} s late'
+            elif link.grade is not Grade.GOOD:
                 text += f': it took {link.worst_answer:.2f} s to answer'
             kind = EventKind.LINK_GRADE
             self._events.append(Event(kind, text, number, grade=link.grade))
@@ -1830,13 +1832,13 @@ class Race:
             return 'not connected'
         if kart.stopped:
             return f'has stopped, and must stand for {self.times.settle:g} s'
-        if kart.withdrawn:
-            return f'withdrew its acknowledgement of {kart.sent.value}'
         if kart.counts_at is not None:
             said = f'says {kart.sent.value}, perhaps to the earlier one'
             if kart.counts_in:
                 return f'{said}: {math.ceil(kart.counts_in)} s'
             return f'{said}: let it connect again (it comes back held)'
+        if kart.withdrawn:
+            return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
@@ -1940,10 +1942,13 @@ class Race:
                 text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                text = (
-                    f'RED FLAG (before GREEN: LEAVE): {kart} answers '
-                    f'{kart.link.worst_answer:.1f} s late, and a stop may too'
-                )
+                late_by = f'answers {kart.link.worst_answer:.1f} s late, and a stop may too'
+                if kart.link.behind:
+                    late_by = (
+                        f'may read {kart.link.behind:.1f} s late: it says back fewer frames than '
+                        'it is sent, or leaves them unread, and a stop comes as late'
+                    )
+                text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
