@@ -36,13 +36,19 @@ from typing import Protocol
 SIOCOUTQNSD = 0x894B
 """Linux's request for the number of bytes not sent yet; TIOCOUTQ's have not been answered."""
 
+BEAT_RATE = 12.0
+"""How often race control sends each kart its state, by default, Hz. §4.C wants 10 in a second: with
+one beat skipped, 11 are left. No more, since a kart that reads one frame in each turn of a slower
+loop is later with every second (docs/wire.md)."""
+
 GRADE_WINDOW = 10.0
 """Time for which the worst round trip counts for the grade, in seconds."""
 
 ANSWER_STEP = 0.2
-"""Time by which an answer is later than the quickest of a link, in seconds: for each, frames are
-0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
-narrow one is, on which a stop would wait behind them."""
+"""Time by which an answer is later than the quickest of a link, in seconds: from two of them on,
+the state is sent every second beat only, from three on every third, and so on. So a long way is no
+reason to send less (§4.C wants 10 states a second), but a narrow one is, on which a stop would
+wait behind them."""
 
 # struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015), and where
 # the window of the other end stands in it since Linux 5.4 (2019).
@@ -67,7 +73,7 @@ class Grade(enum.Enum):
 GRADES = {Grade.GOOD: 0.0, Grade.FAIR: 0.2, Grade.POOR: 0.5}
 """For each grade, the worst round trip of the last `GRADE_WINDOW` from which on it applies, s.
 
-A frame is sent every 0.05 s. Where one is lost, the next shows it, and it is there within 0.2 s:
+A frame is sent every 0.083 s. Where one is lost, the next shows it, and it is there within 0.2 s:
 a good link loses single frames at most. A poor one was halfway to the 1 s after which the kart
 stops by itself and race control takes it for lost."""
 
@@ -241,4 +247,5 @@ class Answers:
     def may_beat(self, now: float) -> bool:
         """Return whether the state may be sent again: on a narrow link not yet (`ANSWER_STEP`)."""
         late = self.age(now) - (self._quickest or 0.0)
-        return now - self.wrote_at >= int(late / ANSWER_STEP) * 0.1 - 0.025  # beats are not exact
+        beats = int(late / ANSWER_STEP)
+        return now - self.wrote_at >= (beats - 0.4) / BEAT_RATE  # beats are not exact

@@ -113,7 +113,7 @@ SELDOM = 5.0
 """Rate of words below which a kart does not say every frame back, Hz: it reads `SLOWEST`, and may
 read nothing for a second."""
 
-PACE_WINDOW = 4.0
+PACE_WINDOW = 3.0
 """Time over which the words of a kart that says every frame back are counted against the frames
 that it is sent, in seconds. Two such times with too few words, one after the other: it reads late.
 """
@@ -190,7 +190,8 @@ class _Pace:
             self.speaks_seldom = self._words < SELDOM * PACE_WINDOW
         if self._words >= PACE * self._frames:
             self._lost = max(0, self._lost - max(0, self._words - self._frames))
-            self._slow *= self._lost > 0
+            if self._slow < 2 or not self._lost:
+                self._slow = self._lost = 0
         elif self._words >= 0.9 * SLOWEST / self._beat_rate * self._frames:
             self._lost += self._frames - self._words
             self._slow += 1

@@ -26,7 +26,9 @@ from collections import deque
 import math
 from typing import NamedTuple
 
-from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
+from evgp_protocol.frames import encode
+from evgp_protocol.link import BEAT_RATE, Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
+from evgp_protocol.states import RaceState
 
 MEASURE_EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
@@ -39,8 +41,8 @@ CLOSING = 0.4
 it is sent. lwIP's window of a kart that reads everything goes down to half of it; Linux's, of some
 64 kB, takes an hour to be filled by what is left unread, and shows nothing before."""
 
-BYTES_PER_SECOND = 140.0
-"""Number of bytes that a kart is sent in a second at the usual rate, about."""
+BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
+"""Number of bytes that a kart is sent in a second of racing, at the usual rate."""
 
 _WORSE_FROM = {
     Grade.GOOD: GRADES[Grade.FAIR],

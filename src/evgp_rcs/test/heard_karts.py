@@ -158,6 +158,7 @@ class _Told:
         self.on_the_way: deque[tuple[float, RaceState, int]] = deque()
         self.meant: deque[tuple[RaceState, int]] = deque()  # of each word for the last order
         self.said_change = 0
+        self.due = 0  # words on the way whose time is set
 
     def tell(self, orders: list[tuple[RaceState, float]]) -> Story:
         counter = itertools.count()
@@ -194,8 +195,10 @@ class _Told:
             elif not self.reader.rate:
                 self.read(now)
             self.arrive(now)
-            if self.on_the_way:
-                at(self.on_the_way[0][0], 'arrive')
+            # Each word has its own time to arrive at, once.
+            for _ in range(len(self.on_the_way) - self.due):
+                at(self.on_the_way[self.due][0], 'arrive')
+                self.due += 1
         return self.story
 
     def order(self, state: RaceState, now: float) -> None:
@@ -256,6 +259,7 @@ class _Told:
     def arrive(self, now: float) -> None:
         while self.on_the_way and self.on_the_way[0][0] <= now:
             _, state, meant = self.on_the_way.popleft()
+            self.due = max(0, self.due - 1)
             data = encode(state)
             self.hearing.read(len(data))
             self.hearing.look(self.sent, 0)
