@@ -62,7 +62,7 @@ TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nhea
         ({'roster': "''"}, ['parameter roster is missing']),
         ({'roster_text': TWICE}, ['good.yaml:3:']),
         ({'roster_text': TWO_FAULTS}, ['good.yaml:2:', 'good.yaml:3:']),
-        ({'beat_rate': 5.0}, ['parameter beat_rate', 'from 10 to 100']),
+        ({'beat_rate': 5.0}, ['parameter beat_rate', 'from 11 to 100']),
         ({'send_timeout': 'soon'}, ['parameter send_timeout']),
         ({'beat_rat': 20.0}, ['parameter beat_rat is unknown; did you mean beat_rate?']),
         ({'finish_delays': '[2.0, -1.0]'}, ['parameter finish_delays: -1 is not possible']),

@@ -194,7 +194,7 @@ WRITTEN = [
     ('docs/timing.md', r'been broken for (\d+) s', STUCK),
     ('docs/timing.md', r'again every (\d+) s', RECONNECT_DELAYS[-1]),
     ('docs/ros-interface.md', r'WARN for (\d+) s after it did', RECENT),
-    ('docs/network.md', r'A frame is sent every ([\d.]+) s', BEAT),
+    ('docs/network.md', r'A frame is sent every ([\d.]+) s', round(BEAT, 3)),
     ('docs/network.md', r'hears (?:none|nothing) for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/network.md', r'not answered for ([\d.]+) s', race_control.defaults['send_timeout']),
     ('docs/network.md', r'gives a kart up after\s+the\s+same ([\d.]+) s', LOST),

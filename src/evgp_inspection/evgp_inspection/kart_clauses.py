@@ -105,7 +105,8 @@ KART: tuple[Clause, ...] = (
         'RED_RED: acknowledged once it stands',
         'Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal '
         'speed of 0.0).',
-        'RED_RED is sent to a kart that stands, to one that drives, and after each check.',
+        'RED_RED is sent to a kart that stands, to one that drives and was sent GREEN_GREEN 100 '
+        'times a second, and after each check.',
         judge.stops_when_told,
     ),
     wire(

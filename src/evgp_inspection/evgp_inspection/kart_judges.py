@@ -50,7 +50,7 @@ RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
 """The names of the two questions, as they are in the trace."""
 
-MOST_BYTES_A_SECOND = 4096 * 20
+MOST_BYTES_A_SECOND = 4096 * 12
 """More bytes than this in one second are a flood."""
 
 ROLLING = 0.1
@@ -573,7 +573,7 @@ def says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
     return passed('It said nothing but what it was being sent.')
 
 
-@judge_of(judged='Fail: more than 4096 bytes in 0.05 s, for 1 s.')
+@judge_of(judged='Fail: more than 49152 bytes in 1 s, 4096 for each frame that is sent.')
 def does_not_flood(trace: Trace, limits: Limits) -> Finding:
     """Judge whether the kart says no more than race control can read."""
     said = [event for event in trace.events if event.kind is Kind.SAID]

@@ -37,7 +37,6 @@ from evgp_inspection.kart_clauses import DRIVING_STEPS, KART_STEPS, KILLING_STEP
 from evgp_inspection.kart_judges import drove, moves, STANDS, started, TURNS
 from evgp_inspection.kart_wire import (
     after,
-    BEAT_RATE,
     Beats,
     between,
     KartWire,
@@ -52,6 +51,7 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
+from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import QUIET
 
@@ -303,7 +303,8 @@ class KartSteps:
             return False
         await self._announce(step)
         self._phase(f'{step}/green')
-        self._wire.order(GREEN_GREEN)
+        # Where a stop follows at once, a kart that reads too little while it drives is late by now.
+        self._wire.order(GREEN_GREEN, rate=FAST_RATE if step == 'red' else BEAT_RATE)
         section = self._trace.now
         if not await self._acknowledged(GREEN_GREEN, limits.green):
             self._hindrance = 'The kart has not acknowledged GREEN_GREEN.'

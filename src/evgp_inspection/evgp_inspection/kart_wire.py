@@ -31,10 +31,8 @@ from typing import TypeAlias
 from evgp_inspection.recording import Link, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
+from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
-
-BEAT_RATE = 20.0
-"""How often a frame is sent unless a check says otherwise, Hz: as often as race control does."""
 
 LATE_BEAT = 0.25
 """A beat that is later than this says that the inspecting computer was held up, s."""

@@ -130,6 +130,6 @@ class SurveyLimits(_Limits):
         GRADES[Grade.POOR], 'maximum time without an answer: half of that after which a kart stops'
     )
     retransmissions: float = _limit(
-        60.0, 'maximum number of retransmissions in any minute: a twentieth of the frames'
+        36.0, 'maximum number of retransmissions in any minute: a twentieth of the frames'
     )
     shortest: float = _limit(60.0, 'minimum time on the network, for a verdict')

@@ -27,13 +27,14 @@ import dataclasses
 import enum
 
 from evgp_protocol.frames import FrameDecoder, StateFrame
+from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import Hearing, NO_ORDER
 
 STRANGER = 'stranger'
 """The name of whoever connects to race control from an address that is no kart."""
 
-BEAT = 0.05
+BEAT = 1 / BEAT_RATE
 """Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
 
 LONGEST_STEP = 0.1
@@ -264,6 +265,8 @@ class Trace:
             self._beats += BEAT
             for wire in self._wires.values():
                 wire.hearing.beat(now)
+                for _, serial in wire.hearing.settled():
+                    self._acknowledged.add(wire.orders[serial - 1])
 
 
 def printable(data: bytes, most: int = 80) -> str:

@@ -83,6 +83,7 @@ FAULTS = {
     'forgets half a frame': 'K-4C-04',
     'takes 10 Hz for silence': 'K-4C-05',
     'reads one frame a turn': 'K-4C-06',
+    'reads one frame a turn while it drives': 'K-3A-09',
     'looks for GREEN_GREEN anywhere': 'K-4C-07',
     'dies of malformed bytes': 'K-4C-08',
     'echoes an earlier order': 'K-4C-09',
@@ -244,8 +245,11 @@ class InspectedKart:
             if self._too_slow(now):
                 self._lost('silent')
                 return
-            if gone or self._is['reads one frame a turn']:
-                await asyncio.sleep(STEP)
+            one_frame = self._is['reads one frame a turn'] or (
+                self._is['reads one frame a turn while it drives'] and self.speed > 0.0
+            )
+            if gone or one_frame:
+                await asyncio.sleep(3 * STEP if self.speed > 0.0 else STEP)
             if gone:
                 try:
                     link.send(b'$RED_RED;' if self._silent_kept else b' ')
@@ -253,7 +257,7 @@ class InspectedKart:
                     self._lost('closed')
                     return
                 continue
-            size = 13 if self._is['reads one frame a turn'] else 4096
+            size = 13 if one_frame else 4096
             if not await self._readable(link):
                 self._idle += 1
                 continue

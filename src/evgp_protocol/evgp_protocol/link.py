@@ -36,16 +36,26 @@ from typing import Protocol
 SIOCOUTQNSD = 0x894B
 """Linux's request for the number of bytes not sent yet; TIOCOUTQ's have not been answered."""
 
+BEAT_RATE = 12.0
+"""How often race control sends each kart its state, by default, Hz. §4.C wants 10 in a second: with
+one beat skipped, 11 are left. No more, since a kart that reads one frame in each turn of a slower
+loop is later with every second (docs/wire.md)."""
+
 GRADE_WINDOW = 10.0
 """Time for which the worst round trip counts for the grade, in seconds."""
 
 ANSWER_STEP = 0.2
-"""Time by which an answer is later than the quickest of a link, in seconds: for each, frames are
-0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
-narrow one is, on which a stop would wait behind them."""
+"""Time by which an answer is later than the quickest of a link, in seconds: from two of them on,
+the state is sent every second beat only, from three on every third, and so on. So a long way is no
+reason to send less (§4.C wants 10 states a second), but a narrow one is, on which a stop would
+wait behind them."""
 
-# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015).
+# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015), and where
+# the window of the other end stands in it since Linux 5.4 (2019).
 _TCP_INFO = struct.Struct('=8B24I4Q')
+_WINDOW = struct.Struct('=I')
+_WINDOW_AT = 228
+_ENOUGH = _WINDOW_AT + _WINDOW.size
 _COUNT = bytes(4)
 
 _TCP_THIN_LINEAR_TIMEOUTS = 16  # since Linux 2.6.34; Python does not name it
@@ -63,7 +73,7 @@ class Grade(enum.Enum):
 GRADES = {Grade.GOOD: 0.0, Grade.FAIR: 0.2, Grade.POOR: 0.5}
 """For each grade, the worst round trip of the last `GRADE_WINDOW` from which on it applies, s.
 
-A frame is sent every 0.05 s. Where one is lost, the next shows it, and it is there within 0.2 s:
+A frame is sent every 0.083 s. Where one is lost, the next shows it, and it is there within 0.2 s:
 a good link loses single frames at most. A poor one was halfway to the 1 s after which the kart
 stops by itself and race control takes it for lost."""
 
@@ -94,6 +104,7 @@ class TcpInfo:
     :ivar unanswered: segments that were sent and are not answered.
     :ivar since_answer: time since the other end's kernel last answered, s; exact to 1 to 4 ms.
     :ivar answered: bytes that the other end's kernel has answered, of the whole connection.
+    :ivar window: bytes that the other end's kernel would still take; None: it is not known.
     """
 
     round_trip: float
@@ -102,6 +113,7 @@ class TcpInfo:
     unanswered: int
     since_answer: float
     answered: int
+    window: int | None = None
 
 
 def parse(data: bytes) -> TcpInfo | None:
@@ -109,6 +121,9 @@ def parse(data: bytes) -> TcpInfo | None:
     if len(data) < _TCP_INFO.size:
         return None
     fields = _TCP_INFO.unpack_from(data)[8:]
+    window = None
+    if len(data) >= _ENOUGH:
+        (window,) = _WINDOW.unpack_from(data, _WINDOW_AT)
     return TcpInfo(
         round_trip=fields[15] / 1e6,
         variation=fields[16] / 1e6,
@@ -116,6 +131,7 @@ def parse(data: bytes) -> TcpInfo | None:
         unanswered=fields[4],
         since_answer=fields[12] / 1e3,
         answered=fields[26],
+        window=window,
     )
 
 
@@ -149,7 +165,7 @@ def make_prompt(link: Socket) -> None:
 def read(link: Socket) -> TcpInfo | None:
     """Return what the kernel knows of a TCP connection; None: it does not say, or it is closed."""
     try:
-        return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO.size))
+        return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
     except OSError:
         return None
 
@@ -231,4 +247,5 @@ class Answers:
     def may_beat(self, now: float) -> bool:
         """Return whether the state may be sent again: on a narrow link not yet (`ANSWER_STEP`)."""
         late = self.age(now) - (self._quickest or 0.0)
-        return now - self.wrote_at >= int(late / ANSWER_STEP) * 0.1 - 0.025  # beats are not exact
+        beats = int(late / ANSWER_STEP)
+        return now - self.wrote_at >= (beats - 0.4) / BEAT_RATE  # beats are not exact

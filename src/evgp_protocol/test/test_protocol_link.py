@@ -73,12 +73,13 @@ def test_a_closed_socket_says_nothing() -> None:
 
 def test_each_figure_stands_where_linux_puts_it() -> None:
     data = bytearray(232)
-    for at, value in ((24, 3), (56, 250), (68, 41_500), (72, 7_000), (100, 12)):
+    for at, value in ((24, 3), (56, 250), (68, 41_500), (72, 7_000), (100, 12), (228, 5744)):
         struct.pack_into('=I', data, at, value)
     struct.pack_into('=Q', data, 120, 2**40)
     info = parse(bytes(data))
     assert info is not None
     assert (info.unanswered, info.retransmitted, info.answered) == (3, 12, 2**40)
+    assert (info.window, parse(bytes(data[:228])).window) == (5744, None)
     assert (info.since_answer, info.round_trip, info.variation) == (0.25, 0.0415, 0.007)
 
 
@@ -138,8 +139,10 @@ def test_a_link_that_answers_late_is_sent_less() -> None:
     answers.wrote(10, 0.1)
     assert answers.may_beat(0.15)
     answers.wrote(10, 0.3)
-    assert not answers.may_beat(0.36)  # 0.26 s unanswered: 0.1 s apart
-    assert answers.may_beat(0.40)
+    assert answers.may_beat(0.36)  # 0.26 s unanswered: each beat
+    answers.wrote(10, 0.5)
+    assert not answers.may_beat(0.59)  # 0.49 s unanswered: each second one
+    assert answers.may_beat(0.66)
 
 
 def test_a_long_way_is_no_reason_to_send_less() -> None:

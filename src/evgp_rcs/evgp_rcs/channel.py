@@ -36,6 +36,7 @@ import struct
 from typing import Any, NamedTuple
 
 from evgp_protocol.frames import DEFAULT_PORT
+from evgp_protocol.link import BEAT_RATE
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.laps import Passing
 from evgp_rcs.race import (
@@ -78,7 +79,7 @@ class ServerSettings:
 
     host: str = '0.0.0.0'
     port: int = DEFAULT_PORT
-    beat_rate: float = 20.0
+    beat_rate: float = BEAT_RATE
     send_timeout: float = 1.0
     snapshot_interval: float = 0.05
     snapshot_at_least: float = 0.5

@@ -159,12 +159,17 @@ class Disconnected(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """A kart said a state, and can have meant the order of this serial."""
+    """
+    A kart said a state, and can have meant the order of this serial.
+
+    :param counts_in: see `Race.heard`.
+    """
 
     at: float
     kart: int
     serial: int
     state: RaceState
+    counts_in: float = 0.0
 
 
 class Delivered(NamedTuple):
@@ -287,8 +292,8 @@ Input = (
 def feed(given: Input, race: Race) -> Outcome:
     """Hand an input to the rules."""
     match given:
-        case Heard(at, kart, serial, state):
-            return race.heard(kart, serial, state, at)
+        case Heard(at, kart, serial, state, counts_in):
+            return race.heard(kart, serial, state, at, counts_in)
         case Tick(at):
             return race.tick(at)
         case Delivered(at, kart, serial, answered):

@@ -59,8 +59,12 @@ class LinkOwner(Protocol):
     def link_made(self, link: KartLink, address: str) -> None:
         """Take a new connection from this IPv4 address, or drop it."""
 
-    def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
-        """Take what a kart said, and the serial of the order that it can answer."""
+    def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
+        """
+        Take what a kart said, and the serial of the order that it can answer.
+
+        :param counts_in: see `Hearing.counts_in`.
+        """
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
         """Take note that the kart's kernel answered the order of this serial, at a time in s."""
@@ -120,8 +124,10 @@ class KartLink(asyncio.BufferedProtocol):
         if self._hearing.waits:
             self._look(self._owner.now())
         self._owner.take_commands()
-        for heard, serial in self._hearing.decode(memoryview(self._buffer)[:nbytes]):
-            self._owner.link_heard(self, heard, serial)
+        decoded = self._hearing.decode(memoryview(self._buffer)[:nbytes])
+        counts_in = self._hearing.counts_in()
+        for heard, serial in decoded:
+            self._owner.link_heard(self, heard, serial, counts_in)
         if self._hearing.is_full and self._transport is not None:
             self._transport.pause_reading()
 
@@ -164,6 +170,8 @@ class KartLink(asyncio.BufferedProtocol):
         now = self._owner.now()
         was_full = self._hearing.is_full
         floods = self._hearing.beat(now)
+        for heard, serial in self._hearing.settled():
+            self._owner.link_heard(self, heard, serial, 0.0)
         if self._transport is None:
             return
         self._look(now)
@@ -179,6 +187,7 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.resume_reading()
         if self._answers.may_beat(now) and not self._unsent():
             self._write(now)
+            self._hearing.sent_again()
         if self._delivered is not None:
             delivered, self._delivered = self._delivered, None
             self._owner.link_delivered(self, *delivered)
@@ -231,7 +240,8 @@ class KartLink(asyncio.BufferedProtocol):
     def _measure(self, age: float, now: float) -> None:
         assert self._socket is not None
         rest = self._answers.written - self._answers.answered
-        self._owner.link_measured(self, self._meter.measure(age, rest, read(self._socket), now))
+        measured = self._meter.measure(age, rest, read(self._socket), now, self._hearing.behind)
+        self._owner.link_measured(self, measured)
 
     def _unsent(self) -> int:
         """Return how many bytes have not left yet, or may not have."""

@@ -634,7 +634,7 @@ class KartServer:
         if contested != before:
             self._take(inputs.Contested(now, number, contested))
 
-    def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
+    def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
         """Take a frame, or what should have been one, from a kart."""
         if self._links.get(link.number) is not link:
             return
@@ -646,7 +646,7 @@ class KartServer:
                 text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
                 self._tell(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
             return
-        self._take(inputs.Heard(now, link.number, serial, heard.state))
+        self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
         """Take note that the kart's kernel answered the order of this serial, at a time in s."""

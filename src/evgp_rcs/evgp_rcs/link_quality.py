@@ -26,13 +26,23 @@ from collections import deque
 import math
 from typing import NamedTuple
 
-from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
+from evgp_protocol.frames import encode
+from evgp_protocol.link import BEAT_RATE, Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
+from evgp_protocol.states import RaceState
 
 MEASURE_EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
 
 POOR_LATELY = 60.0
 """Time after a link was poor in which GRID_ACTIVE's question names its kart, in seconds."""
+
+CLOSING = 0.4
+"""Share of the largest window that a kart's TCP has offered below which the kart leaves unread what
+it is sent. lwIP's window of a kart that reads everything goes down to half of it; Linux's, of some
+64 kB, takes an hour to be filled by what is left unread, and shows nothing before."""
+
+BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
+"""Number of bytes that a kart is sent in a second of racing, at the usual rate."""
 
 _WORSE_FROM = {
     Grade.GOOD: GRADES[Grade.FAIR],
@@ -54,6 +64,8 @@ class LinkQuality(NamedTuple):
     :param unanswered: bytes that the kart's kernel has not answered.
     :param answered_ago: time since anything came from it, s.
     :param worst_gap: the longest time between two frames since the measurement before, s.
+    :param behind: how far the kart's program may be behind in reading what it is sent, s; 0:
+        nothing shows that it is.
     """
 
     grade: Grade
@@ -65,6 +77,7 @@ class LinkQuality(NamedTuple):
     unanswered: int
     answered_ago: float | None
     worst_gap: float
+    behind: float = 0.0
 
 
 NOT_MEASURED = LinkQuality(Grade.UNKNOWN, math.nan, None, None, 0, 0, 0, None, math.nan)
@@ -84,6 +97,7 @@ class LinkMeter:
         self._retransmitted = 0
         self._wrote_at = now
         self._worst_gap = 0.0
+        self._largest_window = 0
         # The longest answer, and each that is the longest after it; so the first is the worst.
         self._longest: deque[tuple[float, float]] = deque()
 
@@ -109,7 +123,7 @@ class LinkMeter:
         return self._worst(age, now) >= self._worse_from
 
     def measure(
-        self, age: float, unanswered: int, info: TcpInfo | None, now: float
+        self, age: float, unanswered: int, info: TcpInfo | None, now: float, behind: float = 0.0
     ) -> LinkQuality:
         """
         Return the figures at a time, in seconds.
@@ -117,11 +131,13 @@ class LinkMeter:
         :param age: of the oldest frame that is not answered, s; 0: all are.
         :param unanswered: number of bytes that are not.
         :param info: what the kernel tells; None: it does not.
+        :param behind: how far the kart's program may be behind by what it says (s); 0: it is not.
         """
+        behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
         again = self._retransmitted if info is None else info.retransmitted
         quality = LinkQuality(
-            grade(worst),
+            Grade.POOR if behind else grade(worst),
             worst,
             None if info is None else round(info.round_trip, 4),
             None if info is None else round(info.variation, 4),
@@ -130,12 +146,22 @@ class LinkMeter:
             unanswered,
             None if info is None else round(info.since_answer, 4),
             round(max(self._worst_gap, now - self._wrote_at), 4),
+            round(behind, 1),
         )
-        self._worse_from = _WORSE_FROM[quality.grade]
+        self._worse_from = _WORSE_FROM[grade(worst)]
         self._measured_at = now
         self._retransmitted = again
         self._worst_gap = 0.0
         return quality
+
+    def _behind_by_window(self, info: TcpInfo | None) -> float:
+        """Return how much the kart may have left unread, as time at most (s); 0: nothing shows."""
+        if info is None or info.window is None:
+            return 0.0
+        self._largest_window = max(self._largest_window, info.window)
+        if info.window >= CLOSING * self._largest_window:
+            return 0.0
+        return (self._largest_window - info.window) / BYTES_PER_SECOND
 
     def _worst(self, age: float, now: float) -> float:
         while self._longest and now - self._longest[0][0] > GRADE_WINDOW:

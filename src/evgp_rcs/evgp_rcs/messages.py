@@ -115,6 +115,7 @@ def race_message(
             unanswered_bytes=link.unanswered,
             answered_ago=_known(link.answered_ago),
             worst_gap=_known(link.worst_gap),
+            behind=link.behind,
             delivered_after=_known(kart.delivered_at) - kart.ordered_at,
             acknowledged_after=_known(kart.acknowledged_at) - kart.ordered_at,
         )
@@ -131,6 +132,7 @@ def race_message(
             sent_since=wall(kart.sent_since),
             acknowledged=kart.acknowledged,
             reported=_STATE[kart.reported],
+            counts_at=wall(kart.counts_at),
             hold=_STATE[kart.hold],
             hold_reason=kart.hold_reason,
             may_be_moving=kart.may_be_moving,

@@ -471,6 +471,9 @@ class Kart:
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
+    :param counts_at: it says what it is sent, perhaps to an earlier order: when that counts at the
+        latest, s; a time that is over: nobody knows when; None: it says no such thing.
+    :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
     :param transponders: those that the roster says it has.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
@@ -501,6 +504,8 @@ class Kart:
     finish_due: float | None = None
     held_alone: bool = False
     withdrawn: bool = False
+    counts_at: float | None = None
+    counts_in: float = 0.0
     inspected: str = ''
     ordered_at: float = 0.0
     delivered_at: float | None = None
@@ -998,7 +1003,9 @@ class Race:
         if len(silent) > in_garage and not any(each.connected for each in concerned):
             self._cut_off(f'no kart answers any more: {_listed(silent)}', now)
 
-    def heard(self, number: int, serial: int, state: RaceState, now: float) -> Outcome:
+    def heard(
+        self, number: int, serial: int, state: RaceState, now: float, counts_in: float = 0.0
+    ) -> Outcome:
         """
         Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
 
@@ -1006,6 +1013,8 @@ class Race:
         however old the other state is: perhaps the acknowledgement was just as old.
 
         :param serial: the kart's order that had been sent when the frame began to arrive.
+        :param counts_in: for what does not count yet: in how many seconds the same word would, at
+            the latest; 0: unknown, or never.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1014,6 +1023,7 @@ class Race:
         counts = state is kart.sent and serial == kart.serial
         if counts and not kart.acknowledged:
             kart.acknowledged = True
+            kart.counts_at = None
             if kart.acknowledged_at is None:
                 kart.acknowledged_at = now
             if state.is_red:
@@ -1038,6 +1048,12 @@ class Race:
                 state,
                 chatter=True,
             )
+        elif state is kart.sent is not IN_GARAGE and not kart.acknowledged:
+            first = kart.counts_at is None
+            kart.counts_at, kart.counts_in = now + counts_in, counts_in
+            if first:
+                text = f'{_capital(kart)} {self._silence(kart)}'
+                self._tell(EventKind.REPORTED, text, number, state, chatter=True)
         elif state is not kart.reported:
             text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
             self._tell(EventKind.REPORTED, text, number, state, chatter=True)
@@ -1079,7 +1095,9 @@ class Race:
             kart.link_poor_at = now
         if before is None or before.grade is not link.grade:
             text = f'The link to {kart} is {link.grade.value}'
-            if link.grade is not Grade.GOOD:
+            if link.behind:
+                text += f': its program may read {link.behind:.1f} s late'
+            elif link.grade is not Grade.GOOD:
                 text += f': it took {link.worst_answer:.2f} s to answer'
             kind = EventKind.LINK_GRADE
             self._events.append(Event(kind, text, number, grade=link.grade))
@@ -1161,6 +1179,8 @@ class Race:
         """
         for kart in self.karts.values():
             self._settle(kart, now)
+            if kart.counts_at is not None and now >= kart.counts_at:
+                kart.counts_in = 0.0
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
                 self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
@@ -1245,6 +1265,7 @@ class Race:
         kart.delivered_at = kart.acknowledged_at = None
         kart.acknowledged = False
         kart.withdrawn = False
+        kart.counts_at = None
         kart.settles_at = None
         if kart.connected:
             if state is GRID_ACTIVE:
@@ -1304,7 +1325,7 @@ class Race:
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
         kart.acknowledged = False
-        kart.settles_at = None
+        kart.settles_at = kart.counts_at = None
         kart.reported = None
         kart.link = kart.delivered_at = kart.acknowledged_at = None
         under_way = kart.in_race and self.state is not IN_GARAGE
@@ -1957,6 +1978,11 @@ class Race:
             return f'has stopped, and must stand for {self.times.settle:g} s'
         if kart.stopped_itself:
             return 'stopped itself'
+        if kart.counts_at is not None:
+            said = f'says {kart.sent.value}, perhaps to the earlier one'
+            if kart.counts_in:
+                return f'{said}: {math.ceil(kart.counts_in)} s'
+            return f'{said}: let it connect again (it comes back held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'no {kart.sent.value} yet'
@@ -2066,10 +2092,13 @@ class Race:
                 text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                text = (
-                    f'RED FLAG (before GREEN: LEAVE): {kart} answers '
-                    f'{kart.link.worst_answer:.1f} s late, and a stop may too'
-                )
+                late_by = f'answers {kart.link.worst_answer:.1f} s late, and a stop may too'
+                if kart.link.behind:
+                    late_by = (
+                        f'may read {kart.link.behind:.1f} s late: it says back fewer frames than '
+                        'it is sent, or leaves them unread, and a stop comes as late'
+                    )
+                text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.contested:
                 text = f'Two programs connect as {kart}, in turns: have its team end one of them'

@@ -55,6 +55,7 @@ class KartSnapshot(NamedTuple):
     sent_since: float
     acknowledged: bool
     reported: RaceState | None
+    counts_at: float | None
     hold: RaceState | None
     hold_reason: str
     may_be_moving: bool

@@ -120,12 +120,13 @@ LINKS = st.builds(
     unanswered=NUMBERS,
     answered_ago=st.none() | TIMES,
     worst_gap=TIMES,
+    behind=TIMES,
 )
 ENTRIES = st.one_of(
     st.builds(inputs.Commanded, TIMES, COMMANDS, TIMES),
     st.builds(inputs.Connected, TIMES, KARTS),
     st.builds(inputs.Disconnected, TIMES, KARTS, TEXTS),
-    st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES),
+    st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES, TIMES),
     st.builds(inputs.Delivered, TIMES, KARTS, KARTS, TIMES),
     st.builds(inputs.Measured, TIMES, KARTS, LINKS),
     st.builds(inputs.Passed, TIMES, st.lists(PASSINGS).map(tuple), NUMBERS),

@@ -221,6 +221,7 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         kart,
         sent_for=stamp - _seconds(kart.sent_since),
         settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
+        counts_in=max(0.0, _seconds(kart.counts_at) - stamp) if kart.counts_at.sec else None,
         flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
         last_lap=kart.last_lap if kart.laps else None,
         best_lap=kart.best_lap if kart.laps else None,

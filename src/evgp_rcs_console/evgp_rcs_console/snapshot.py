@@ -74,6 +74,7 @@ class Link:
     poor_lately: bool = False
     worst_answer: float = math.nan
     round_trip: float = math.nan
+    behind: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,9 @@ class Kart:
 
     :param settles_in: time from the snapshot until its stop counts, if it stands by its word, in
         seconds; 0 when nothing is pending.
+    :param counts_in: it says what it is sent, perhaps to an earlier command: time from the snapshot
+        until that counts at the latest, in seconds; 0: only a new connection of it counts; None:
+        it says no such thing.
     :param last_lap: in seconds; None: it has no lap. ``best_lap``, likewise.
     :param flag_in: time from the snapshot until its finish becomes a RED_FLAG, in seconds; 0 when
         none is due.
@@ -103,6 +107,7 @@ class Kart:
     commands: Availability
     inspected: str = ''
     settles_in: float = 0.0
+    counts_in: float | None = None
     flag_in: float = 0.0
     link: Link = Link()
     laps: int = 0

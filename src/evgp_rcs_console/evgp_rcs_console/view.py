@@ -599,6 +599,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
+    if kart.counts_in is not None and kart.counts_in <= age:
+        notes.append(texts.CONNECT_AGAIN.format(state=texts.STATES[kart.sent]))
     if kart.flag_follows:
         left = texts.left(kart.flag_in - age)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
@@ -623,6 +625,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     says = ''
     if kart.connected and kart.reported not in (State.UNKNOWN, kart.sent):
         says = texts.SAYS.format(state=texts.STATES[kart.reported])
+    elif kart.counts_in is not None:
+        says = texts.SAYS_EARLIER
     return Row(
         number=kart.number,
         team=kart.team,
@@ -663,8 +667,9 @@ def _link(kart: Kart, missing: Tone) -> Cell:
 
 
 def _link_time(link: Link) -> str:
-    """Return the round trip; of a link that is not good, the longest answer, which tells why."""
-    seconds = link.round_trip if link.grade is Grade.GOOD else link.worst_answer
+    """Return the round trip; of a link that is not good, what tells why: the longest answer."""
+    late = max(link.worst_answer, link.behind)
+    seconds = link.round_trip if link.grade is Grade.GOOD else late
     if link.grade is Grade.UNKNOWN or math.isnan(seconds):
         return ''
     return texts.MILLISECONDS.format(count=math.ceil(1000 * seconds))
@@ -683,6 +688,9 @@ def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
     if kart.reported is State.RED_RED and kart.sent in (State.GRID_ACTIVE, State.GREEN_GREEN):
         return Cell(texts.STOPPED_ITSELF, Tone.BAD)
+    if kart.counts_in is not None and kart.counts_in > age:
+        left = texts.left(kart.counts_in - age)
+        return Cell(texts.COUNTS_IN.format(seconds=left), Tone.WAIT)
     return Cell(texts.WAITING, Tone.WAIT)
 
 

@@ -61,6 +61,7 @@ def karts(draw: st.DrawFn, number: int) -> Kart:
         hold_reason='' if hold is State.UNKNOWN else 'ALL_KILL by Anna',
         may_be_moving=draw(st.booleans()),
         settles_in=draw(st.sampled_from((0.0, 2.5))),
+        counts_in=draw(st.sampled_from((None, 0.0, 2.5))),
         flag_in=draw(st.sampled_from((0.0, 2.5))),
         link=Link(draw(st.sampled_from(Grade)), draw(st.booleans()), 0.6, 0.01),
     )

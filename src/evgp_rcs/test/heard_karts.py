@@ -1,0 +1,279 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Karts of many habits, as `Hearing` hears them: what each had read when it said a word is known.
+
+Time is simulated, so that hours take seconds. TCP loses nothing and answers at once: what matters
+here is what a kart's program reads, when, and what it says.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+import enum
+import heapq
+import itertools
+
+from evgp_protocol.frames import encode, StateFrame
+from evgp_protocol.states import RaceState
+from evgp_rcs.hearing import Hearing
+
+GARAGE = RaceState.IN_GARAGE
+
+
+class Says(enum.Enum):
+    """When a kart says back what it reads."""
+
+    CHANGES = 'each change once'
+    FRAMES = 'each frame'
+    NEWS = 'only what differs from its last word'
+
+
+@dataclass(frozen=True)
+class Habit:
+    """
+    What a kart says.
+
+    :ivar garage: it says IN_GARAGE back, too; ``greets``: it says it once, when it connects.
+    """
+
+    says: Says
+    garage: bool = False
+    greets: bool = False
+
+    def __str__(self) -> str:
+        """Return it in a few words."""
+        garage = 'with IN_GARAGE' if self.garage else 'without IN_GARAGE'
+        return f'{self.says.value}, {garage}{", with a greeting" if self.greets else ""}'
+
+
+HABITS = (
+    Habit(Says.CHANGES, garage=True),
+    Habit(Says.CHANGES),
+    Habit(Says.FRAMES, garage=True),
+    Habit(Says.FRAMES),
+    Habit(Says.FRAMES, greets=True),
+    Habit(Says.CHANGES, greets=True),
+)
+"""The habits of whose words every one counts in the end, if the kart reads in time."""
+
+
+@dataclass(frozen=True)
+class Reader:
+    """
+    How a kart reads.
+
+    :ivar rate: it reads so often a second; 0: at once.
+    :ivar one_frame: it reads one frame each time; otherwise all that has come, and says the last.
+    :ivar says_after: time from reading a frame until its word has arrived, s.
+    :ivar freezes: from when and how long it reads nothing, s.
+    :ivar acts_in: time that it takes to do what an order says, from when it first reads it, s.
+    """
+
+    rate: float = 0.0
+    one_frame: bool = True
+    says_after: float = 0.0
+    freezes: tuple[tuple[float, float], ...] = ()
+    acts_in: float = 0.0
+
+
+@dataclass
+class Counted:
+    """A word that counted: for which order, when, and which one the kart had read last."""
+
+    at: float
+    serial: int
+    meant: int
+
+
+@dataclass
+class Given:
+    """
+    An order.
+
+    :ivar said_at: when the first word for it, or what could be one, was heard (s).
+    :ivar counted_at: when a word first counted for it (s).
+    :ivar counts_in: how long it was said to take at most when the first word was heard, s.
+    :ivar read_at: when the kart first read it (s).
+    """
+
+    at: float
+    state: RaceState
+    said_at: float | None = None
+    counted_at: float | None = None
+    counts_in: float = 0.0
+    read_at: float | None = None
+
+
+@dataclass
+class Story:
+    """What became of a kart's orders and words."""
+
+    orders: list[Given] = field(default_factory=list)
+    counted: list[Counted] = field(default_factory=list)
+    behind: list[tuple[float, float]] = field(default_factory=list)
+    """When it was said to be behind, and how far (s)."""
+
+    @property
+    def stale(self) -> list[Counted]:
+        """Return the words that counted for an order that the kart had not read."""
+        return [each for each in self.counted if each.serial > each.meant]
+
+
+def story_of(
+    habit: Habit, reader: Reader, orders: Iterable[tuple[RaceState, float]], beat_rate: float = 12.0
+) -> Story:
+    """
+    Return what becomes of these orders.
+
+    :param orders: each with how long it lasts, s.
+    """
+    return _Told(habit, reader, beat_rate).tell(list(orders))
+
+
+class _Told:
+    def __init__(self, habit: Habit, reader: Reader, beat_rate: float) -> None:
+        self.habit, self.reader, self.beat_rate = habit, reader, beat_rate
+        self.hearing = Hearing(beat_rate)
+        self.story = Story()
+        self.sent = 0  # bytes
+        self.unread: deque[int] = deque()  # the serial of each frame
+        self.change = 0  # the serial of the state that it read last, where that changed
+        self.change_at = 0.0
+        self.last_word: RaceState | None = None
+        self.on_the_way: deque[tuple[float, RaceState, int]] = deque()
+        self.meant: deque[tuple[RaceState, int]] = deque()  # of each word for the last order
+        self.said_change = 0
+        self.due = 0  # words on the way whose time is set
+
+    def tell(self, orders: list[tuple[RaceState, float]]) -> Story:
+        counter = itertools.count()
+        events: list[tuple[float, int, str, int]] = []
+
+        def at(when: float, what: str, which: int = 0) -> None:
+            heapq.heappush(events, (when, next(counter), what, which))
+
+        begins = 0.0
+        for number, (_, lasts) in enumerate(orders):
+            at(begins, 'order', number)
+            begins += lasts
+        period = 1.0 / self.beat_rate
+        at(0.37 * period, 'beat')
+        if self.reader.rate:
+            at(0.61 / self.reader.rate, 'turn')
+        if self.habit.greets:
+            at(0.001, 'greet')
+        while events:
+            now, _, what, which = heapq.heappop(events)
+            if now > begins:
+                break
+            self.arrive(now)
+            if what == 'order':
+                self.order(orders[which][0], now)
+            elif what == 'beat':
+                self.beat(now)
+                at(now + period, 'beat')
+            elif what == 'greet':
+                self.word(GARAGE, 1, now)
+            if what == 'turn':
+                self.read(now)
+                at(now + 1.0 / self.reader.rate, 'turn')
+            elif not self.reader.rate:
+                self.read(now)
+            self.arrive(now)
+            # Each word has its own time to arrive at, once.
+            for _ in range(len(self.on_the_way) - self.due):
+                at(self.on_the_way[self.due][0], 'arrive')
+                self.due += 1
+        return self.story
+
+    def order(self, state: RaceState, now: float) -> None:
+        self.story.orders.append(Given(now, state))
+        self.sent += len(encode(state))
+        serial = len(self.story.orders)
+        self.hearing.order(serial, state, self.sent, 0)
+        self.unread.append(serial)
+        self.hearing.look(self.sent, 0)
+
+    def beat(self, now: float) -> None:
+        self.hearing.beat(now)
+        for frame, serial in self.hearing.settled():
+            # The last word of all that were said: nothing followed it.
+            self.count(serial, self.meant[-1][1], now)
+            assert frame.state is self.meant[-1][0]
+        if self.story.orders:
+            self.sent += len(encode(self.story.orders[-1].state))
+            self.unread.append(len(self.story.orders))
+            self.hearing.sent_again()
+        if self.hearing.behind:
+            self.story.behind.append((now, self.hearing.behind))
+
+    def read(self, now: float) -> None:
+        if any(begin <= now < begin + lasts for begin, lasts in self.reader.freezes):
+            return
+        while self.unread:
+            serial = self.unread.popleft()
+            if not self.reader.one_frame:
+                self.unread.clear() if serial == len(self.story.orders) else None
+                if self.unread:
+                    continue
+            order = self.story.orders[serial - 1]
+            if serial != self.change:
+                self.change, self.change_at = serial, now
+                order.read_at = now
+            self.speak(order.state, serial, now)
+            if self.reader.rate and self.reader.one_frame:
+                return
+
+    def speak(self, state: RaceState, serial: int, now: float) -> None:
+        if state is GARAGE and not self.habit.garage:
+            return
+        if state is not GARAGE and now - self.change_at < self.reader.acts_in:
+            return
+        says = self.habit.says
+        if says is Says.CHANGES and self.said_change == serial:
+            return
+        if says is Says.NEWS and self.last_word is state:
+            return
+        self.said_change = serial
+        self.word(state, serial, now)
+
+    def word(self, state: RaceState, serial: int, now: float) -> None:
+        self.last_word = state
+        self.on_the_way.append((now + self.reader.says_after, state, serial))
+
+    def arrive(self, now: float) -> None:
+        while self.on_the_way and self.on_the_way[0][0] <= now:
+            _, state, meant = self.on_the_way.popleft()
+            self.due = max(0, self.due - 1)
+            data = encode(state)
+            self.hearing.read(len(data))
+            self.hearing.look(self.sent, 0)
+            ((heard, serial),) = self.hearing.decode(memoryview(data))
+            assert isinstance(heard, StateFrame)
+            self.meant.append((state, meant))
+            present = self.story.orders[-1]
+            if state is present.state and present.said_at is None:
+                present.said_at, present.counts_in = now, self.hearing.counts_in()
+            if serial:
+                self.count(serial, meant, now)
+
+    def count(self, serial: int, meant: int, now: float) -> None:
+        self.story.counted.append(Counted(now, serial, meant))
+        order = self.story.orders[serial - 1]
+        if serial == len(self.story.orders) and order.counted_at is None:
+            order.counted_at = now

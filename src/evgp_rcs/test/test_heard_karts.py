@@ -1,0 +1,187 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Karts of every habit: what they say counts in the end, and no old word ever does.
+
+Whole sequences of orders against karts that read and speak in their own ways (`heard_karts`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import itertools
+
+from evgp_protocol.states import RaceState
+from heard_karts import Habit, HABITS, Reader, Says, Story, story_of
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+GARAGE, GRID, GREEN = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
+FLAG, RED = RaceState.RED_FLAG, RaceState.RED_RED
+
+Orders = list[tuple[RaceState, float]]
+
+WAIT = 3.0
+"""Maximum time from the first word for an order until one counts, in seconds."""
+
+ENOUGH = 6.0
+"""Duration of an order from which on it must be acknowledged, in seconds."""
+
+SEQUENCES: dict[str, Orders] = {
+    'a whole race': [(GARAGE, 5), (GRID, 6), (GREEN, 20), (FLAG, 8), (RED, 8), (GARAGE, 5)],
+    'two races': [(GARAGE, 5), *[(GRID, 6), (GREEN, 9), (RED, 8), (GARAGE, 5)] * 2],
+    'no flag': [(GARAGE, 5), (GRID, 6), (GREEN, 9), (RED, 8), (GARAGE, 1), (GRID, 6), (GREEN, 6)],
+    'the grid again': [(GARAGE, 5), (GRID, 6), (GARAGE, 1), (GRID, 8), (GREEN, 6), (RED, 6)],
+    'the grid again at once': [(GARAGE, 5), (GRID, 6), (GARAGE, 0.2), (GRID, 8)],
+    'a short grid again': [(GARAGE, 5), (GRID, 2), (GARAGE, 1), (GRID, 8)],
+    'the grid again and again': [(GARAGE, 5), *[(GRID, 6), (GARAGE, 1)] * 3, (GRID, 8)],
+    'the grid again after a while': [(GARAGE, 5), (GRID, 6), (GARAGE, 9), (GRID, 8)],
+    'the grid again after a long while': [(GARAGE, 5), (GRID, 60), (GARAGE, 60), (GRID, 8)],
+    'killed in the garage': [(GARAGE, 5), (RED, 8), (GARAGE, 1), (RED, 8)],
+    'killed in the garage at once': [(GARAGE, 5), (RED, 8), (GARAGE, 0.5), (RED, 8)],
+    'killed in the garage on the spot': [(GARAGE, 5), (RED, 8), (GARAGE, 0.1), (RED, 8)],
+    'killed in the garage late': [(GARAGE, 5), (RED, 8), (GARAGE, 4), (RED, 8)],
+    'killed in the garage just after 2 s': [(GARAGE, 5), (RED, 8), (GARAGE, 2.2), (RED, 8)],
+    'killed again and again': [(GARAGE, 5), *[(RED, 8), (GARAGE, 1)] * 3, (RED, 8)],
+    'killed after a long stop': [(GARAGE, 5), (RED, 60), (GARAGE, 1), (RED, 8)],
+    'killed on the grid': [(GARAGE, 5), (GRID, 6), (RED, 8), (GARAGE, 1), (GRID, 6), (RED, 8)],
+    'killed from the start': [(RED, 8), (GARAGE, 1), (RED, 8), (GARAGE, 3), (GRID, 6), (GREEN, 6)],
+    'a race, killed in the garage': [
+        *[(GARAGE, 5), (GRID, 6), (GREEN, 30), (FLAG, 15), (RED, 8), (GARAGE, 1), (RED, 8)],
+    ],
+    'a long race': [(GARAGE, 60), (GRID, 20), (GREEN, 120), (RED, 8), (GARAGE, 1), (RED, 8)],
+}
+"""Twenty legal sequences, each order with how long it lasts, s."""
+
+RATES = (8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0)
+DELAYS = (0.0, 0.45, 0.9)
+NEWS = Habit(Says.NEWS)
+
+
+def late(story: Story, orders: Orders) -> list[str]:
+    """Return which orders were acknowledged too late, or never, and how that was shown."""
+    found = []
+    for order, (state, lasts) in zip(story.orders, orders, strict=False):
+        if state is GARAGE or lasts < ENOUGH:
+            continue
+        if order.said_at is None or order.counted_at is None:
+            found.append(f'{state.value} at {order.at:g} s was never acknowledged')
+        elif order.counted_at - order.said_at > WAIT:
+            found.append(f'{state.value}: {order.counted_at - order.said_at:.2f} s')
+    return found
+
+
+def stories(rates: tuple[float, ...]) -> Iterator[tuple[str, Habit, Reader, Story]]:
+    """Yield what becomes of each sequence with each habit, delay and rate."""
+    for (name, orders), habit, delay in itertools.product(SEQUENCES.items(), HABITS, DELAYS):
+        # It reads and says late; it reads all there is, so much later; or one frame in each turn.
+        readers = [Reader(says_after=delay), *[Reader(rate, says_after=delay) for rate in rates]]
+        if delay:
+            readers.append(Reader(1 / delay, one_frame=False))
+        for reader in readers:
+            yield name, habit, reader, story_of(habit, reader, orders)
+
+
+def check(rates: tuple[float, ...]) -> None:
+    """Check that all is acknowledged of which readers are in time, and that nothing is stale."""
+    for name, habit, reader, story in stories(rates):
+        which = f'{name}; {habit}; {reader}'
+        assert not story.stale, which
+        in_time = not reader.one_frame or reader.rate == 0 or reader.rate >= 12
+        assert not in_time or not late(story, SEQUENCES[name]), which
+        for order in story.orders:
+            # What was said about the wait holds, but for the time that one word takes.
+            if in_time and order.counts_in and order.counted_at and order.said_at:
+                assert order.counted_at - order.said_at < order.counts_in + 1.2, which
+
+
+def test_in_every_legal_sequence_all_is_acknowledged_within_3_s_and_nothing_is_stale() -> None:
+    check((8.0, 12.0, 17.0))
+
+
+@pytest.mark.long
+def test_at_every_rate_nothing_is_stale_and_from_12_hz_on_all_is_acknowledged() -> None:
+    check(RATES)
+
+
+@pytest.mark.parametrize('beat_rate', [12.0, 20.0])
+@given(data=st.data())
+@settings(max_examples=300)
+def test_no_word_counts_for_an_order_that_the_kart_had_not_read_however_it_reads(
+    beat_rate: float, data: st.DataObject
+) -> None:
+    """Any habit, any orders; a kart that is up to 1 s late or reads ever less, and freezes."""
+    lasts = st.sampled_from((0.1, 0.4, 0.9, 1.1, 2.0, 2.3, 4.0, 9.0, 30.0))
+    states = data.draw(
+        st.lists(st.sampled_from((GARAGE, GARAGE, GRID, GREEN, FLAG, RED)), min_size=3, max_size=9)
+    )
+    orders = [(state, data.draw(lasts)) for state, _ in itertools.groupby(states)]
+    habits = st.builds(Habit, st.sampled_from(Says), st.booleans(), st.booleans())
+    freezes = st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 1.0))
+    reader = st.builds(
+        Reader,
+        rate=st.floats(8.0, 30.0),
+        says_after=st.floats(0.0, 0.9),
+        freezes=st.lists(freezes, max_size=1).map(tuple),
+        acts_in=st.sampled_from((0.0, 0.0, 1.0, 4.0)),
+    )
+    # It reads all there is at once, or each second.
+    drains = st.builds(
+        Reader,
+        rate=st.just(0.0) | st.floats(1.1, 30.0),
+        one_frame=st.just(False),
+        says_after=st.floats(0.0, 0.9),
+        acts_in=st.sampled_from((0.0, 1.0, 4.0)),
+    )
+    story = story_of(data.draw(habits), data.draw(reader | drains), orders, beat_rate)
+    assert not story.stale
+
+
+def test_a_kart_that_says_only_what_differs_from_its_last_word_is_not_acknowledged() -> None:
+    """It never says a second RED_RED: only a new connection helps."""
+    story = story_of(NEWS, Reader(), SEQUENCES['killed in the garage'])
+    assert [order.said_at is None for order in story.orders] == [True, False, True, True]
+
+
+@pytest.mark.parametrize('rate', [8.0, 9.0, 10.0, 11.0])
+@pytest.mark.parametrize('garage', [True, False])
+def test_a_kart_that_says_every_frame_back_and_reads_too_few_is_shown_within_10_s(
+    rate: float, garage: bool
+) -> None:
+    story = story_of(
+        Habit(Says.FRAMES, garage), Reader(rate), [(GARAGE, 5), (GRID, 5), (GREEN, 30)]
+    )
+    shown, _ = next(each for each in story.behind if garage or each[0] > story.orders[2].at)
+    assert shown - story.orders[0 if garage else 2].at < 10.0
+    # It is later by now, and that is shown too, but for what has been since the last count.
+    lag = 30.0 * (1 - rate / 12)
+    assert story.behind[-1][1] == pytest.approx(lag, abs=2.0 + 10 * (1 - rate / 12))
+
+
+@pytest.mark.parametrize('rate', [0.0, 12.0, 13.0, 19.0, 30.0])
+@pytest.mark.parametrize('habit', HABITS, ids=str)
+def test_a_kart_that_reads_in_time_is_never_shown_as_late(habit: Habit, rate: float) -> None:
+    for delay in DELAYS:
+        reader = Reader(rate, says_after=delay, freezes=((40.0, 1.0),), acts_in=2.0)
+        assert not story_of(habit, reader, SEQUENCES['a long race']).behind
+
+
+def test_a_kart_that_is_behind_and_catches_up_is_not_shown_any_more() -> None:
+    story = story_of(
+        Habit(Says.FRAMES, garage=True), Reader(10.0), [(GARAGE, 30), (GRID, 5), (GREEN, 5)]
+    )
+    assert story.behind
+    assert max(each for _, each in story.behind) == pytest.approx(30 / 6, abs=2.0)
