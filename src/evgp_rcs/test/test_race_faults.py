@@ -126,7 +126,8 @@ anything said under the present serial is an acknowledgement: ack-old
 an acknowledgement of GREEN_GREEN is not heard: ack-deaf
     heard: and serial => is not GREEN_GREEN and serial
 no acknowledgement is heard: ack-deaf, stuck heard: serial == kart => serial > kart
-time acknowledges: ack-from-nothing tick: if kart => kart.acknowledged = kart.connected ¶ if kart
+time acknowledges: ack-from-nothing
+    tick: self._settle(kart, now) => self._settle(kart, now) ¶ kart.acknowledged = kart.connected
 an order to a kart that is not connected: order-wrong, restart _redirect: kart.connected => True
 a stop is announced as allowed, and refused: stop-refused
     _refusal_of: if refusal => if command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE:
@@ -401,7 +402,8 @@ a heat may have a kart without an inspection: uninspected [uninspected outside]
 the statement that the track is safe leaves the doubt of a restart: effect, stuck
     _race_in_garage: self.past_unknown = self.unstated = False => pass
 an acknowledgement at once ends the doubt: settle, effect heard: + self.times.settle =>
-the time to stand counts from the order: settle, effect [green] heard: now + => kart.sent_since +
+the time to stand counts from the order: settle, effect [green]
+    heard: settles_at = now + => settles_at = kart.sent_since +
 the time to stand counts from when it is first looked at: effect heard: + self => + 2 * self
 a word that was taken back ends the doubt later: settle, effect heard: kart.settles_at = None =>
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten
@@ -411,7 +413,8 @@ a new order lets the time to stand run on: settle, effect [green]
 a kart stands while race control is held up and hears nothing: settle, effect [held up]
     held_up: kart.settles_at = now + self.times.settle => kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside]
-    heard: not kart.acknowledged => (not kart.acknowledged or kart.settles_at is not None)
+    heard: counts and not kart.acknowledged => counts and (not kart.acknowledged or
+        kart.settles_at is not None)
 the doubt never ends by standing: effect, stuck tick: self._settle(kart, now) =>
 humans are allowed as soon as a kart has acknowledged: track-access, availability, refusal-silent
     _danger: stands => stopped
