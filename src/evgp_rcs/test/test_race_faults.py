@@ -407,7 +407,7 @@ the time to stand counts from the order: settle, effect [green]
 the time to stand counts from when it is first looked at: effect heard: + self => + 2 * self
 a word that was taken back ends the doubt later: settle, effect heard: kart.settles_at = None =>
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten
-    _drop: kart.settles_at = None => pass
+    _drop: kart.settles_at = kart.counts_at = None => kart.counts_at = None
 a new order lets the time to stand run on: settle, effect [green]
     _redirect: kart.settles_at = None =>
 a kart stands while race control is held up and hears nothing: settle, effect [held up]
