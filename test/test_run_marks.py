@@ -20,7 +20,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import LastRun
-from evgp_rcs.run_mark import RUN_BEGAN, place, RunMark
+from evgp_rcs.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official

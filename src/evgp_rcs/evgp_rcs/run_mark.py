@@ -16,8 +16,8 @@
 The mark of a run: one small file that says whether race control ended well on this machine.
 
 There is one for each port, at one fixed place that survives a restart of the machine, whatever
-user, home, record or unit race control has. `RUN_BEGAN` is on the disk before a kart can connect; an
-orderly end writes how it ended. Whatever cannot be read or written proves nothing.
+user, home, record or unit race control has. `RUN_BEGAN` is on the disk before a kart can connect;
+an orderly end writes how it ended. Whatever cannot be read or written proves nothing.
 
 Where `FOLDER` is not the machine's, or is lost with its power, no mark can be written there: see
 ``why_not_lasting``. While there is none, race control starts no race (``record_process``).

@@ -52,7 +52,7 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
-from evgp_rcs.run_mark import RUN_BEGAN, place
+from evgp_rcs.run_mark import place, RUN_BEGAN
 from evgp_rcs.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port

@@ -27,11 +27,11 @@ import tempfile
 from evgp_rcs import run_mark
 from evgp_rcs.race import LastRun
 from evgp_rcs.run_mark import (
-    RUN_BEGAN,
     FOLDER,
     InUseError,
     leave_began,
     place,
+    RUN_BEGAN,
     RunMark,
     why_not_lasting,
 )
