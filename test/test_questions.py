@@ -25,6 +25,7 @@ from evgp_rcs.race import (
     Doubt,
     Kart,
     KartMemory,
+    LastRun,
     Race,
     RaceMemory,
     RaceTimes,
@@ -104,7 +105,7 @@ class Walk:
         karts = [Kart(number, f'T{number}', in_race=chance.random() < 0.6) for number in NUMBERS]
         self.race = Race(karts, RaceTimes(finish_delays=(0.5,)), now=self.now)
         if chance.random() < 0.3:
-            self.race.recover(self._left_behind(), self.now)
+            self.race.recover(self._left_behind(), chance.choice(list(LastRun)), self.now)
         for number in NUMBERS:
             if chance.random() < 0.8:
                 self.race.connected(number, self.now)
@@ -119,9 +120,7 @@ class Walk:
             number: KartMemory(perhaps(), perhaps(), 0, self.chance.choice(list(Doubt)), perhaps())
             for number in NUMBERS
         }
-        return RaceMemory(
-            self.chance.choice(list(RaceState)), karts, perhaps(), perhaps(), final=perhaps()
-        )
+        return RaceMemory(self.chance.choice(list(RaceState)), karts, perhaps(), perhaps())
 
     def step(self) -> None:
         """Do one thing, most often what a race is made of."""

@@ -20,7 +20,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import LastRun
-from evgp_rcs.run_mark import BEGAN, place, RunMark
+from evgp_rcs.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -324,7 +324,7 @@ def test_a_mark_that_cannot_be_used_is_said_and_once_it_is_gone_a_race_may_start
                 lambda race: msg.Alert.RECORD_FAILING not in {a.kind for a in race.alerts},
                 'no alert',
             )
-            assert machine.mark.read_text(encoding='ascii').strip() == BEGAN
+            assert machine.mark.read_text(encoding='ascii').strip() == RUN_BEGAN
             official.bring_to(GREEN_GREEN, *KARTS)
             control.lose_power()
     finally:
@@ -364,8 +364,8 @@ def test_whenever_a_start_is_cut_off_the_mark_says_began_before_a_kart_can_conne
             time.sleep(0.001)
         said = machine.mark.read_text(encoding='ascii').strip()
         cut_off(process)
-        assert said == BEGAN or not connected
-        assert machine.mark.read_text(encoding='ascii').strip() in (said, BEGAN)
+        assert said == RUN_BEGAN or not connected
+        assert machine.mark.read_text(encoding='ascii').strip() in (said, RUN_BEGAN)
 
 
 @pytest.mark.parametrize('times', [4, pytest.param(30, marks=pytest.mark.long)])
@@ -382,7 +382,7 @@ def test_whenever_an_end_is_cut_off_a_kart_that_is_held_is_not_forgotten(
             control.process.terminate()
             time.sleep(chance.uniform(0.0, 0.5))  # what is tested is when it is cut off
             cut_off(control)
-        assert machine.mark.read_text(encoding='ascii').strip() == BEGAN
+        assert machine.mark.read_text(encoding='ascii').strip() == RUN_BEGAN
 
 
 def test_a_start_that_cannot_listen_leaves_the_mark_as_it_was(machine: Machine) -> None:

@@ -16,8 +16,8 @@
 The mark of a run: one small file that says whether race control ended well on this machine.
 
 There is one for each port, at one fixed place that survives a restart of the machine, whatever
-user, home, record or unit race control has. `BEGAN` is on the disk before a kart can connect; an
-orderly end writes how it ended. Whatever cannot be read or written proves nothing.
+user, home, record or unit race control has. `RUN_BEGAN` is on the disk before a kart can connect;
+an orderly end writes how it ended. Whatever cannot be read or written proves nothing.
 
 Where `FOLDER` is not the machine's, or is lost with its power, no mark can be written there: see
 ``why_not_lasting``. While there is none, race control starts no race (``record_process``).
@@ -43,14 +43,14 @@ CLAIM_TIMEOUT = 2.0
 """Maximum time to wait for a race control that is just ending to let go of its mark or its
 record, in seconds."""
 
-LOOK_EVERY = 1.0
+KEEP_EVERY = 1.0
 """Time between two looks whether the mark is still there, in seconds."""
 
-BEGAN = 'began'
+RUN_BEGAN = 'began'
 """What the mark says while race control runs, and after a run that did not end well."""
 
 _WORDS = {
-    LastRun.UNKNOWN: BEGAN,
+    LastRun.UNKNOWN: RUN_BEGAN,
     LastRun.NONE: LastRun.NONE.value,
     LastRun.ENDED: LastRun.ENDED.value,
     LastRun.ENDED_OPEN: LastRun.ENDED_OPEN.value,
@@ -125,7 +125,7 @@ class RunMark:
         self._looked_at = clock.now()
         self.error = ''
         """Why the mark cannot be written now, as a phrase; empty: it can."""
-        word = BEGAN
+        word = RUN_BEGAN
         try:
             word = self._begin()
         except OSError as error:
@@ -137,7 +137,7 @@ class RunMark:
 
     def due_in(self) -> float:
         """Return after which time ``keep`` is to be called, in seconds."""
-        return max(0.0, self._looked_at + LOOK_EVERY - clock.now())
+        return max(0.0, self._looked_at + KEEP_EVERY - clock.now())
 
     def keep(self) -> None:
         """Write *began* if it could not be written before, or if somebody has deleted the mark."""

@@ -52,7 +52,7 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
-from evgp_rcs.run_mark import BEGAN, place
+from evgp_rcs.run_mark import place, RUN_BEGAN
 from evgp_rcs.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port
@@ -216,13 +216,13 @@ def test_record_and_mark_say_whether_the_end_was_in_order(
     half: Half, connect: Connect, begin: Begin, in_order: bool
 ) -> None:
     connect(1)
-    assert mark_of(begin) == BEGAN
+    assert mark_of(begin) == RUN_BEGAN
     half.say(End(in_order))
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
         *_, run = sessions(database)
     assert (run.ended_ns is not None) is in_order
-    assert (mark_of(begin) != BEGAN) is in_order
+    assert (mark_of(begin) != RUN_BEGAN) is in_order
 
 
 def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(

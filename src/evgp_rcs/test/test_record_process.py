@@ -32,7 +32,7 @@ from evgp_rcs.inputs import Block
 from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.record import events, open_read_only, Record, RecordError
 from evgp_rcs.record_process import RecordProcess
-from evgp_rcs.run_mark import BEGAN
+from evgp_rcs.run_mark import RUN_BEGAN
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
 
@@ -192,7 +192,7 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     assert told == [False]
     mark.rmdir()
     wait_for(record, lambda: not record.trouble())
-    assert mark.read_text().strip() == BEGAN
+    assert mark.read_text().strip() == RUN_BEGAN
     record.end(PATIENCE, LastRun.ENDED)
     again = RecordProcess(path, mark)
     assert again.last_run is LastRun.ENDED

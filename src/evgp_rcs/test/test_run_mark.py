@@ -27,11 +27,11 @@ import tempfile
 from evgp_rcs import run_mark
 from evgp_rcs.race import LastRun
 from evgp_rcs.run_mark import (
-    BEGAN,
     FOLDER,
     InUseError,
     leave_began,
     place,
+    RUN_BEGAN,
     RunMark,
     why_not_lasting,
 )
@@ -81,7 +81,7 @@ def test_a_run_that_began_and_died_is_known_to_every_later_one(
 def test_while_a_run_goes_on_the_mark_says_that_it_began(path: pathlib.Path) -> None:
     run(path, LastRun.ENDED)
     mark = RunMark(path)
-    assert path.read_text().strip() == BEGAN
+    assert path.read_text().strip() == RUN_BEGAN
     mark.end(LastRun.ENDED)
     assert path.read_text().strip() == 'ended'
 
@@ -236,7 +236,7 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     remount(small_disk, 'rw')
     mark.keep()
     assert mark.error == ''
-    assert path.read_text().strip() == BEGAN
+    assert path.read_text().strip() == RUN_BEGAN
     mark.end(LastRun.UNKNOWN)
     assert run(path) is LastRun.UNKNOWN
 
@@ -252,7 +252,7 @@ def test_a_disk_without_room_for_a_mark_proves_nothing_and_has_none_that_could(
     assert 'no space left' in mark.error
     ballast.unlink()
     mark.keep()
-    assert (mark.error, path.read_text().strip()) == ('', BEGAN)
+    assert (mark.error, path.read_text().strip()) == ('', RUN_BEGAN)
     mark.end(LastRun.ENDED)
     assert run(path) is LastRun.ENDED
 
@@ -270,7 +270,7 @@ def test_a_mark_that_is_taken_away_during_a_run_is_there_again(
         path.write_text('ended')
     mark.keep()
     assert mark.error == ''
-    assert path.read_text().strip() == BEGAN
+    assert path.read_text().strip() == RUN_BEGAN
     mark.end(LastRun.UNKNOWN)
     assert run(path) is LastRun.UNKNOWN
 

@@ -24,7 +24,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent, StartPhase
+from evgp_rcs.race import (
+    Command,
+    Kart,
+    LastRun,
+    Outcome,
+    Race,
+    RaceTimes,
+    StampedEvent,
+    StartPhase,
+)
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
@@ -160,7 +169,7 @@ class TableTop:
 
     def _come_back(self) -> None:
         self.race = self._race()
-        self._take(self.race.recover(self._left, self.now))
+        self._take(self.race.recover(self._left, LastRun.UNKNOWN, self.now))
 
     def _take(self, outcome: Outcome) -> None:
         for event in outcome.events:
