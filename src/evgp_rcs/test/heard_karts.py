@@ -135,7 +135,10 @@ class Story:
 
 
 def story_of(
-    habit: Habit, reader: Reader, orders: Iterable[tuple[RaceState, float]], beat_rate: float = 12.0
+    habit: Habit,
+    reader: Reader,
+    orders: Iterable[tuple[RaceState, float]],
+    beat_rate: float = 12.0,
 ) -> Story:
     """
     Return what becomes of these orders.

@@ -84,9 +84,9 @@ class Kart:
 
     :param settles_in: time from the snapshot until its stop counts, if it stands by its word, in
         seconds; 0 when nothing is pending.
-    :param counts_in: it says what it is sent, perhaps to an earlier command: time from the snapshot
-        until that counts at the latest, in seconds; 0: only a new connection of it counts; None:
-        it says no such thing.
+    :param counts_in: it says what it is sent, perhaps to an earlier command: time from the
+        snapshot until that counts at the latest, in seconds; 0: only a new connection of it
+        counts; None: it says no such thing.
     :param last_lap: in seconds; None: it has no lap. ``best_lap``, likewise.
     :param flag_in: time from the snapshot until its finish becomes a RED_FLAG, in seconds; 0 when
         none is due.
