@@ -303,7 +303,7 @@ class KartSteps:
             return False
         await self._announce(step)
         self._phase(f'{step}/green')
-        # Where a stop follows, a kart that reads too little while it drives is late by now.
+        # Before a stop: a kart that reads too little while it drives is late by now.
         self._wire.order(GREEN_GREEN, rate=FAST_RATE if step == 'red' else BEAT_RATE)
         section = self._trace.now
         if not await self._acknowledged(GREEN_GREEN, limits.green):

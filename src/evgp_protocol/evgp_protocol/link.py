@@ -37,9 +37,9 @@ SIOCOUTQNSD = 0x894B
 """Linux's request for the number of bytes not sent yet; TIOCOUTQ's have not been answered."""
 
 BEAT_RATE = 12.0
-"""How often race control sends each kart its state, by default, Hz. §4.C wants 10 in a second: if
-one beat is skipped, 11 are left. No more, since a kart that reads one frame in each turn of a
-slower loop is later with every second (docs/wire.md)."""
+"""How often race control sends each kart its state by default, Hz. §4.C wants 10 in a second: with
+one beat skipped, 11 are left. No more, since a kart that reads one frame in each turn of a slower
+loop is later with every second (docs/wire.md)."""
 
 GRADE_WINDOW = 10.0
 """Time for which the worst round trip counts for the grade, in seconds."""
@@ -50,8 +50,8 @@ the state is sent every second beat only, from three on every third, and so on. 
 reason to send less (§4.C wants 10 states a second), but a narrow one is, on which a stop would
 wait behind them."""
 
-# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015), and the
-# place of the other end's window in it since Linux 5.4 (2019).
+# struct tcp_info, linux/tcp.h: it only ever grows at its end. This is Linux 4.1's (2015), and
+# where Linux 5.4 (2019) put the window of the other end.
 _TCP_INFO = struct.Struct('=8B24I4Q')
 _WINDOW = struct.Struct('=I')
 _WINDOW_AT = 228

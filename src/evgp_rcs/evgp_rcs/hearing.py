@@ -113,12 +113,12 @@ SELDOM = 5.0
 """Rate of words below which a kart does not say every frame back, Hz: it reads `SLOWEST`, and may
 read nothing for a second."""
 
-PACE_WINDOW = 3.0
+PACE_WINDOW = 4.0
 """Time over which the words of a kart that says every frame back are counted against the frames
 that it is sent, in seconds. Two such times with too few words, one after the other: it reads late.
 """
 
-PACE = 0.96
+PACE = 0.95
 """Share of the frames sent that a kart says back at least, if it says every frame that it reads
 back and reads as many as it is sent."""
 
@@ -206,8 +206,10 @@ class _Pace:
         """
         self._words += 1
         if after is not None:
-            self._lost = min(self._lost, after)
-            self._slow *= self._lost > 1
+            # Of a slow one, all of that may be time for which it has not read the order.
+            self._lost = after if self._slow > 1 else min(self._lost, after)
+            if self._lost < 3:
+                self._lost = self._slow = 0
         if not self._counts:
             self._counts = True
             self._frames = self._words = 0
@@ -395,7 +397,8 @@ class Hearing:
         self._alone = None
         if self._deaf_beats or not isinstance(heard, StateFrame):
             return NO_ORDER
-        self._is_late |= not any(order.state is heard.state for order in self._orders)
+        asked = any(order.state is heard.state for order in self._orders)
+        self._is_late |= not asked and heard.state is not RaceState.IN_GARAGE  # it may greet
         can = [
             passed
             for passed, order in enumerate(self._orders)
@@ -411,9 +414,9 @@ class Hearing:
         order.said_in = self._beats
         self._says_garage |= order.state is RaceState.IN_GARAGE
         self._slowest = max(self._slowest, order.beat)
-        if order.state is self._orders[-1].state:
+        if len(self._orders) == 1:
             first_after = None
-            if len(self._orders) == order.words == 1 and order.answered_in is not None:
+            if order.words == 1 and order.answered_in is not None:
                 first_after = self._beats - order.answered_in
             self._pace.said(first_after)
         if len(can) == 1:

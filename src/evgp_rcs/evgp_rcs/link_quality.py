@@ -37,9 +37,9 @@ POOR_LATELY = 60.0
 """Time after a link was poor in which GRID_ACTIVE's question names its kart, in seconds."""
 
 CLOSING = 0.4
-"""Share of the largest window that a kart's TCP has offered; below it, the kart leaves unread what
-it is sent. lwIP's window of a kart that reads everything goes down to half of it; Linux's, of some
-64 kB, takes an hour to be filled by what is left unread, and shows nothing before."""
+"""Share of the largest window that a kart's TCP has offered, below which the kart leaves unread
+what it is sent. lwIP's window of a kart that reads everything goes down to half of it; Linux's, of
+some 64 kB, shows nothing for a long time."""
 
 BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
 """Number of bytes that a kart is sent in a second of racing, at the usual rate."""

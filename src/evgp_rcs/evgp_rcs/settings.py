@@ -29,7 +29,7 @@ _SECONDS = (0.1, 3600)
 
 OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
     ('port', 'The TCP port at which karts connect.', (1, 65535)),
-    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10; one may fail).', (11, 100)),
+    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, one more to skip).', (11, 100)),
     (
         'send_timeout',
         'Time after which a kart that leaves bytes unanswered is lost, s.',

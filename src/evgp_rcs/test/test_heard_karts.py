@@ -71,15 +71,19 @@ DELAYS = (0.0, 0.45, 0.9)
 NEWS = Habit(Says.NEWS)
 
 
-def late(story: Story, orders: Orders) -> list[str]:
-    """Return which orders were acknowledged too late, or never, and how that was shown."""
+def late(story: Story, orders: Orders, turn: float) -> list[str]:
+    """
+    Return which orders were acknowledged too late, or never.
+
+    :param turn: time between two words of the kart, s.
+    """
     found = []
     for order, (state, lasts) in zip(story.orders, orders, strict=False):
         if state is GARAGE or lasts < ENOUGH:
             continue
         if order.said_at is None or order.counted_at is None:
             found.append(f'{state.value} at {order.at:g} s was never acknowledged')
-        elif order.counted_at - order.said_at > WAIT:
+        elif order.counted_at - order.said_at > WAIT + turn:
             found.append(f'{state.value}: {order.counted_at - order.said_at:.2f} s')
     return found
 
@@ -100,11 +104,14 @@ def check(rates: tuple[float, ...]) -> None:
     for name, habit, reader, story in stories(rates):
         which = f'{name}; {habit}; {reader}'
         assert not story.stale, which
-        in_time = not reader.one_frame or reader.rate == 0 or reader.rate >= 12
-        assert not in_time or not late(story, SEQUENCES[name]), which
-        for order in story.orders:
+        in_time = reader.rate == 0 or reader.rate >= 12
+        drains = not reader.one_frame
+        # How often a kart that reads all there is speaks is known after 4 s in one state.
+        if in_time or (drains and name != 'a short grid again'):
+            assert not late(story, SEQUENCES[name], drains / (reader.rate or 1.0)), which
+        for order in story.orders if in_time else ():
             # What was said about the wait holds, but for the time that one word takes.
-            if in_time and order.counts_in and order.counted_at and order.said_at:
+            if order.counts_in and order.counted_at and order.said_at:
                 assert order.counted_at - order.said_at < order.counts_in + 1.2, which
 
 
@@ -162,13 +169,13 @@ def test_a_kart_that_says_every_frame_back_and_reads_too_few_is_shown_within_10_
     rate: float, garage: bool
 ) -> None:
     story = story_of(
-        Habit(Says.FRAMES, garage), Reader(rate), [(GARAGE, 5), (GRID, 5), (GREEN, 30)]
+        Habit(Says.FRAMES, garage), Reader(rate), [(GARAGE, 12), (GRID, 20), (GREEN, 30)]
     )
-    shown, _ = next(each for each in story.behind if garage or each[0] > story.orders[2].at)
-    assert shown - story.orders[0 if garage else 2].at < 10.0
+    shown, _ = story.behind[0]
+    assert shown - (story.orders[0 if garage else 1].said_at or 0.0) < 10.0
     # It is later by now, and that is shown too, but for what has been since the last count.
-    lag = 30.0 * (1 - rate / 12)
-    assert story.behind[-1][1] == pytest.approx(lag, abs=2.0 + 10 * (1 - rate / 12))
+    lag = 62.0 * (1 - rate / 12)
+    assert 0.6 * lag < story.behind[-1][1] < lag + 1.0
 
 
 @pytest.mark.parametrize('rate', [0.0, 12.0, 13.0, 19.0, 30.0])

@@ -87,9 +87,7 @@ LAPS = 'lap {count}: {last:.3f} s, best {best:.3f} s'
 SAYS = 'says {state}'
 SAYS_EARLIER = 'perhaps to the earlier one'
 COUNTS_IN = '… in {seconds} s'
-CONNECT_AGAIN = (
-    'says {state}, perhaps to the earlier one: let it connect again (it comes back held)'
-)
+CONNECT_AGAIN = 'perhaps says {state} to the earlier one: let it connect again (comes back held)'
 WAITING = '… not yet'
 STOPPED_ITSELF = '! stopped itself'
 SETTLING = '… wait {seconds} s'
