@@ -290,6 +290,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
+        statement='no_race_anywhere',  # of the request that the two share; to close needs none
     ),
     CommandKind.COUNT_PASSING: Entry(
         'COUNT PASSING',

@@ -997,7 +997,7 @@ class Race:
         silent = [
             each
             for each in concerned
-            if each.went_silent_at is not None and each.went_silent_at >= now - AT_ONCE
+            if each.went_silent_at is not None and each.went_silent_at >= now - LOST_AT_ONCE
         ]
         # In the garage a team that takes its kart's battery off is no sign of that.
         if len(silent) > in_garage and not any(each.connected for each in concerned):
@@ -2225,7 +2225,7 @@ MOST_GIVEN, MOST_PENALTIES = 500, 200
 AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
 
-AT_ONCE = 2.0
+LOST_AT_ONCE = 2.0
 """Maximum time from the first to the last of the karts that are lost at once, in seconds: each is
 lost `send_timeout` after its last answer."""
 

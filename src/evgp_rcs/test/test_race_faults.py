@@ -474,7 +474,7 @@ one kart that goes silent in the garage is race control that is cut off: effect,
 a kart that goes silent outside the race stops it: effect, sent-wrong [silence outside]
     _look_whether_all_went_silent: or not (lost.in_race or in_garage) =>
 karts that are silent long since count: effect, sent-wrong [silence for long]
-    _look_whether_all_went_silent: and each.went_silent_at >= now - AT_ONCE =>
+    _look_whether_all_went_silent: and each.went_silent_at >= now - LOST_AT_ONCE =>
 a kart that is back counts as silent: effect, sent-wrong [silence in the garage]
     connected: kart.link = kart.went_silent_at = None => kart.link = None
 karts that are silent in RED_RED take the use of the MSR back: effect [silence on the grid]

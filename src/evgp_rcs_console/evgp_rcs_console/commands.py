@@ -145,7 +145,11 @@ def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | N
     elif command is CommandKind.RECORD_MSR:
         concerned = {each.number for each in race.karts}
     else:
-        concerned = set(offered.karts)
+        # GRID_ACTIVE that is given again is sent to nobody again.
+        sends, named = SENDS[command], offered.karts
+        concerned = {
+            each.number for each in race.karts if each.number in named and each.sent is not sends
+        }
 
     def those(wanted: bool, part: bool) -> tuple[Kart, ...]:
         return tuple(
