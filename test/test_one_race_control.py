@@ -25,11 +25,11 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.process import Process
-from evgp_testing.race_control import end_in_good_order, RaceControl, settings, write_roster
+from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.usage import family
 import pytest
 from rig.masters import KARTS_CARD, Masters, NUMBERS
-from rig.networks import kart_address, Namespace, need_networks, RACE_CONTROL
+from rig.networks import kart_address, Namespace, need_networks, own_disk, RACE_CONTROL
 
 UNIT = pathlib.Path(__file__).resolve().parents[1] / 'src/evgp_rcs/config/evgp-rcs.service'
 
@@ -80,12 +80,12 @@ def hardware_of(machine: Namespace) -> str:
 
 
 def start(masters: Masters, folder: pathlib.Path, under: tuple[str, ...] = ()) -> Process:
-    """Start race control in this namespace, from the end of an orderly run, and do not wait."""
+    """Start race control in this namespace, as the first one there, and do not wait."""
     folder.mkdir()
     given = settings(folder, write_roster(folder, NUMBERS, addresses=kart_address))
-    end_in_good_order(pathlib.Path(str(given['record'])))
     given |= {'address': RACE_CONTROL, 'port': DEFAULT_PORT}
-    return Process('evgp_rcs', 'rcs_node', masters.domain, given, under=under)
+    words = (*own_disk(folder), *under)
+    return Process('evgp_rcs', 'rcs_node', masters.domain, given, under=words)
 
 
 @contextlib.contextmanager

@@ -125,7 +125,8 @@ class Masters:
 
     def sent(self, number: int, since: float) -> tuple[RaceState | None, set[RaceState]]:
         """Return what a kart was sent last before a time, and all that it was sent after it."""
-        changes = sorted(change for link in self.said[number] for change in link.changes)
+        told = [change for link in self.said[number] for change in link.changes]
+        changes = sorted(told, key=lambda change: change[0])
         before = [state for at, state in changes if at < since]
         return before[-1] if before else None, {state for at, state in changes if at >= since}
 

@@ -49,9 +49,8 @@ from evgp_protocol import clock
 from evgp_rcs.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
-"""Time between two questions at an interface, and maximum time between two looks at the
-interfaces, in seconds. The kernel reports most changes at once, and always a cable that is
-back."""
+"""Time between two questions, and maximum time between two looks, at the interfaces,
+in seconds. The kernel reports most changes at once, and always that a cable is back."""
 
 HEARD_WITHIN = 1.0
 """Time within which another machine answers, in seconds. Race control serves no kart before."""
