@@ -949,6 +949,8 @@ class Race:
         elif state is not kart.reported:
             text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
             self._tell(EventKind.REPORTED, text, number, state, chatter=True)
+        if state is not kart.sent:
+            kart.counts_at = None
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
