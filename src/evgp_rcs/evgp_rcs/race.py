@@ -1837,7 +1837,7 @@ class Race:
         if kart.counts_at is not None:
             said = f'says {kart.sent.value}, perhaps to the earlier one'
             if kart.counts_in:
-                return f'{said}: {math.ceil(kart.counts_in)} s'
+                return f'{said}: {max(1, round(kart.counts_in))} s'
             return f'{said}: let it connect again (it comes back held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'

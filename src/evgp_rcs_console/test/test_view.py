@@ -401,7 +401,7 @@ def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_
     assert flag.enabled
 
 
-def test_a_word_that_may_be_for_the_earlier_command_shows_when_it_counts_and_then_the_cure() -> None:
+def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure() -> None:
     says = {'reported': State.GRID_ACTIVE}
     waits = with_kart(counts_in=2.0, **says).rows[0]
     over = with_kart(counts_in=0.0, **says).rows[0]
