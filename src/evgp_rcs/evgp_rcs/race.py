@@ -1057,6 +1057,8 @@ class Race:
         elif state is not kart.reported:
             text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
             self._tell(EventKind.REPORTED, text, number, state, chatter=True)
+        if state is not kart.sent:
+            kart.counts_at = None
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
@@ -1981,7 +1983,7 @@ class Race:
         if kart.counts_at is not None:
             said = f'says {kart.sent.value}, perhaps to the earlier one'
             if kart.counts_in:
-                return f'{said}: {math.ceil(kart.counts_in)} s'
+                return f'{said}: {max(1, round(kart.counts_in))} s'
             return f'{said}: let it connect again (it comes back held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'

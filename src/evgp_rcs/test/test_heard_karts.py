@@ -136,6 +136,7 @@ def test_no_word_counts_for_an_order_that_the_kart_had_not_read_however_it_reads
         st.lists(st.sampled_from((GARAGE, GARAGE, GRID, GREEN, FLAG, RED)), min_size=3, max_size=9)
     )
     orders = [(state, data.draw(lasts)) for state, _ in itertools.groupby(states)]
+    orders[0] = orders[0][0], 2.0 + orders[0][1]  # a greeting answers nothing: it is over by then
     habits = st.builds(Habit, st.sampled_from(Says), st.booleans(), st.booleans())
     freezes = st.tuples(st.floats(0.0, 60.0), st.floats(0.0, 1.0))
     reader = st.builds(

@@ -401,6 +401,16 @@ def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_
     assert flag.enabled
 
 
+def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure() -> None:
+    says = {'reported': State.GRID_ACTIVE}
+    waits = with_kart(counts_in=2.0, **says).rows[0]
+    over = with_kart(counts_in=0.0, **says).rows[0]
+
+    assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to the earlier one')
+    assert (over.answer.text, over.says) == ('… not yet', 'perhaps to the earlier one')
+    assert over.note.text.startswith('perhaps says GRID ACTIVE to the earlier one: let it connect')
+
+
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
     waiting = with_kart().rows[0]
     done = with_kart(acknowledged=True, reported=State.GRID_ACTIVE).rows[0]

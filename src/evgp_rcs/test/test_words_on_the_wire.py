@@ -1,0 +1,174 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Clients of every habit through a sequence of orders, on real sockets; and what officials see."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import socket
+import threading
+import time
+
+from evgp_protocol.frames import encode, FrameDecoder, StateFrame
+from evgp_protocol.link import BEAT_RATE, Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.race import AlertKind, Command, EventKind, Kart, Race, RaceTimes
+from heard_karts import Habit, HABITS, Says
+import pytest
+from test_kart_server import connect, parts, run, Running  # noqa: F401 - fixtures
+
+IN_GARAGE, RED_RED = RaceState.IN_GARAGE, RaceState.RED_RED
+
+
+class Client:
+    """
+    A client of a habit, in a thread.
+
+    :param rate: it reads one frame in each turn, and makes so many turns a second; 0: all at once.
+    """
+
+    def __init__(self, link: socket.socket, habit: Habit, rate: float = 0.0) -> None:
+        self._link, self._habit, self._rate = link, habit, rate
+        if habit.greets:
+            link.sendall(encode(IN_GARAGE))
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def _run(self) -> None:
+        decoder = FrameDecoder()
+        last = word = None
+        with contextlib.suppress(OSError):
+            while data := self._link.recv(13 if self._rate else 4096):
+                for frame in decoder.feed(data):
+                    assert isinstance(frame, StateFrame)
+                    news, last = frame.state is not last, frame.state
+                    if frame.state is IN_GARAGE and not self._habit.garage:
+                        continue
+                    says = self._habit.says
+                    if says is Says.FRAMES or (news if says is Says.CHANGES else last is not word):
+                        word = last
+                        self._link.sendall(encode(frame.state))
+                if self._rate:
+                    time.sleep(1.0 / self._rate)
+
+
+@pytest.mark.parametrize('habit', HABITS, ids=str)
+def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_garage(
+    habit: Habit,
+    run: Callable[..., Running],  # noqa: F811 - the fixture
+    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
+) -> None:
+    running = run(beat_rate=BEAT_RATE, karts=1, settle=2.5)
+    Client(connect(running, 1), habit)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.give(CommandKind.ALL_KILL)
+    running.wait_until_shown(lambda race, at: race.karts[1].stands)
+    assert running.give(CommandKind.IN_GARAGE).success
+    running.give(CommandKind.ALL_KILL)
+    running.wait_until_shown(lambda race, at: race.karts[1].stands)
+    waited = [each for each in running.events if 'perhaps to the earlier one: ' in each.text]
+    assert habit.garage or len(waited) == 1
+
+
+def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connection(
+    run: Callable[..., Running],  # noqa: F811 - the fixture
+    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
+) -> None:
+    running = run(beat_rate=BEAT_RATE, karts=1, settle=0.1)
+    Client(connect(running, 1), Habit(Says.NEWS))
+    for _ in range(2):
+        running.give(CommandKind.ALL_KILL)
+        running.wait_until_shown(lambda race, at: race.karts[1].delivered_at is not None)
+        if _ == 0:
+            running.wait_until_shown(lambda race, at: race.karts[1].stands)
+            assert running.give(CommandKind.IN_GARAGE).success
+    Client(connect(running, 1), Habit(Says.NEWS))
+    running.wait_until_shown(lambda race, at: race.karts[1].stands)
+
+
+def test_a_client_that_says_every_frame_and_reads_too_few_is_shown_as_poor(
+    run: Callable[..., Running],  # noqa: F811 - the fixture
+    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
+) -> None:
+    running = run(beat_rate=BEAT_RATE, karts=1)
+    Client(connect(running, 1), Habit(Says.FRAMES, garage=True), rate=8.0)
+    running.wait_until_shown(
+        lambda race, at: race.karts[1].link is not None and race.karts[1].link.behind > 0.0
+    )
+    (alert,) = running.race.alerts(0.0)
+    assert alert.kind is AlertKind.LINK_POOR
+    assert 'may read' in alert.text
+
+
+# ----- what the rules make of it ----------------------------------------------------------------
+
+
+@pytest.fixture
+def race() -> Race:
+    """Return a race in whose RED_RED kart 1 is connected."""
+    race = Race([Kart(1, in_race=True)], RaceTimes(pause=0.0))
+    race.connected(1, 0.0)
+    race.command(Command(CommandKind.ALL_KILL), 0.0)
+    return race
+
+
+def refusal(race: Race, now: float) -> str:
+    return race.availability(CommandKind.IN_GARAGE, 0, now).reason
+
+
+def test_a_word_that_cannot_count_yet_is_told_once_and_named_with_its_wait(race: Race) -> None:
+    kart = race.karts[1]
+    first = race.heard(1, kart.serial - 1, RED_RED, 1.0, 2.0)
+    again = race.heard(1, kart.serial - 1, RED_RED, 1.5, 1.6)
+    assert [each.kind for each in first.events] == [EventKind.REPORTED]
+    assert not again.events
+    assert kart.counts_at == 3.1
+    assert 'says RED_RED, perhaps to the earlier one: 2 s' in refusal(race, 1.6)
+
+
+def test_a_word_that_does_not_count_in_time_is_named_with_the_cure_and_its_cost(
+    race: Race,
+) -> None:
+    race.heard(1, race.karts[1].serial - 1, RED_RED, 1.0, 2.0)
+    race.tick(3.1)
+    cure = 'perhaps to the earlier one: let it connect again (it comes back held)'
+    assert cure in refusal(race, 3.1)
+    race.connected(1, 4.0)
+    assert 'no RED_RED yet' in refusal(race, 4.0)
+
+
+@pytest.mark.parametrize('how', ['it counts', 'another order', 'another state'])
+def test_what_is_over_is_not_said_any_more(race: Race, how: str) -> None:
+    kart = race.karts[1]
+    race.heard(1, kart.serial - 1, RED_RED, 1.0, 2.0)
+    if how == 'it counts':
+        race.heard(1, kart.serial, RED_RED, 1.5)
+    elif how == 'another order':
+        race.disconnected(1, 'gone', 1.5)
+    else:
+        race.heard(1, kart.serial, RaceState.RED_FLAG, 1.5)
+    assert 'perhaps' not in refusal(race, 1.6)
+
+
+def test_a_kart_that_may_read_late_has_a_poor_link_that_says_so(race: Race) -> None:
+    link = NOT_MEASURED._replace(grade=Grade.POOR, worst_answer=0.01, behind=1.2)
+    (event,) = race.measured(1, link, 1.0).events
+    assert event.text.endswith('its program may read 1.2 s late')
+    texts = [each.text for each in race.alerts(1.0) if each.kind is AlertKind.LINK_POOR]
+    assert [each[:61] for each in texts] == [
+        'RED FLAG (before GREEN: LEAVE): kart 1 may read 1.2 s late: i'
+    ]
