@@ -309,7 +309,8 @@ a release by hand leaves the doubt: effect, stuck _release_kart: self._end_doubt
 a kart that says another state stands by its acknowledgement: ack-stale
     heard: kart.acknowledged and state is not kart.sent => False
 only what is heard under the present serial takes an acknowledgement back: ack-stale
-    heard: not kart.sent => not kart.sent and serial == kart.serial
+    heard: kart.acknowledged and state is not kart.sent => kart.acknowledged and state is not
+        kart.sent and serial == kart.serial
 a kart that takes the acknowledgement of a stop back counts as standing: doubt-unnoticed
     heard: if kart.sent.is_red: kart.doubt = Doubt.MOVING => pass
 IN_GARAGE releases a kart outside the race that was held alone: alone-released, as-seen, stuck
