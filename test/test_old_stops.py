@@ -168,8 +168,6 @@ def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_
     assert race.karts[0].state is GREEN_GREEN
     assert officials.killers() == before
 
-    console.press_on('seen_all', see='seen_0', visible=False)
-    assert not re.search(OWN, console.wait_for('banner')['text'])
     far.air()
     race.karts[0].wait_for_state(RED_RED)
     race_now = official.wait_for_race(lambda each: 'Carla' in each.state_cause, 'her press')
@@ -189,6 +187,8 @@ def test_an_old_stop_of_this_race_is_taken_and_race_control_says_its_age(
     console.wait_for('kill_hint', text='SENT 1[2-9] times')
     if forgotten:
         officials.wait_until_forgotten('rcs_gui')
+        # Here too, where race control was heard last up to 3 s later: 30 s after the press.
+        console.wait_for('kill_hint', text='SENT 6[0-9] times')
     desk.air()
     race.karts[0].wait_for_state(RED_RED)
     told = official.wait_for_event(
