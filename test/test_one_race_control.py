@@ -10,6 +10,7 @@ import contextlib
 import os
 import pathlib
 import re
+import select
 import shutil
 import statistics
 import subprocess
@@ -24,6 +25,7 @@ from evgp_rcs.network_cards import cards
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.usage import family
@@ -65,12 +67,14 @@ def says_why_it_ended(official: Official) -> str:
 
 
 def end_of(*controls: RaceControl) -> float:
-    """Return when the first of these ended (monotonic, s)."""
-    ends = time.monotonic() + 20.0
-    while all(each.runs for each in controls):
-        assert time.monotonic() < ends, 'two race controls, and none ends'
-        time.sleep(0.005)
-    return time.monotonic()
+    """Return when the first of these can send a kart nothing any more (monotonic, s)."""
+    with contextlib.ExitStack() as stack:
+        servers = [os.pidfd_open(each.kart_server_pid) for each in controls]
+        for each in servers:
+            stack.callback(os.close, each)
+        ended, _, _ = select.select(servers, [], [], PATIENCE)
+        assert ended, 'two race controls, and none ends'
+        return time.monotonic()
 
 
 def hardware_of(machine: Namespace) -> str:
@@ -133,6 +137,7 @@ def come_back(
         cut('first-karts', True)
         took = end_of(old, new) - back_at
         texts = [says_why_it_ended(each) for each in (old_official, new_official)]
+        assert [each.wait() for each in (old, new)] == [1, 1]
         time.sleep(1.0)  # what a kart is sent after that counts, too
         print(f'old in {old_state}, new in {new_state}, seen {seen}: one ended after {took:.2f} s')
         for number in NUMBERS:
