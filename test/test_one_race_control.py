@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import os
 import pathlib
@@ -66,15 +66,11 @@ def says_why_it_ended(official: Official) -> str:
     return next(each.text for each in race.alerts if each.kind == msg.Alert.PART_FAILED)
 
 
-def end_of(*controls: RaceControl) -> float:
-    """Return when the first of these can send a kart nothing any more (monotonic, s)."""
-    with contextlib.ExitStack() as stack:
-        servers = [os.pidfd_open(each.kart_server_pid) for each in controls]
-        for each in servers:
-            stack.callback(os.close, each)
-        ended, _, _ = select.select(servers, [], [], PATIENCE)
-        assert ended, 'two race controls, and none ends'
-        return time.monotonic()
+def first_end(servers: Sequence[int]) -> float:
+    """Return when the first of these kart servers, open by their process, ended (monotonic, s)."""
+    ended, _, _ = select.select(servers, [], [], PATIENCE)
+    assert ended, 'two race controls, and none ends'
+    return time.monotonic()
 
 
 def hardware_of(machine: Namespace) -> str:
@@ -114,7 +110,7 @@ def come_back(
     Cut an old race control off, have a new one race, and the old one come back.
 
     :param seen: whether the old one's own cable was pulled, which it can see.
-    :return: how long both commanded, s.
+    :return: how long both could command, s.
     """
     cut = masters.plug if seen else masters.reach
     with contextlib.ExitStack() as stack:
@@ -133,9 +129,12 @@ def come_back(
         new_official.bring_to(new_state, *NUMBERS)
         masters.wait_for(new_state, cut_at)
 
+        servers = [os.pidfd_open(each.kart_server_pid) for each in (old, new)]
+        for each in servers:
+            stack.callback(os.close, each)
         back_at = time.monotonic()
         cut('first-karts', True)
-        took = end_of(old, new) - back_at
+        took = first_end(servers) - back_at
         texts = [says_why_it_ended(each) for each in (old_official, new_official)]
         assert [each.wait() for each in (old, new)] == [1, 1]
         time.sleep(1.0)  # what a kart is sent after that counts, too
