@@ -149,6 +149,8 @@ def story_of(
 
 
 class _Told:
+    """Tells one story."""
+
     def __init__(self, habit: Habit, reader: Reader, beat_rate: float) -> None:
         self.habit, self.reader, self.beat_rate = habit, reader, beat_rate
         self.hearing = Hearing(beat_rate)
