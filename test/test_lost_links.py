@@ -253,7 +253,7 @@ def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
     states = len(race.faulty.team.states)
     for machine in (race.machine, race.good_machine):
         machine.air(loss=0.05, delay=0.05, evenly=True)  # no chance loses the same one each time
-    race.good.wait_for_frames(400)  # 20 s
+    race.good.wait_for_frames(240)  # 20 s
     for kart in (FAULTY, GOOD):
         assert not race.events(Event.DISCONNECTED, kart)
     assert race.faulty.team.states[states:] == []
@@ -291,7 +291,7 @@ def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
     race.green()
     began = time.monotonic()
     race.machine.air(rate=8_000.0)
-    race.good.wait_for_frames(300)  # 15 s
+    race.good.wait_for_frames(180)  # 15 s
     assert not race.events(Event.DISCONNECTED, FAULTY, began)
     race.official.command('all_kill')
     race.wait_for_stopped(began)

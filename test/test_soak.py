@@ -46,7 +46,7 @@ FOUND_BY = {
         'not connected, looser than a stop, held on the grid, not stated'
     ),
     'a stop is announced as allowed, and refused': 'stop refused',
-    'ALL_KILL forgets the karts outside the race': 'looser than a stop',
+    'ALL_KILL forgets the karts outside the race': 'looser than a stop, held on the grid',
     'a kart that drops is held in RED_FLAG only': 'lost in the race',
     'GREEN_GREEN while a kart is not connected': (
         'not connected, not acknowledged, unexplained GREEN_GREEN'
@@ -69,7 +69,7 @@ FAULTS = {
     **faults_in(
         """
 GRID_ACTIVE from a race under way: not from the garage, impossible change, looser than a stop
-    _no_grid_active: self.state is not IN_GARAGE => self.state is GREEN_GREEN
+    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is GREEN_GREEN
 a kart outside the race races: outside the race
     _commanded: self.state if kart.in_race else IN_GARAGE => self.state
 """

@@ -216,8 +216,8 @@ FLAWS = {
     ),
     'R-3C-04': Flaw(
         race,
-        '        if not missing:\n            # That',
-        '        if True:\n            # That',
+        "        if not missing:\n            return ''\n        how",
+        "        if True:\n            return ''\n        how",
     ),
     'R-3E-04': Flaw(
         race,
@@ -389,7 +389,9 @@ class OurRaceControl:
     def remember(self, memory: Any, at: float) -> None:
         pass
 
-    def make_sure(self, memory: Any, at: float, done: Callable[[bool], None]) -> None:
+    def make_sure(
+        self, memory: Any, at: float, within: float, done: Callable[[bool], None]
+    ) -> None:
         done(True)
 
     def trouble(self) -> str:

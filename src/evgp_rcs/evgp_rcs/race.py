@@ -797,7 +797,7 @@ class Race:
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
                 self.grids = self.number = 1
-        self._lose_track('held since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
+        self._lose_track('since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
             self._tell(EventKind.KART_STATE, text, kart.number, RED_RED)

@@ -1959,9 +1959,10 @@ class Search:
         steps of 1.
     :param compare: of the states met again, compare one in this many.
     :param track: officials open the track.
-    :param around: another race control comes and goes, race control is cut off, two programs
-        connect as a kart, the record fails and works again, and links are poor and good again.
+    :param around: another race control comes and goes, race control is cut off, the record fails
+        and works again, and links are poor and good again.
     :param silence: connections are lost since their links stopped answering, too.
+    :param contests: two programs connect as a kart, or do so no more.
     :param people: those who can stop the race come and go, and a button.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid',
@@ -1986,6 +1987,7 @@ class Search:
         track: bool = True,
         around: bool = False,
         silence: bool = False,
+        contests: bool = False,
         people: bool = False,
         begin: str = 'garage',
         without: Container[str] = (),
@@ -2037,6 +2039,7 @@ class Search:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
         self.silence = silence
+        self.contests = contests
         self.people = people
         self.waits = waits
         self.scratch = Scratch(self.race)
@@ -2308,10 +2311,11 @@ class Search:
             yield Input('disconnected', '', kart.number), now
             if self.silence:
                 yield Input('disconnected', '', kart.number, True), now
+            if self.contests:
+                yield Input('contested', '', kart.number, not kart.contested), now
         if self.around:
             yield Input('cut off'), now
             for kart in view.karts:
-                yield Input('contested', '', kart.number, not kart.contested), now
                 yield Input('delivered', '', kart.number, serial=kart.serial), now
                 yield Input('measured', '', kart.number, statement=True), now
                 yield Input('measured', '', kart.number), now

@@ -72,6 +72,7 @@ COMMANDS = st.builds(
     seconds=NUMBERS,
     laps=NUMBERS,
     disqualified=FLAGS,
+    age=st.floats(0.0, 86_400.0),
 )
 PENALTIES = st.builds(
     laps.Penalty, NUMBERS, NUMBERS, NUMBERS, disqualified=FLAGS, reason=TEXTS, official=TEXTS

@@ -80,6 +80,7 @@ def test_two_karts_with_a_track_that_officials_open(
         pytest.param('garage', True, marks=LONGEST),
         pytest.param('unknown', False, marks=LONGEST),
         pytest.param('crash', True, marks=LONGEST),
+        pytest.param('first', True, marks=LONGEST),
     ],
 )
 def test_two_karts_that_do_not_finish(
@@ -95,6 +96,23 @@ def test_two_karts_that_do_not_finish(
         without=UNMARKED,
         compare=400,
     )
+
+
+@pytest.mark.long
+@pytest.mark.longest
+@pytest.mark.timeout(1800)
+def test_two_karts_whose_links_stop_answering(
+    record_property: Callable[[str, object], None],
+) -> None:
+    world = {'racing': 1, 'outside': 1, 'track': False, 'silence': True, 'without': UNMARKED}
+    search(record_property, 60_000, compare=400, **world)
+
+
+def test_one_kart_as_which_two_programs_connect(
+    record_property: Callable[[str, object], None],
+) -> None:
+    world = {'racing': 1, 'outside': 0, 'track': False, 'contests': True, 'without': UNMARKED}
+    search(record_property, 60_000, compare=100, **world)
 
 
 # The rival and the record are apart from all else, so one kart is enough.

@@ -73,6 +73,7 @@ WORLDS = {
     'crash': world(150, 1, 0, 'crash'),
     'crash on the grid': world(150, 1, 0, 'crash on the grid'),
     'unknown': world(150, 1, 0, 'unknown'),
+    'contests': world(60, 1, 0, 'grid', contests=True, times=AT_ONCE),
     'first': world(60, 1, 0, 'first'),
     'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
     'silence in the garage': world(150, 1, 1, silence=True, then=ONE_SILENT),
@@ -442,11 +443,11 @@ GREEN_GREEN does not name the kart in doubt: refusal-silent
     _doubtful: self._danger(each) => 'a kart may be moving'
 GRID_ACTIVE while a kart outside the race may be moving: availability
     _no_grid_active: self._doubtful() or =>
-the grid forms with a kart as which two programs connect: availability [around]
+the grid forms with a kart as which two programs connect: availability [contests]
     _no_grid_active: or self._contested(racing) =>
-a race starts with a kart as which two programs connect: availability, contested [around]
+a race starts with a kart as which two programs connect: availability, contested [contests]
     _no_green_green: unfit := self._contested(racing) or => unfit :=
-two programs of one kart raise no alert: alerts
+two programs of one kart raise no alert: alerts [contests]
     _current_alerts: if kart.contested => if kart.contested and self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-there, results
     [grid]

@@ -124,7 +124,7 @@ def button_of(command: CommandKind, offered: Available, **changes: object) -> Bu
     """Return the button of a command that race control offers so, to a race or a kart so."""
     commands = {**EVERYTHING, command: offered}
     kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
-    others = tuple(replace(KART, number=number) for number in (1, 2, 3))
+    others = tuple(replace(KART, number=n, sent=State.RED_RED) for n in (1, 2, 3))
     race = replace(RACE, commands=commands, karts=(*others, kart))
     button = show(race, 0.0, {}).button(command, 7 if CATALOGUE[command].to_one_kart else 0)
     assert button is not None
@@ -141,6 +141,13 @@ def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
 
     assert 'now to 2 karts: 1, 2.' in button.consequence
     assert request(button.given(), 0.0)['karts'] == [1, 2]
+
+
+def test_grid_active_that_is_given_again_is_sent_to_nobody_again() -> None:
+    button = offering(CommandKind.GRID_ACTIVE, (replace(KART, sent=State.GRID_ACTIVE),))
+
+    assert 'now to no kart.' in button.consequence
+    assert request(button.given(), 0.0)['karts'] == [7]
 
 
 def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
@@ -206,8 +213,9 @@ def offering(
 
 
 def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> None:
-    there = offering(CommandKind.GRID_ACTIVE, (KART,))
-    away = offering(CommandKind.GRID_ACTIVE, (replace(KART, connected=False),))
+    kart = replace(KART, sent=State.IN_GARAGE)
+    there = offering(CommandKind.GRID_ACTIVE, (kart,))
+    away = offering(CommandKind.GRID_ACTIVE, (replace(kart, connected=False),))
 
     assert 'now to kart 7.' in there.consequence
     assert 'now to no kart.' in away.consequence
