@@ -83,7 +83,7 @@ FAULTS = {
     'forgets half a frame': 'K-4C-04',
     'takes 10 Hz for silence': 'K-4C-05',
     'reads one frame a turn': 'K-4C-06',
-    'reads one frame a turn while it drives': 'K-3A-09',
+    'reads one frame a turn while it drives': 'K-4C-09',
     'looks for GREEN_GREEN anywhere': 'K-4C-07',
     'dies of malformed bytes': 'K-4C-08',
     'echoes an earlier order': 'K-4C-09',
@@ -249,7 +249,7 @@ class InspectedKart:
                 self._is['reads one frame a turn while it drives'] and self.speed > 0.0
             )
             if gone or one_frame:
-                await asyncio.sleep(3 * STEP if self.speed > 0.0 else STEP)
+                await asyncio.sleep(STEP)
             if gone:
                 try:
                     link.send(b'$RED_RED;' if self._silent_kept else b' ')
@@ -257,7 +257,8 @@ class InspectedKart:
                     self._lost('closed')
                     return
                 continue
-            size = 13 if one_frame else 4096
+            # While it drives it has more to do: a turn is half a frame.
+            size = 4096 if not one_frame else 13 if self._is['reads one frame a turn'] else 6
             if not await self._readable(link):
                 self._idle += 1
                 continue

@@ -1987,6 +1987,11 @@ class Race:
             return f'{said}: let it connect again (it comes back held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
+        if kart.reported is kart.sent:
+            return (
+                f'no {kart.sent.value} since the earlier one; a kart that says only what differs '
+                'from its last word must connect again (it comes back held)'
+            )
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:

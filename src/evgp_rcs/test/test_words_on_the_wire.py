@@ -96,6 +96,9 @@ def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connectio
         if _ == 0:
             running.wait_until_shown(lambda race, at: race.karts[1].stands)
             assert running.give(CommandKind.IN_GARAGE).success
+    why = running.give(CommandKind.IN_GARAGE).message
+    assert 'no RED_RED since the earlier one' in why
+    assert 'must connect again (it comes back held)' in why
     Client(connect(running, 1), Habit(Says.NEWS))
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
 

@@ -121,6 +121,12 @@ class Kart:
         return self.may_be_moving and not (self.connected and self.sent is State.GREEN_GREEN)
 
     @property
+    def says_no_more(self) -> bool:
+        """Return whether its last word is what it is sent, said to an earlier command."""
+        waits = self.connected and not self.acknowledged and self.sent is not State.IN_GARAGE
+        return waits and self.counts_in is None and self.reported is self.sent
+
+    @property
     def settles(self) -> bool:
         """Return whether it has said that it stopped, and only must stand for a while yet."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent in RED

@@ -593,6 +593,11 @@ def _places(race: Race) -> str:
     return ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
 
 
+SAYS_NO_MORE = 5.0
+"""Time for which a kart is sent what was its last word, said to an earlier command, until its row
+says what to do, in seconds."""
+
+
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     race = buttons.snapshot
     use_msr = any(alert.use_msr and alert.kart == kart.number for alert in race.alerts)
@@ -601,6 +606,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
     if kart.counts_in is not None and kart.counts_in <= age:
         notes.append(texts.CONNECT_AGAIN.format(state=texts.STATES[kart.sent]))
+    elif kart.says_no_more and kart.sent_for + age > SAYS_NO_MORE:
+        notes.append(texts.SAID_BEFORE.format(state=texts.STATES[kart.sent]))
     if kart.flag_follows:
         left = texts.left(kart.flag_in - age)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))

@@ -417,6 +417,9 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
     assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to the earlier one')
     assert (over.answer.text, over.says) == ('… not yet', 'perhaps to the earlier one')
     assert over.note.text.startswith('perhaps says GRID ACTIVE to the earlier one: let it connect')
+    said = with_kart(sent_for=6.0, **says).rows[0]
+    assert said.note.text.startswith('no GRID ACTIVE since the earlier one: if it stays silent')
+    assert 'since the earlier one' not in with_kart(sent_for=4.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
