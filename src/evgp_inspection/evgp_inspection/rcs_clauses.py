@@ -92,7 +92,7 @@ RCS: tuple[Clause, ...] = (
     _rules(
         'R-3B-03',
         'no GREEN_GREEN while a kart of the race is away',
-        'all of them connected, none held or contested, and each has acknowledged this `GRID_ACTIVE`',
+        'none held or contested, and each has acknowledged this `GRID_ACTIVE`',
         'Both acknowledge, one closes its connection, then GREEN_GREEN is commanded.',
         judge.no_green('lost/green'),
         ('R-3B-01',),
