@@ -211,7 +211,7 @@ class HeldUp(NamedTuple):
 
 
 class CutOff(NamedTuple):
-    """Race control lost the karts' network, for this reason."""
+    """Race control lost the karts' network, for this reason; empty: it has it back."""
 
     at: float
     reason: str

@@ -228,7 +228,6 @@ class KartServer:
         self._began_again_at = 0.0
         self._shown_at = 0.0
         self._showing = False
-        self._cut_off = ''
         self._shown_pause = 0.0
         self._shown_laps: Laps | None = None
         self._results_at = -RESULTS_EVERY
@@ -425,9 +424,8 @@ class KartServer:
                 self._take(inputs.Rival(self.now(), message.rival))
             if message.there != self._race.there:
                 self._take(inputs.Attended(self.now(), message.there))
-            if message.cut_off not in ('', self._cut_off):
+            if message.cut_off != self._race.cut_off_by:
                 self._take(inputs.CutOff(self.now(), message.cut_off))
-            self._cut_off = message.cut_off
         elif isinstance(message, End):
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:

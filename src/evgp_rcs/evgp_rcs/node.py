@@ -31,6 +31,7 @@ one starts it, and neither outlives the other. Each thread here has its own work
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import ipaddress
 import itertools
@@ -64,6 +65,7 @@ from evgp_rcs.presence import MOST_PROGRAMS, Presences
 from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
 from evgp_rcs.roster import RosterError
+from evgp_rcs.run_mark import leave_began, place
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
 from evgp_rcs_msgs import msg
@@ -163,8 +165,14 @@ class RcsNode(StrictNode):
         self._watch = watch_for_race_control(
             begin.settings.host, (entry.address for entry in begin.roster.entries)
         )
-        refuse_rivals(self)
-        begin = self._after_the_first_look(begin)
+        try:
+            refuse_rivals(self)
+            begin = self._after_the_first_look(begin)
+        except (RivalError, AddressTakenError):
+            # Another machine races: what this one knew of its own last run proves nothing.
+            with contextlib.suppress(OSError):  # then there is no proof either
+                leave_began(place(begin.settings.host, begin.settings.port))
+            raise
         self._on_failure = on_failure
         self._failure = ''
         self._closing = threading.Event()

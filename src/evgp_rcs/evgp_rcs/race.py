@@ -533,7 +533,7 @@ class Kart:
     @property
     def stands(self) -> bool:
         """Return whether humans may rely on that: it has stood by its word for long enough."""
-        return self.stopped and self.doubt is Doubt.NONE
+        return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
 
     @property
     def stopped_itself(self) -> bool:
@@ -716,6 +716,8 @@ class Race:
         self.unstated = False
         """No official has stated yet that no race is under way anywhere."""
         self.has_rival = False
+        self.cut_off_by = ''
+        """What race control has lost of the karts' network and has not got back; empty: nothing."""
         self.record_fails = ''
         self.there = Attendance()
         self.nobody_since: float | None = None
@@ -878,11 +880,13 @@ class Race:
         """
         Take note that race control lost the karts' network; the race is as after a crash.
 
-        Until it is back, another race control may do anything with the karts.
+        Until it is back, another race control may do anything with the karts: nothing is loosened.
 
-        :param reason: what was lost, in a phrase.
+        :param reason: what is lost, in a phrase; empty: it is back.
         """
-        self._cut_off(reason, now)
+        before, self.cut_off_by = self.cut_off_by, reason
+        if reason and not before:
+            self._cut_off(reason, now)
         return self._outcome()
 
     def _cut_off(self, reason: str, now: float) -> None:
@@ -993,13 +997,17 @@ class Race:
         in_garage = self.state is IN_GARAGE
         if self.state is RED_RED or not (lost.in_race or in_garage):
             return  # in RED_RED there is nothing to stop, and teams switch their karts off
-        concerned = [each for each in self.karts.values() if each.in_race or in_garage]
+        everyone = list(self.karts.values())
+        concerned = [each for each in everyone if each.in_race or in_garage]
         silent = [
             each
             for each in concerned
             if each.went_silent_at is not None and each.went_silent_at >= now - LOST_AT_ONCE
         ]
-        # In the garage a team that takes its kart's battery off is no sign of that.
+        # One kart alone is no sign of that while another answers; nor is it in the garage, where a
+        # team takes its kart's battery off.
+        if len(silent) == 1:
+            concerned = everyone
         if len(silent) > in_garage and not any(each.connected for each in concerned):
             self._cut_off(f'no kart answers any more: {_listed(silent)}', now)
 
@@ -1245,6 +1253,9 @@ class Race:
         it was made safe by hand answers for it.
         """
         allowed, reason = self._humans_allowed()
+        if allowed and self.unstated and not self.msr_used:
+            allowed = False
+            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
         return TrackAccess(self.track_open, allowed, reason, self.msr_used)
 
     # ----- what a kart is sent ------------------------------------------------------------
@@ -1274,7 +1285,7 @@ class Race:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
-            elif self._by is not None or not self._covered_by_statement(kart):
+            elif not self._covered_by_statement(kart):
                 # Told to go, or told to stop and it has not said yet that it did. Nobody knows
                 # that of a kart which is sent RED_RED because race control knows nothing.
                 kart.doubt = Doubt.MOVING
@@ -1289,6 +1300,11 @@ class Race:
             before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
             kart.hold_reason = reason + before
         self._redirect(kart, now)
+
+    def _doubt_that_it_stands(self, kart: Kart) -> None:
+        """Count a connected kart as moving that an official stops, and that says nothing yet."""
+        if kart.connected and not kart.stopped and self._covered_by_statement(kart):
+            kart.doubt = Doubt.MOVING
 
     def _unhold(self, kart: Kart) -> None:
         kart.hold = None
@@ -1345,6 +1361,7 @@ class Race:
     def _all_kill(self, command: Command, now: float) -> str:
         cause = self._cause()
         for each in self.karts.values():
+            self._doubt_that_it_stands(each)
             self._hold(each, RED_RED, cause, now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to {_receivers(self.karts.values())}'
@@ -1396,6 +1413,8 @@ class Race:
     def _race_in_garage(self, command: Command, now: float) -> str:
         released = list(self._released_by_garage(command))
         for each in released:
+            if self._covered_by_statement(each):
+                each.lost_since = None
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
         for each in self.karts.values():
@@ -1436,8 +1455,7 @@ class Race:
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
         by = f'{hold.value} by {command.official or "an official"}'
         reason = ', '.join(filter(None, (by, command.pressed)))
-        if kart.connected and not kart.stopped and self._covered_by_statement(kart):
-            kart.doubt = Doubt.MOVING  # somebody has seen that it must be stopped
+        self._doubt_that_it_stands(kart)
         self._hold(kart, hold, reason, now)
         if not kart.held_alone:
             kart.held_alone = True
@@ -1561,6 +1579,8 @@ class Race:
     def _refusal(self, command: Command) -> str:
         if CATALOGUE[command.kind].loosens and self.has_rival:
             return 'another race control is running; end it first. Every stop still works'
+        if CATALOGUE[command.kind].loosens and self.cut_off_by:
+            return f'race control is still cut off from the karts: {self.cut_off_by}'
         return COMMANDS[command.kind].refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
@@ -1931,7 +1951,8 @@ class Race:
             return True, 'the Master Safety Remote was used'
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
             return False, f'the race is in {self.state.value}'
-        unsafe = [each for each in map(self._danger, self.karts.values()) if each]
+        karts = [each for each in self.karts.values() if not self._covered_by_statement(each)]
+        unsafe = [each for each in map(self._danger, karts) if each]
         if unsafe:
             return False, _cut(unsafe)
         if self.past_unknown:
@@ -1979,7 +2000,7 @@ class Race:
         if kart.stopped:
             return f'has stopped, and must stand for {self.times.settle:g} s'
         if kart.stopped_itself:
-            return 'stopped itself'
+            return 'stopped itself: take it out, or begin again with IN_GARAGE'
         if kart.counts_at is not None:
             said = f'says {kart.sent.value}, perhaps to the earlier one'
             if kart.counts_in:

@@ -158,7 +158,7 @@ PROPERTIES = {
     'untried': 'S: where a button is required, no race begins without one that was tried',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
-    'cut-off': 'S: race control that was cut off is as after a restart that knows nothing',
+    'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing until it is not',
     'contested': 'S: no race starts with a kart as which two programs connect',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
@@ -256,6 +256,7 @@ class View(NamedTuple):
     past_unknown: bool
     unstated: bool
     rival: bool
+    cut: bool
     trouble: bool
     heats: tuple[Any, ...]
     starters: tuple[int, ...]
@@ -497,7 +498,7 @@ def look(race: Any) -> View:
     there = race.there
     untried = race.times.require_button and not there.button_tried
     there = ThereView(there.able > 0, untried, bool(there.button_fault))
-    around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start, there
+    around = bool(race.cut_off_by), bool(race.record_fails), race.heats, race.starters, race.paused_until, start, there
     return View(*_RACE(race), *around, *timed, karts)
 
 
@@ -535,7 +536,7 @@ def _humans_allowed(view: View) -> tuple[bool, list[int]]:
         return True, []
     if view.state in (GRID_ACTIVE, GREEN_GREEN):
         return False, []
-    unsafe = [kart.number for kart in view.karts if not _is_safe(kart)]
+    unsafe = [k.number for k in view.karts if not (_is_safe(k) or _is_covered(view, k))]
     return not (unsafe or view.past_unknown), unsafe
 
 
@@ -548,12 +549,18 @@ def _is_safe(kart: KartView) -> bool:
 
 def _stands(kart: KartView) -> bool:
     """Return whether it has stood by its word on a red for long enough."""
-    return kart.acked and _red(kart) and not kart.doubt
+    return kart.acked and _red(kart) and not kart.doubt and kart.settles is None
 
 
 def _is_covered(view: View, kart: KartView) -> bool:
     """Return whether IN_GARAGE's statement covers a kart that nobody has seen move."""
     return view.past_unknown and not (kart.doubt or kart.alone)
+
+
+def _is_unanswered(view: View, kart: KartView) -> bool:
+    """Return whether a stop by an official makes a kart doubtful that is covered without it."""
+    answers = kart.acked and _red(kart)
+    return kart.connected and not answers and _is_covered(view, kart)
 
 
 def _unfit(view: View) -> tuple[int, ...]:
@@ -580,7 +587,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     """Return what the table of docs/rules.md says of a command now."""
     if kind in STOPS:
         return Judgement(True, kind == 'RECORD_MSR')
-    if view.rival and kind in LOOSENING:
+    if (view.rival or view.cut) and kind in LOOSENING:
         return Judgement(False)
     racing = [kart for kart in view.karts if kart.in_race]
     numbers = tuple(kart.number for kart in racing)
@@ -848,8 +855,8 @@ def expect(
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
-    state, track_open, msr_used, over, places, past_unknown, unstated, rival, trouble = view[:9]
-    heats, starters, paused, start, there, timed, penalties, karts = view[9:]
+    state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut = view[:9]
+    trouble, heats, starters, paused, start, there, timed, penalties, karts = view[9:]
     what, kind, number = given.what, given.kind, given.kart
     if becomes == 'finishes':
         what, kind, becomes = 'command', 'KART_FINISH', 'accepted'
@@ -897,8 +904,10 @@ def expect(
         there = ThereView(given.statement, untried, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START or what in OF_A_LINK or what in ('passing', 'cut off'):
+    elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
         pass
+    elif what == 'cut off':
+        cut = given.statement
     elif what == 'held up':
         for each in after:
             if each['settles'] is not None:
@@ -917,13 +926,15 @@ def expect(
     elif kind in ('ALL_KILL', 'RECORD_MSR'):
         state, msr_used = RED_RED, msr_used or kind == 'RECORD_MSR'
         hold(after, RED_RED)
+        for each, old in zip(after, karts, strict=True):
+            if _is_unanswered(view, old):
+                each['doubt'] = MOVING
     elif kind == 'RED_FLAG':
         state = _stricter(state, RED_FLAG)
     elif kind in KART_STOPS:
         hold(mine, RED_RED if kind == 'KART_RED_RED' else RED_FLAG)
-        for kart in karts:
-            if kart.number == number and kart.connected and _is_covered(view, kart):
-                mine[0]['doubt'] = HARMLESS if kart.acked and _red(kart) else MOVING
+        if any(kart.number == number and _is_unanswered(view, kart) for kart in karts):
+            mine[0]['doubt'] = MOVING
         mine[0]['alone'] = True
     elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
         pass
@@ -988,16 +999,16 @@ def expect(
         state, track_open, msr_used, past_unknown = RED_RED, True, False, True
         paused = max(paused, now + times.pause)
         hold(after, RED_RED)
-    _settle(state, after, anew, now, past_unknown and what != 'command')
+    _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, trouble)
-    return View(*race, heats, starters, paused, start, there, timed, penalties, seen)
+    race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut)
+    return View(*race, trouble, heats, starters, paused, start, there, timed, penalties, seen)
 
 
 def is_cut_off(view: View, given: Input, now: float) -> bool:
     """Return whether race control is cut off by this, or can only take itself for that."""
     if given.what != 'disconnected':
-        return given.what == 'cut off'
+        return given.what == 'cut off' and given.statement and not view.cut
     if not given.statement or view.state is RED_RED:
         return False
     in_garage = view.state is IN_GARAGE
@@ -1006,7 +1017,12 @@ def is_cut_off(view: View, given: Input, now: float) -> bool:
         return False
     others = [kart for kart in concerned if kart.number != given.kart]
     lately = [kart for kart in others if kart.silent is not None and now - kart.silent <= 2.0]
-    return not any(kart.connected for kart in others) and (bool(lately) or not in_garage)
+    if not lately:
+        # One alone is no sign of that while any other kart is heard.
+        return not in_garage and not any(
+            kart.connected for kart in view.karts if kart.number != given.kart
+        )
+    return not any(kart.connected for kart in others)
 
 
 def _settle(
@@ -1135,7 +1151,7 @@ def learn(
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
             if given.kind == 'IN_GARAGE' and _is_covered(before, old):
-                lost = False
+                lost, missing = False, None
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
                 lost, missing = False, None
         if given.kart == kart.number:
@@ -1253,7 +1269,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'disconnected':
         return race.disconnected(given.kart, 'end of file', now, given.statement)
     if given.what == 'cut off':
-        return race.cut_off('no cable', now)
+        return race.cut_off('no cable' if given.statement else '', now)
     if given.what == 'contested':
         return race.contested(given.kart, given.statement, now)
     if given.what == 'heard':
@@ -1506,8 +1522,9 @@ def _check_safety(
         held = kart.hold is RED_RED and sent is RED_RED
         if drops and not held and (old.moving or (old.in_race and before.state in UNDER_WAY)):
             raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
-        if before.rival and looser:
-            raise RuleBrokenError('rival', f'{given}: {old} became {kart}')
+        if (before.rival or before.cut) and looser:
+            name = 'rival' if before.rival else 'cut-off'
+            raise RuleBrokenError(name, f'{given}: {old} became {kart}')
         _check_doubt(after, old, given, ordered.get(kart.number), kart)
         stood = known.stood if given.what != 'heard' else known.stood or now
         if (
@@ -1595,7 +1612,7 @@ def _check_doubt(after: View, old: KartView, given: Input, order: Any, kart: Kar
         raise RuleBrokenError('ack-stale', f'{given}: {old} became {kart}')
     seen = unasked and (given.state is GREEN_GREEN or (old.acked and _red(old)))
     told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
-    told = told and (given.what == 'command' or not _is_covered(after, old))
+    told = told and not _is_covered(after, old)
     gridded = order is not None and order.state is GRID_ACTIVE
     if (not kart.moving and (seen or told)) or (not kart.doubt and gridded):
         raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
@@ -1720,7 +1737,9 @@ def _in_force(view: View, kind: str, number: int) -> bool:
             for kart in view.karts
             if kart.number == number
         )
-    done = view.state is RED_RED and all(kart.hold is RED_RED for kart in view.karts)
+    done = view.state is RED_RED and all(
+        kart.hold is RED_RED and not _is_unanswered(view, kart) for kart in view.karts
+    )
     return done and (kind == 'ALL_KILL' or view.msr_used)
 
 
@@ -1758,7 +1777,8 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, la
     heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed and not known else ()
     if any(heat.name not in message for heat in heats):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
-    if 'another race control is running' in message or (late and opinion.allowed):
+    apart = 'another race control is running' in message or 'still cut off' in message
+    if apart or (late and opinion.allowed):
         return
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
         named = (given.kart,)
@@ -1806,6 +1826,7 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         raise RuleBrokenError('track-open-in-motion', f'{view}')
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
+    allowed = allowed and (view.msr_used or not view.unstated)
     if (access.is_open, access.allowed, access.msr_used) != (
         view.track_open,
         allowed,
@@ -1959,10 +1980,11 @@ class Search:
         steps of 1.
     :param compare: of the states met again, compare one in this many.
     :param track: officials open the track.
-    :param around: another race control comes and goes, race control is cut off, the record fails
-        and works again, and links are poor and good again.
+    :param around: another race control comes and goes, the record fails and works again, and links
+        are poor and good again.
     :param silence: connections are lost since their links stopped answering, too.
-    :param contests: two programs connect as a kart, or do so no more.
+    :param network: race control is cut off, and is not any more; two programs connect as a kart, or
+        do so no more.
     :param people: those who can stop the race come and go, and a button.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid',
@@ -1987,7 +2009,7 @@ class Search:
         track: bool = True,
         around: bool = False,
         silence: bool = False,
-        contests: bool = False,
+        network: bool = False,
         people: bool = False,
         begin: str = 'garage',
         without: Container[str] = (),
@@ -2039,7 +2061,7 @@ class Search:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
         self.silence = silence
-        self.contests = contests
+        self.network = network
         self.people = people
         self.waits = waits
         self.scratch = Scratch(self.race)
@@ -2075,6 +2097,7 @@ class Search:
             view.past_unknown,
             view.unstated,
             view.rival,
+            view.cut,
             view.trouble,
             max(view.paused - now, 0.0),
             waiting,
@@ -2311,10 +2334,11 @@ class Search:
             yield Input('disconnected', '', kart.number), now
             if self.silence:
                 yield Input('disconnected', '', kart.number, True), now
-            if self.contests:
+            if self.network:
                 yield Input('contested', '', kart.number, not kart.contested), now
+        for cut in (True, False) if self.network else ():
+            yield Input('cut off', statement=cut), now
         if self.around:
-            yield Input('cut off'), now
             for kart in view.karts:
                 yield Input('delivered', '', kart.number, serial=kart.serial), now
                 yield Input('measured', '', kart.number, statement=True), now
@@ -2350,6 +2374,7 @@ class Search:
         race = self.race
         later = now + 10.0  # every pause is over
         self.scratch.load(saved)
+        race.cut_off('', now)
         race.rival(False, now)
         for kart in race.karts.values():
             race.contested(kart.number, False, now)
@@ -2373,12 +2398,14 @@ class Search:
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
+        race.cut_off('', now)
         race.rival(False, now)
         race.record_trouble('', now)
         for number in self.numbers:
             self._command('KART_IN_GARAGE', later, number)
         self._check_home(self._command('IN_GARAGE', later))
         self.scratch.load(saved)
+        race.cut_off('', now)
         race.rival(False, now)
         race.record_trouble('', now)
         for number in self.numbers:
@@ -2394,7 +2421,8 @@ class Search:
         give(self.rules, self.race, Input('withdrawn'), 0.0)  # a start that waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
-        if not self.race.track_access().allowed or not self.race.memory().at_rest:
+        allowed = self.race.track_access().allowed or view.unstated
+        if not allowed or not self.race.memory().at_rest:
             raise RuleBrokenError('stuck', f'{view}: {self.race.track_access()}')
 
     def _compare(self, key: tuple[Any, ...], other: tuple[Any, Facts, float]) -> None:

@@ -108,10 +108,10 @@ def test_two_karts_whose_links_stop_answering(
     search(record_property, 60_000, compare=400, **world)
 
 
-def test_one_kart_as_which_two_programs_connect(
+def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it(
     record_property: Callable[[str, object], None],
 ) -> None:
-    world = {'racing': 1, 'outside': 0, 'track': False, 'contests': True, 'without': UNMARKED}
+    world = {'racing': 1, 'outside': 0, 'track': False, 'network': True, 'without': UNMARKED}
     search(record_property, 60_000, compare=100, **world)
 
 

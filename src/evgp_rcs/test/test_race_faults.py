@@ -73,7 +73,8 @@ WORLDS = {
     'crash': world(150, 1, 0, 'crash'),
     'crash on the grid': world(150, 1, 0, 'crash on the grid'),
     'unknown': world(150, 1, 0, 'unknown'),
-    'contests': world(60, 1, 0, 'grid', contests=True, times=AT_ONCE),
+    'network': world(60, 1, 0, 'grid', network=True, times=AT_ONCE),
+    'network and pauses': world(60, 1, 0, 'grid', network=True, waits=True),
     'first': world(60, 1, 0, 'first'),
     'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
     'silence in the garage': world(150, 1, 1, silence=True, then=ONE_SILENT),
@@ -220,7 +221,7 @@ the track stays open when the grid forms: availability, track-open-in-motion
 a kart lost in motion lets humans on the track: track-access, availability
     _danger: if kart.may_be_moving: return f'{kart} was lost in motion: use the MSR' => pass
 a kart that was told to go counts as standing: doubt-unnoticed, effect
-    _redirect: self._by is not None or => state is not GREEN_GREEN and
+    _redirect: elif not self => elif state is not GREEN_GREEN and not self
 a refused command takes GREEN_GREEN away: refused-changes
     _decide: answer = Answer(False, f'{command.kind.value} refused: {refusal}.') => answer =
         Answer(False, f'{command.kind.value} refused: {refusal}.') ¶ self.grid_was_last = False
@@ -264,7 +265,7 @@ a restart forgets that the results were never told: restart
 a kart that is held is given a place: availability
     _no_finish: if kart.hold is not None: return f'{kart} is held: {kart.hold_reason}' => pass
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared
-    _redirect: self._by is not None or => state is GREEN_GREEN and
+    _redirect: elif not self => elif state is GREEN_GREEN and not self
 a kart told to form the grid leaves no doubt: doubt-unnoticed
     _redirect: kart.doubt = max(kart.doubt, Doubt.GRID) => pass
 a lost connection ends the doubt: doubt-forgotten, drop-not-held, alerts
@@ -331,7 +332,7 @@ a difference is not named: refusal-silent
 a kart is released while another race control runs: availability, rival [around]
     _refusal: has_rival => has_rival and not command.kart
 a stop is refused while another race control runs: availability, stop-refused
-    _refusal: CATALOGUE[command.kind].loosens and =>
+    _refusal: CATALOGUE[command.kind].loosens and self.has_rival => self.has_rival
 another race control raises no alert: alerts
     _current_alerts: has_rival => has_rival and self.record_fails
 a race starts without a record: no-record, availability, start-answer, start-first, false-news
@@ -443,11 +444,11 @@ GREEN_GREEN does not name the kart in doubt: refusal-silent
     _doubtful: self._danger(each) => 'a kart may be moving'
 GRID_ACTIVE while a kart outside the race may be moving: availability
     _no_grid_active: self._doubtful() or =>
-the grid forms with a kart as which two programs connect: availability [contests]
+the grid forms with a kart as which two programs connect: availability [network]
     _no_grid_active: or self._contested(racing) =>
-a race starts with a kart as which two programs connect: availability, contested [contests]
+a race starts with a kart as which two programs connect: availability, contested [network]
     _no_green_green: unfit := self._contested(racing) or => unfit :=
-two programs of one kart raise no alert: alerts [contests]
+two programs of one kart raise no alert: alerts [network]
     _current_alerts: if kart.contested => if kart.contested and self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-there, results
     [grid]
@@ -457,16 +458,16 @@ GRID_ACTIVE is not given again: availability
     _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is not IN_GARAGE
 GRID_ACTIVE is given after a race that is over: availability, red-loosened
     _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is GREEN_GREEN
-race control that is cut off goes on: cut-off, effect [around]
+race control that is cut off goes on: cut-off, effect [network]
     cut_off: self._cut_off(reason, now) => pass
-race control that is cut off takes the track for closed: cut-off, restart [around]
+race control that is cut off takes the track for closed: cut-off, restart [network]
     _lose_track: self.track_open = True => pass
-race control that is cut off leaves the use of the MSR in force: cut-off [around]
+race control that is cut off leaves the use of the MSR in force: cut-off [network]
     _lose_track: self.msr_used = False => pass
-race control that is cut off takes itself to know what happened: cut-off, restart [around]
+race control that is cut off takes itself to know what happened: cut-off, restart [network]
     _lose_track: self.past_unknown = True => pass
 a release that was sent before race control was cut off is taken: effect, available-from, pause
-    [waits around]
+    [network and pauses]
     _cut_off: self._pause(now + self.times.pause, cause) => pass
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
     disconnected: self._look_whether_all_went_silent(kart, now) => pass
@@ -496,7 +497,22 @@ an end with karts in doubt counts as an orderly one: restart
 a proof is believed against what the record knows: restart
     recover: and (memory is None or memory.at_rest) =>
 a stop to one kart that is not seen to move leaves no doubt: effect, alarm-cleared
-    _stop_kart: kart.doubt = Doubt.MOVING # somebody has seen that it must be stopped => pass
+    _stop_kart: self._doubt_that_it_stands(kart) =>
+ALL_KILL leaves no doubt of a kart that was not seen to move: effect, stuck
+    _all_kill: self._doubt_that_it_stands(each) =>
+a kart that is covered stands with its first word: effect, availability, track-access, as-seen,
+    statement
+    stands: and self.settles_at is None =>
+a release while race control is cut off: availability, cut-off [network]
+    _refusal: and self.cut_off_by =>  and not self.cut_off_by and self.has_rival
+race control that is cut off is so for ever: availability, effect, stuck [network]
+    cut_off: self.cut_off_by = self.cut_off_by, reason => self.cut_off_by = self.cut_off_by, reason
+        or self.cut_off_by
+the first start lets humans near before anybody has spoken: track-access [first]
+    track_access: and self.unstated => and self.unstated and self.track_open
+one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on
+    the grid]
+    _look_whether_all_went_silent: concerned = everyone => pass
 a kart whose program boots calls for the MSR: alerts, alarm-cleared
     _current_alerts: if self._covered_by_statement(kart): continue # its program may boot, and
         nobody has seen it move => pass
