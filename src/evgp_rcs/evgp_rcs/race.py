@@ -1056,21 +1056,29 @@ class Race:
                 state,
                 chatter=True,
             )
-        elif state is kart.sent is not IN_GARAGE and not kart.acknowledged:
-            first = kart.counts_at is None
-            kart.counts_at, kart.counts_in = now + counts_in, counts_in
-            if first:
-                text = f'{_capital(kart)} {self._silence(kart)}'
-                self._tell(EventKind.REPORTED, text, number, state, chatter=True)
+        elif self._perhaps_earlier(kart, state, now, counts_in):
+            pass
         elif state is not kart.reported:
             text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
             self._tell(EventKind.REPORTED, text, number, state, chatter=True)
-        if state is not kart.sent:
-            kart.counts_at = None
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
         return self._outcome()
+
+    def _perhaps_earlier(self, kart: Kart, state: RaceState, now: float, counts_in: float) -> bool:
+        """Take a word that does not count; return whether it is for what the kart is sent."""
+        if state is not kart.sent:
+            kart.counts_at = None
+            return False
+        if kart.acknowledged or state is IN_GARAGE:
+            return False
+        first = kart.counts_at is None
+        kart.counts_at, kart.counts_in = now + counts_in, counts_in
+        if first:
+            text = f'{_capital(kart)} {self._silence(kart)}'
+            self._tell(EventKind.REPORTED, text, kart.number, state, chatter=True)
+        return True
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
@@ -1189,8 +1197,7 @@ class Race:
         """
         for kart in self.karts.values():
             self._settle(kart, now)
-            if kart.counts_at is not None and now >= kart.counts_at:
-                kart.counts_in = 0.0
+            kart.counts_in *= now < (kart.counts_at or 0.0)
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
                 self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
@@ -1343,7 +1350,8 @@ class Race:
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
         kart.acknowledged = False
-        kart.settles_at = kart.counts_at = None
+        kart.settles_at = None
+        kart.counts_at = None
         kart.reported = None
         kart.link = kart.delivered_at = kart.acknowledged_at = None
         under_way = kart.in_race and self.state is not IN_GARAGE
