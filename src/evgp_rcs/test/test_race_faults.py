@@ -410,7 +410,7 @@ the time to stand counts from the order: settle, effect [green]
 the time to stand counts from when it is first looked at: effect heard: + self => + 2 * self
 a word that was taken back ends the doubt later: settle, effect heard: kart.settles_at = None =>
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten
-    _drop: kart.settles_at = kart.counts_at = None => kart.counts_at = None
+    _drop: kart.settles_at = None => pass
 a new order lets the time to stand run on: settle, effect [green]
     _redirect: kart.settles_at = None =>
 a kart stands while race control is held up and hears nothing: settle, effect [held up]
@@ -534,11 +534,11 @@ a restart does not hold the karts of which nothing is known: restart
     _lose_track: self._hold => if kart.doubt: ¶> self._hold
 a kart that was lost before a restart raises no alarm: alerts
     recover: if kart.doubt: kart.lost_since = now => pass
-the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten
-    [crash]
+the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten,
+    track-access [crash]
     _covered_by_statement: doubt or kart.held_alone => held_alone
-the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten
-    [crash on the grid]
+the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten,
+    track-access [crash on the grid]
     _covered_by_statement: kart.doubt => kart.may_be_moving
 the statement answers for a kart that was held alone: availability, as-seen, alone-released,
     hold-forgotten [unknown]
