@@ -18,6 +18,8 @@ from evgp_node.restarting import IN_THE_WAY
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs.neighbours import ask, Found, Look
+from evgp_rcs.race import LastRun
+from evgp_rcs.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.spare import ORIGIN
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
@@ -214,18 +216,19 @@ def test_race_control_does_not_start_where_another_machine_has_its_address(
 ) -> None:
     event.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
     roster = write_roster(tmp_path, NUMBERS, addresses=kart_address)
+    given = {**settings(tmp_path, roster), 'address': RACE_CONTROL}
+    mark = place(RACE_CONTROL, int(str(given['port'])))
+    run = RunMark(mark)
+    run.end(LastRun.ENDED)
     with (
         event.first.inside(),
-        Process(
-            'evgp_rcs',
-            'rcs_node',
-            event.domain,
-            {**settings(tmp_path, roster), 'address': RACE_CONTROL},
-        ) as control,
+        Process('evgp_rcs', 'rcs_node', event.domain, given) as control,
     ):
         assert control.wait() == IN_THE_WAY
     (line,) = control.output.splitlines()
     assert RACE_CONTROL in line
+    # The other one may race on until it is unplugged: then this one knows nothing.
+    assert mark.read_text().strip() == RUN_BEGAN
 
 
 def test_a_machine_with_two_interfaces_on_one_network_is_no_rival_of_itself() -> None:

@@ -717,7 +717,7 @@ class Race:
         """No official has stated yet that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
-        """What race control has lost of the karts' network and has not got back; empty: nothing."""
+        """What of the karts' network race control has lost and not got back; empty: nothing."""
         self.record_fails = ''
         self.there = Attendance()
         self.nobody_since: float | None = None

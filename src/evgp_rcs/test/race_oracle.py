@@ -158,7 +158,7 @@ PROPERTIES = {
     'untried': 'S: where a button is required, no race begins without one that was tried',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
-    'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing until it is not',
+    'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing meanwhile',
     'contested': 'S: no race starts with a kart as which two programs connect',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
@@ -498,7 +498,15 @@ def look(race: Any) -> View:
     there = race.there
     untried = race.times.require_button and not there.button_tried
     there = ThereView(there.able > 0, untried, bool(there.button_fault))
-    around = bool(race.cut_off_by), bool(race.record_fails), race.heats, race.starters, race.paused_until, start, there
+    around = (
+        bool(race.cut_off_by),
+        bool(race.record_fails),
+        race.heats,
+        race.starters,
+        race.paused_until,
+        start,
+        there,
+    )
     return View(*_RACE(race), *around, *timed, karts)
 
 
@@ -1983,8 +1991,8 @@ class Search:
     :param around: another race control comes and goes, the record fails and works again, and links
         are poor and good again.
     :param silence: connections are lost since their links stopped answering, too.
-    :param network: race control is cut off, and is not any more; two programs connect as a kart, or
-        do so no more.
+    :param network: race control is cut off, and is not any more; two programs connect as a kart,
+        or do so no more.
     :param people: those who can stop the race come and go, and a button.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid',

@@ -33,6 +33,7 @@ commands = strategies.builds(
     hold=strategies.none() | strategies.sampled_from(RaceState),
     heat=strategies.text(),
     official=strategies.text(),
+    age=strategies.floats(0.0, 86_400.0),
 )
 requests = strategies.builds(
     Request,

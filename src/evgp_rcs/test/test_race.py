@@ -785,7 +785,9 @@ def test_the_first_start_is_in_the_garage_and_opens_the_track_on_a_statement_onc
     assert 'state that no race is under way anywhere, and no kart moves' in officials.is_refused(
         'OPEN_TRACK', stating=False
     )
+    assert not officials.race.track_access().allowed
     officials.does('OPEN_TRACK')
+    assert officials.race.track_access().allowed
     officials.does('CLOSE_TRACK')
     assert officials.race.memory().ends_as is LastRun.ENDED
     officials.command('OPEN_TRACK', stating=False)
@@ -807,6 +809,35 @@ def test_after_a_start_without_proof_one_statement_covers_who_was_not_seen_to_mo
     officials.does('CLOSE_TRACK')
     officials.connect(2)
     officials.to_ready().does('GREEN_GREEN')
+
+
+@pytest.mark.parametrize('stop', ['ALL_KILL', 'RECORD_MSR'])
+def test_a_stop_after_a_start_without_proof_is_answered_by_every_connected_kart(stop: str) -> None:
+    officials = begun(LastRun.UNKNOWN)
+    officials.connect(1)
+    officials.does(stop)
+    officials.wait(10.0)
+    assert 'kart 1 (Ohm): no RED_RED yet' in officials.is_refused('IN_GARAGE')
+    assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()
+
+
+def test_after_a_start_without_proof_a_kart_stands_for_the_settle_time_too() -> None:
+    officials = Officials(RaceTimes(pause=0.0, settle=3.0), connected=False)
+    officials.race.recover(None, LastRun.UNKNOWN, officials.now)
+    officials.connect(1)
+    officials.says(1, RED_RED)
+    assert 'made safe by hand' in officials.is_refused('KART_IN_GARAGE', 1, stating=False)
+    officials.wait(3.0)
+    assert officials.race.karts[1].stands
+
+
+def test_one_silent_kart_is_no_sign_of_being_cut_off_while_another_answers(
+    officials: Officials,
+) -> None:
+    officials.does('LEAVE_RACE', 2)
+    officials.to_grid()
+    go_silent(officials, 1)
+    assert officials.race.state is GRID_ACTIVE
 
 
 def test_a_kart_that_was_seen_to_move_is_not_covered_by_the_statement_of_others() -> None:
@@ -841,6 +872,10 @@ def test_race_control_that_is_cut_off_is_as_after_a_start_without_proof(
         assert 'race control was cut off from the karts (eth0 has' in officials.race.state_cause
     assert not officials.race.track_access().allowed
     assert officials.race.memory().ends_as is LastRun.UNKNOWN
+    assert 'still cut off from the karts: eth0 has no cable' in officials.is_refused('IN_GARAGE')
+    officials.race.cut_off('', officials.now)
+    officials.race.cut_off('eth0 is gone', officials.now)
+    assert 'still cut off' in officials.is_refused('OPEN_TRACK')
 
 
 def go_silent(officials: Officials, *karts: int) -> None:
@@ -884,7 +919,7 @@ def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
 ) -> None:
     officials.to_ready().says(1, RED_RED)
     assert officials.is_refused('GREEN_GREEN').endswith(
-        'waiting for kart 1 (Ohm): stopped itself.'
+        'kart 1 (Ohm): stopped itself: take it out, or begin again with IN_GARAGE.'
     )
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
