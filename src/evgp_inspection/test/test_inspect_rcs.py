@@ -265,8 +265,8 @@ FLAWS = {
     ),
     'R-4B-01': Flaw(
         race,
-        'for each in self.karts.values():\n            self._hold(each, RED_RED, cause,',
-        'for each in self.racing():\n            self._hold(each, RED_RED, cause,',
+        'for each in self.karts.values():\n            self._doubt_that',
+        'for each in self.racing():\n            self._doubt_that',
     ),
     'R-4B-02': Flaw(race, TO_THE_RACE, for_the_first_kart_only('RED_FLAG')),
     'R-4B-03': Flaw(
