@@ -28,6 +28,10 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import AlertKind, Command, EventKind, Kart, Race, RaceTimes
+from evgp_rcs_msgs import msg
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import kart_socket
 from heard_karts import Habit, HABITS, Says
 import pytest
 from test_kart_server import connect, parts, run, Running  # noqa: F401 - fixtures
@@ -115,6 +119,30 @@ def test_a_client_that_says_every_frame_and_reads_too_few_is_shown_as_poor(
     (alert,) = running.race.alerts(0.0)
     assert alert.kind is AlertKind.LINK_POOR
     assert 'may read' in alert.text
+
+
+def test_clients_of_every_habit_race_together_in_two_whole_races(
+    start_race_control: Callable[..., RaceControl],
+    join_official: Callable[[RaceControl], Official],
+    parts: contextlib.ExitStack,  # noqa: F811 - the fixture
+) -> None:
+    numbers = range(1, len(HABITS) + 1)
+    control = start_race_control(in_race=numbers, finish_delays=[0.5])
+    official = join_official(control)
+    for number, habit in zip(numbers, HABITS, strict=True):
+        link = kart_socket(address_of(number), ('127.0.0.1', control.port), 0)
+        Client(parts.enter_context(link), habit)
+    official.wait_for_connected(*numbers)
+    for _ in range(2):
+        official.bring_to(RaceState.GREEN_GREEN)
+        official.command('kart/finish', kart=1)
+        official.wait_for_acks(RaceState.RED_FLAG, 1)
+        official.command('red_flag')
+        official.wait_for_acks(RaceState.RED_FLAG, *numbers)
+        official.bring_to(RED_RED)
+        official.bring_to(IN_GARAGE)
+    connections = [each for each in official.events if each.kind == msg.RaceEvent.CONNECTED]
+    assert len(connections) == len(HABITS)
 
 
 # ----- what the rules make of it ----------------------------------------------------------------
