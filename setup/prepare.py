@@ -49,7 +49,7 @@ PIP = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install
 PIP += ['--require-hashes', '--no-deps', '--only-binary', ':all:']
 
 # There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
-WHEEL_PYTHONS = ('3.11', '3.12')
+WHEEL_PYTHONS = ('3.11', '3.12', '3.13', '3.14')
 OLDEST_GLIBC = (2, 28)
 
 # The distributions that everything is for; in-workspace has them too.
@@ -131,7 +131,7 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
     if python.version not in WHEEL_PYTHONS or python.implementation != 'CPython':
         return (
             f'There are no wheels of ROS 2 Jazzy for {python.implementation} {python.version} '
-            f'({python.executable}); install CPython {" or ".join(WHEEL_PYTHONS)}.'
+            f'({python.executable}); install CPython {WHEEL_PYTHONS[0]} to {WHEEL_PYTHONS[-1]}.'
         )
     if not python.has_headers:
         return (

@@ -60,9 +60,9 @@ def without(*names: str) -> object:
         *(
             (False, dataclasses.replace(FITTING, **change), advice)
             for change, advice in (
-                ({'version': '3.10'}, 'install CPython 3.11 or 3.12'),
-                ({'version': '3.13'}, 'install CPython 3.11 or 3.12'),
-                ({'implementation': 'PyPy'}, 'install CPython 3.11 or 3.12'),
+                ({'version': '3.10'}, 'install CPython 3.11 to 3.14'),
+                ({'version': '3.15'}, 'install CPython 3.11 to 3.14'),
+                ({'implementation': 'PyPy'}, 'install CPython 3.11 to 3.14'),
                 ({'machine': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
                 ({'machine': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
                 ({'libc': ('', '')}, 'install ROS 2 Jazzy itself'),
@@ -185,7 +185,7 @@ def find_python(*path: pathlib.Path, **environment: str) -> tuple[int, str]:
 
 
 def test_find_python_says_what_to_do_where_python_does_not_run() -> None:
-    said = 'PYTHON=no-such-python does not run; name a Python 3.11 or 3.12.'
+    said = 'PYTHON=no-such-python does not run; name a Python 3.11 to 3.14.'
     assert find_python(PYTHON='no-such-python') == (1, said)
 
 
