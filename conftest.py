@@ -1,9 +1,15 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""For the tests of every package, also where the workspace is not sourced: dice, and order."""
+"""
+For the tests of every package, also where the workspace is not sourced.
+
+Their random numbers, their order, and which of them were skipped.
+"""
 
 from __future__ import annotations
+
+import pathlib
 
 import hypothesis
 import pytest
@@ -13,6 +19,28 @@ hypothesis.settings.register_profile('evgp', deadline=None)
 hypothesis.settings.load_profile('evgp')
 
 pytest_plugins = ('rig.seed', 'rig.own_process')
+
+
+_skipped: list[str] = []
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let a run list what it skipped, so that another can run just that."""
+    parser.addoption('--skipped-to', help='a file for the tests that were skipped, for `@FILE`')
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Remember a test that was skipped."""
+    if report.skipped:
+        _skipped.append(report.nodeid)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """List what was skipped; xdist's workers report to the process that has the list."""
+    file = session.config.getoption('skipped_to')
+    if file and not hasattr(session.config, 'workerinput'):
+        pathlib.Path(file).parent.mkdir(exist_ok=True)
+        pathlib.Path(file).write_text('\n'.join(_skipped), encoding='utf-8')
 
 
 @pytest.hookimpl(trylast=True)  # of what is left of them

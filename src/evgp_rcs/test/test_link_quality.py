@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
-from evgp_rcs.link_quality import LinkMeter, LinkQuality, MEASURE_EVERY
+from evgp_rcs.link_quality import BYTES_PER_SECOND, LinkMeter, LinkQuality, MEASURE_EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -102,6 +104,30 @@ def test_each_segment_that_is_sent_again_is_counted_in_one_measurement(counts: l
         quality = meter.measure(0.0, 0, info(count), float(second))
         lately += quality.retransmitted_lately
         assert quality.retransmitted == count == lately
+
+
+@pytest.mark.parametrize(
+    ('windows', 'grades'),
+    [
+        ((5760, 2880, 5760, 2880), 'GGGG'),  # lwIP, of a kart that reads all there is
+        ((5760, 4000, 2000, 500), 'GGPP'),  # the same, of one that leaves ever more unread
+        ((5760, 500, 5760), 'GPG'),
+        ((500, 500), 'GG'),  # a small window says nothing
+    ],
+)
+def test_a_window_that_closes_shows_how_late_a_kart_reads(
+    windows: tuple[int, ...], grades: str
+) -> None:
+    meter = LinkMeter(0.0)
+    meter.answered(0.01, 0.05)
+    seen = ''
+    for second, window in enumerate(windows, 1):
+        told = dataclasses.replace(info(), window=window)
+        quality = meter.measure(0.0, 0, told, float(second))
+        seen += quality.grade.name[0]
+        unread = (max(windows[:second]) - window) / BYTES_PER_SECOND
+        assert quality.behind == (round(unread, 1) if quality.grade is Grade.POOR else 0.0)
+    assert seen == grades
 
 
 def test_a_kernel_that_tells_nothing_makes_no_figure_up() -> None:
