@@ -35,6 +35,12 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
         _skipped.append(report.nodeid)
 
 
+def pytest_collectreport(report: pytest.CollectReport) -> None:
+    """Remember a file that was skipped; each worker of xdist tells of it."""
+    if report.skipped and report.nodeid not in _skipped:
+        _skipped.append(report.nodeid)
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """List what was skipped; xdist's workers report to the process that has the list."""
     file = session.config.getoption('skipped_to')

@@ -33,6 +33,7 @@ from evgp_testing.wire_kart import Acknowledges
 import pytest
 from rig import browser as rig_browser
 from rig.browser import Browser
+from rig.needs import cannot_run
 from test_security import allowed
 
 S = msg.RaceState
@@ -56,10 +57,8 @@ def start_board(parts: contextlib.ExitStack) -> StartBoard:
 
 @pytest.fixture
 def browser() -> Iterator[Browser]:
-    if rig_browser.missing():
-        if os.environ.get('EVGP_ALL_TESTS'):
-            pytest.fail(rig_browser.missing())
-        pytest.skip(rig_browser.missing())
+    if why := rig_browser.missing():
+        cannot_run(why)
     with Browser(1920, 1080) as made:
         made.open_page()
         yield made

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
-import importlib.util
 import os
 import pathlib
 import signal
@@ -41,6 +40,7 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from recorded_races import PaperRace
 from rig.console import Console, SLOW
+from rig.needs import cannot_run, need_qt
 from rig.screen import Screen, Screens, why_no_screen
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -61,13 +61,9 @@ TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Ke
 @pytest.fixture
 def need_screen() -> None:
     """Skip the test where no window can be opened, and fail it where none may be skipped."""
-    why_not = why_no_screen()
-    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
-        why_not = 'there is no Qt for Python: run the tests by `make test`'
-    if why_not and os.environ.get('EVGP_ALL_TESTS'):
-        pytest.fail(f'no window can be opened: {why_not}')
-    if why_not:
-        pytest.skip(why_not)
+    need_qt()
+    if why := why_no_screen():
+        cannot_run(why)
 
 
 @pytest.fixture(scope='session')
@@ -1113,8 +1109,7 @@ def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
 def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'):
         monkeypatch.delenv(name, raising=False)
-    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
-        pytest.skip('there is no Qt for Python')
+    need_qt()
 
     with Process('evgp_rcs_console', 'rcs_gui', 20) as window:
         code = window.wait()
@@ -1124,8 +1119,7 @@ def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) ->
 
 def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run a program that uses Qt without a screen; skip the test where there is no Qt."""
-    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
-        pytest.skip('there is no Qt for Python')
+    need_qt()
     return subprocess.run(
         [sys.executable, '-c', code],
         env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen', **environment},

@@ -32,6 +32,7 @@ from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.faulty_nodes import program_of, RaceControlThatTakesNoStops
+from rig.needs import cannot_run, mount
 from rig.niceness import may_come_first
 from rig.replaying import replay_without_difference
 
@@ -335,7 +336,7 @@ def test_no_race_starts_while_the_record_fails(
 ) -> None:
     disk = tmp_path / 'disk'
     disk.mkdir()
-    mount(disk)
+    mount(disk, '512k')
     parts.callback(subprocess.run, ['umount', '-l', str(disk)], check=True)
     control = start_race_control((1,), record=disk / 'record.sqlite3')
     official = join_official(control)
@@ -360,23 +361,11 @@ def test_no_race_starts_while_the_record_fails(
     kart.wait_for_state(GRID_ACTIVE if state is IN_GARAGE else GREEN_GREEN)
 
 
-def mount(folder: pathlib.Path) -> None:
-    """Mount a file system of 512 KiB, or skip the test."""
-    mounted = subprocess.run(
-        ['mount', '-t', 'tmpfs', '-o', 'size=512k', 'tmpfs', str(folder)], check=False
-    )
-    if mounted.returncode:
-        # In CI it must be possible; elsewhere it needs root.
-        skip = pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip
-        skip('a file system cannot be mounted here')
-
-
 def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
     scene: WireRace,
 ) -> None:
     if not may_come_first():
-        skip = pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip
-        skip('it takes root, or a limit for the user')
+        cannot_run('it takes root, or a limit for the user')
     control = scene.control
     processes = [control.pid, control.kart_server_pid, control.record_pid]
     taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)

@@ -33,6 +33,7 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 import pytest
+from rig.needs import cannot_run
 
 ROOT = pathlib.Path(__file__).parents[1]
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
@@ -198,8 +199,7 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
     """Compile kit/c's example for POSIX, with its speed sent as odometry."""
     compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
     if compiler is None:
-        why = 'this machine has neither gcc nor clang'
-        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+        cannot_run('there is neither gcc nor clang')
     text = (ROOT / 'kit/c/examples/posix.c').read_text(encoding='utf-8')
     before, turn, after = text.partition('static void wait_for_turn(void)\n{\n')
     assert turn, 'the example has another loop'

@@ -29,6 +29,7 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from recorded_races import long_event, PaperRace
 from rig.browser import Browser, missing
+from rig.needs import cannot_run
 
 HOSTILE = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>'
 A4 = (595, 842)
@@ -40,11 +41,8 @@ PRINTED = 703
 @pytest.fixture(scope='module')
 def the_browser() -> Iterator[Browser]:
     """Return a browser. Skip where there is none, and fail where no test may be skipped."""
-    why_not = missing()
-    if why_not and os.environ.get('EVGP_ALL_TESTS'):
-        pytest.fail(why_not)
-    if why_not:
-        pytest.skip(why_not)
+    if why := missing():
+        cannot_run(why)
     with Browser() as browser:
         yield browser
 

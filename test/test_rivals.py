@@ -21,7 +21,7 @@ from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 import pytest
-from rig.networks import Namespace
+from rig.networks import Namespace, need_networks
 
 
 @pytest.fixture
@@ -79,6 +79,7 @@ def test_race_controls_of_other_names_or_domains_are_no_rivals(
 def test_a_second_race_control_on_the_officials_network_does_not_start(
     parts: contextlib.ExitStack, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    need_networks()
     domain = parts.enter_context(Domain()).number
     machines = [parts.enter_context(Namespace()) for _ in range(2)]
     machines[0].ip(f'link add eth0 type veth peer name eth0 netns {machines[1].path}')

@@ -232,6 +232,7 @@ def test_race_control_does_not_start_where_another_machine_has_its_address(
 
 
 def test_a_machine_with_two_interfaces_on_one_network_is_no_rival_of_itself() -> None:
+    need_networks()
     with contextlib.ExitStack() as stack:
         machine, switch = (stack.enter_context(Namespace()) for _ in range(2))
         switch.ip('link add karts type bridge', 'link set karts up')

@@ -32,7 +32,7 @@ import threading
 from typing import Any
 
 from evgp_testing.part import Part, PATIENCE
-import pytest
+from rig.needs import cannot_run
 
 _CLONE_NEWNET = 0x40000000
 _SIOCETHTOOL = 0x8946
@@ -314,7 +314,5 @@ def _switch_offloads_off(interface: str) -> None:
 
 def need_networks() -> None:
     """Skip the test where no networks can be made, and say why; not where all tests must run."""
-    why = why_not()
-    if why:
-        assert not os.environ.get('EVGP_ALL_TESTS'), f'EVGP_ALL_TESTS is set, but {why}'
-        pytest.skip(why)
+    if why := why_not():
+        cannot_run(why)

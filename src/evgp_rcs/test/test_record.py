@@ -52,6 +52,7 @@ from evgp_rcs.record import (
     RecordedEvent,
 )
 import pytest
+from rig.needs import mount
 
 SETUP = Setup((), RaceTimes(), (), 0.0)
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
@@ -304,16 +305,7 @@ def small_disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
     """Return a file system of 512 KiB."""
     folder = tmp_path / 'disk'
     folder.mkdir()
-    mounted = subprocess.run(
-        ['mount', '-t', 'tmpfs', '-o', 'size=512k', 'tmpfs', str(folder)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if mounted.returncode:
-        why = f'a file system cannot be mounted here: {mounted.stderr.strip()}'
-        # In CI it must be possible; elsewhere it needs root.
-        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+    mount(folder, '512k')
     try:
         yield folder
     finally:

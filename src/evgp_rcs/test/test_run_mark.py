@@ -36,6 +36,7 @@ from evgp_rcs.run_mark import (
     why_not_lasting,
 )
 import pytest
+from rig.needs import mount
 
 ENDS = (LastRun.NONE, LastRun.ENDED, LastRun.ENDED_OPEN)
 
@@ -204,15 +205,7 @@ def run_or_unknown(path: pathlib.Path) -> LastRun:
 def small_disk(path: pathlib.Path) -> Iterator[pathlib.Path]:
     """Return the folder of the marks, on a file system of 64 KiB of its own."""
     path.parent.mkdir()
-    mounted = subprocess.run(
-        ['mount', '-t', 'tmpfs', '-o', 'size=64k', 'tmpfs', str(path.parent)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if mounted.returncode:
-        why = f'a file system cannot be mounted here: {mounted.stderr.strip()}'
-        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+    mount(path.parent, '64k')
     try:
         yield path.parent
     finally:

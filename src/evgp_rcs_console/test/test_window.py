@@ -29,6 +29,13 @@ from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
+
+try:
+    from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
+except ImportError as error:
+    from rig.needs import cannot_run
+
+    cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Sound
 from evgp_rcs_console.commands import asks, Given
@@ -38,7 +45,6 @@ from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD, LateInput
 from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import (
     Alert,

@@ -1,0 +1,50 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a test needs of its machine: without it, it is skipped, or fails where all must run."""
+
+from __future__ import annotations
+
+import functools
+import os
+import pathlib
+import subprocess
+import sys
+from typing import NoReturn
+
+import pytest
+
+
+def cannot_run(why: str, *, whole_file: bool = False) -> NoReturn:
+    """
+    Skip this test, or with EVGP_ALL_TESTS fail it.
+
+    :param why: what is missing, and where there is a package with it, which.
+    :param whole_file: skip all tests of the file that calls this as it is imported.
+    """
+    if os.environ.get('EVGP_ALL_TESTS'):
+        raise pytest.fail.Exception(f'EVGP_ALL_TESTS is set, but {why}', pytrace=False)
+    raise pytest.skip.Exception(why, allow_module_level=whole_file)
+
+
+def need_qt() -> None:
+    """Skip the test where Qt for Python cannot be loaded."""
+    if why := _why_no_qt():
+        cannot_run(why)
+
+
+@functools.cache
+def _why_no_qt() -> str:
+    code = 'import evgp_rcs_console.qt'
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=False
+    )
+    return f'Qt cannot be loaded: {done.stderr.splitlines()[-1]}' if done.returncode else ''
+
+
+def mount(folder: pathlib.Path, size: str) -> None:
+    """Mount a file system of this size, such as 512k, or skip the test, which unmounts it."""
+    words = ['mount', '-t', 'tmpfs', '-o', f'size={size}', 'tmpfs', str(folder)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    if done.returncode:
+        cannot_run(f'a file system cannot be mounted here (not root?): {done.stderr.strip()}')
