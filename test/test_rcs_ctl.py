@@ -159,6 +159,33 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
     assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
 
 
+def test_every_command_without_numbers_lists_its_karts_while_it_is_possible(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    official = join_official(control)
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    without_numbers = {kind for kind, entry in CATALOGUE.items() if entry.names_karts}
+
+    for name in ('grid-active', 'green-green', 'in-garage'):
+        kind = COMMANDS[name]
+        without_numbers.remove(kind)
+        flags = STATEMENTS.get(kind, ())[:1]
+        official.wait_for_available(CATALOGUE[kind].service)
+        done = run(control.domain, name, *flags, '--wait', str(PATIENCE))
+        assert done.returncode == USAGE, done.stderr
+        again = shlex.join(['rcs_ctl', name, '1', '2', *flags])
+        assert done.stderr.endswith(f'To send it, name them: {again}\n')
+        accepted(control, official, *again.split()[1:])
+        official.wait_for_acks(CATALOGUE[kind].result.race[0], 1, 2)
+        if name == 'green-green':
+            accepted(control, official, 'race-over')
+            official.wait_for_acks(RaceState.RED_RED, 1, 2)
+    assert not without_numbers
+
+
 # ----- the official's name ----------------------------------------------------------------
 
 
