@@ -26,11 +26,13 @@ from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
+from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
     JoinTeam,
+    StartBase,
     StartBridge,
     StartRaceControl,
 )
@@ -40,8 +42,10 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.ros_side import RosSide
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import pytest
+from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data as best_effort
 from rig.bare_race_control import BareRaceControl
 from rig.faulty_nodes import (
@@ -50,7 +54,7 @@ from rig.faulty_nodes import (
     program_of,
     StackThatRaises,
 )
-from std_msgs.msg import Bool, ColorRGBA, Float64
+from std_msgs.msg import Bool, ColorRGBA, Float64, String
 from std_srvs.srv import SetBool
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -520,7 +524,8 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
         (two_remotes, 'more than one publisher of ~/tsr or of ~/msr'),
         (publish(Bool, 'msr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
         (publish(Bool, 'msr', latched(1), Bool(data=True)), "the MSR's contact is open"),
-        (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop'),
+        (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop or ~/state'),
+        (publish(String, 'state', 1), 'another node publishes ~/stop or ~/state'),
         (a_second_odometry, 'more than one publisher of odometry: /team, /team'),
         (two_odometries, 'more than one publisher of odometry: /team, /team'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
@@ -966,6 +971,77 @@ def test_the_lamp_shows_what_the_kart_obeys_and_is_lit_blue_at_the_end(
             lambda colour=colour: seen and (seen[-1].r, seen[-1].g, seen[-1].b) == colour,
             lambda: f'another colour; the last are {seen[-3:]}',
         )
+
+
+def test_the_plain_state_is_what_the_kart_obeys_ten_times_a_second_and_none_is_kept(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    seen = hear(race.team, String, '/kart_bridge/state')
+    (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
+    assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
+
+    race.green()
+    since = len(seen)
+    race.team.wait_until(lambda: len(seen) > since + 12, lambda: 'more, though nothing changes')
+    assert {each.data for each in seen[since + 2 :]} == {'GREEN_GREEN'}
+    race.control.kill()
+    race.team.wait_until(lambda: seen[-1].data == 'RED_RED', lambda: f'the doubt: {seen[-1]}')
+    race.bridge.close()
+    assert seen[-1].data == 'RED_RED'
+
+
+class Driven:
+    """A race of a base whose driver obeys ``~/state`` alone; the test's team acknowledges."""
+
+    def __init__(self, race: OneKartRace, base: SimulatedBase, driver: Process) -> None:
+        self.race, self.base, self.driver = race, base, driver
+
+    def go(self) -> None:
+        """Bring the kart to speed."""
+        self.race.green()
+        self.base.wait_for_speed(lambda speed: speed > 1.0)
+
+
+@pytest.fixture
+def driven(start_race: StartRace, start_base: StartBase, parts: contextlib.ExitStack) -> Driven:
+    """Return a race in the garage, with the driver on its kart."""
+    race = start_race()
+    driver = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', race.bridge.domain))
+    driver.wait_for_line('IN_GARAGE')
+    return Driven(race, start_base(race.bridge), driver)
+
+
+def test_a_driver_that_reads_the_plain_state_alone_drives_and_stops(driven: Driven) -> None:
+    driven.go()
+    driven.race.official.command('all_kill')
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+
+
+def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(
+    driven: Driven, parts: contextlib.ExitStack
+) -> None:
+    driven.go()
+    driven.driver.kill()
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+    domain = driven.race.bridge.domain
+    again = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', domain))
+    again.wait_for_line('GREEN_GREEN: stands until the next GRID_ACTIVE')
+    told = hear(driven.race.team, Twist, '/cmd_vel')
+    driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
+    assert {command.linear.x for command in told} == {0.0}
+
+
+def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_it_is_back(
+    driven: Driven,
+) -> None:
+    driven.go()
+    driven.race.bridge.signal(signal.SIGSTOP)
+    driven.driver.wait_for_line('nothing for 0.5 s: stops')
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+    driven.race.bridge.signal(signal.SIGCONT)
+    driven.race.team.wait_for_state(RED_RED)
+    assert driven.base.speed == 0.0
 
 
 SPEED_OF: dict[str, Callable[[Any], float]] = {

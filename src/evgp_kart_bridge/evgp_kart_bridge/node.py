@@ -58,7 +58,7 @@ from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Bool, ColorRGBA
+from std_msgs.msg import Bool, ColorRGBA, String
 from std_srvs.srv import SetBool
 
 try:
@@ -147,6 +147,8 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
+        # Volatile: whoever comes late hears no old word, and silence means that nothing is known.
+        self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -169,7 +171,7 @@ class KartBridge(StrictNode):
         topics = {
             **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
             '~/race_state': StopSource.TWO_BRIDGES,
-            '~/stop': StopSource.TWO_LOCKS,
+            **dict.fromkeys(('~/stop', '~/state'), StopSource.TWO_LOCKS),
             '~/odom': StopSource.TWO_ODOMETRIES,
         }
         services = {
@@ -220,7 +222,7 @@ class KartBridge(StrictNode):
             self._publish(_ENDED, 0.0)  # the lamp is lit
         except PublishError as error:  # then its silence stops the kart
             self.get_logger().error(str(error))
-        wait_until_heard(self._race_state, self._stop, self._lamp)
+        wait_until_heard(self._race_state, self._stop, self._state, self._lamp)
 
     # ----- what the team says; in the executor's thread -----------------------------------
 
@@ -400,6 +402,7 @@ class KartBridge(StrictNode):
         try:
             self._race_state.publish(message)
             self._stop.publish(Bool(data=not verdict.may_drive))
+            self._state.publish(String(data=verdict.state.value))
             red, green, blue = lamp(verdict.state, verdict.acknowledged, at)
             self._lamp.publish(ColorRGBA(r=red, g=green, b=blue, a=1.0))
         except RCLError as error:

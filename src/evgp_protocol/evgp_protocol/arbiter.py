@@ -105,7 +105,7 @@ _WHY = {
     ),
     StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
     StopSource.TWO_BRIDGES: 'two bridges',
-    StopSource.TWO_LOCKS: 'another node publishes ~/stop',
+    StopSource.TWO_LOCKS: 'another node publishes ~/stop or ~/state',
     StopSource.TWO_ODOMETRIES: 'more than one publisher of odometry',
     StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
     StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
