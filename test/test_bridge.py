@@ -254,6 +254,23 @@ def test_what_is_not_commanded_or_no_race_state_cannot_be_acknowledged(
         assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
 
 
+def test_an_acknowledgement_typed_without_a_number_is_answered_with_what_to_paste(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.grid()
+    for _ in range(2):
+        told = race.team.state
+        assert told is not None
+        answer = race.team.acknowledge(None, 0)
+        assert not answer.success
+        said = f'order: {told.order}, reached: {{state: {told.reached.state}}}'
+        assert answer.message == f'name what the kart has done: {{{said}}}'
+        assert race.team.acknowledge(state_of(told.reached), told.order).success
+        race.official.command('all_kill')
+        race.team.wait_for_state(RED_RED)
+
+
 def test_no_number_of_a_bridge_before_fits_an_order_of_the_next(
     start_race: StartRace, parts: contextlib.ExitStack
 ) -> None:
