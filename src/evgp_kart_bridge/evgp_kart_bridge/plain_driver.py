@@ -28,7 +28,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import String
 
-SILENCE = 0.5  # s; nothing for longer, and the bridge may have died
+LEASE = 0.5  # s; nothing for longer, and the bridge may have died
 
 
 def boot_time() -> float:
@@ -55,7 +55,7 @@ class Driver(Node):
     def hear(self, message: String) -> None:
         """Take the state: GRID_ACTIVE arms, and anything but GREEN_GREEN after it disarms."""
         now = boot_time()
-        unbroken = now - self.heard_at <= SILENCE
+        unbroken = now - self.heard_at <= LEASE
         self.armed = message.data == 'GRID_ACTIVE' or (
             self.armed and unbroken and message.data == 'GREEN_GREEN'
         )
@@ -63,11 +63,11 @@ class Driver(Node):
 
     def step(self) -> None:
         """Drive or brake. Yours goes here."""
-        silent = boot_time() - self.heard_at > SILENCE
+        silent = boot_time() - self.heard_at > LEASE
         self.armed = self.armed and not silent
         text = self.state
         if silent:
-            self.wanted, text = 0.0, f'nothing for {SILENCE} s: stops'
+            self.wanted, text = 0.0, f'nothing for {LEASE} s: stops'
         elif self.state == 'GREEN_GREEN' and self.armed:
             self.wanted = 6.0
         elif self.state == 'RED_FLAG':  # gently: 10 s from 6 m/s

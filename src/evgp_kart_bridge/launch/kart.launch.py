@@ -34,7 +34,7 @@ def generate_launch_description() -> LaunchDescription:
                 )
             ),
             DeclareLaunchArgument(
-                'package', default_value='evgp_kart_bridge', description='The package of the stack.'
+                'package', default_value='evgp_kart_bridge', description='Of the stack.'
             ),
             DeclareLaunchArgument(
                 'executable', default_value='shortest_stack', description='Its executable.'
