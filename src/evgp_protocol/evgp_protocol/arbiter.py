@@ -354,6 +354,14 @@ class Arbiter:
             return ''
         return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
+    @property
+    def awaited(self) -> RaceState | None:
+        """What the stack could acknowledge as of the last input, and has not; None: nothing."""
+        reached = self.verdict.reached
+        if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
+            return None
+        return None if self._refusal(reached, self._order) else reached
+
     def tick(self, now: float) -> Outcome:
         """Let time pass."""
         return self._outcome(self._pass(now))
