@@ -419,6 +419,19 @@ def test_a_command_ends_by_its_deadline_when_ros_hangs(
     assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own end
 
 
+def test_a_failure_of_rcs_ctl_itself_is_not_blamed_on_ros() -> None:
+    code = (
+        'import sys\n'
+        'from evgp_rcs_console import ctl, ctl_ros\n'
+        'ctl_ros.attend = lambda *_: 1 / 0\n'
+        'sys.exit(ctl.main(["all-kill"]))'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert done.returncode == NOT_THERE
+    assert '(rcs_ctl failed; ROS domain' in done.stderr
+    assert 'USE THE MSR' in done.stderr
+
+
 @pytest.mark.parametrize('where', ['Node.destroy_node', 'rclpy.try_shutdown'])
 def test_the_answer_is_out_before_anything_is_torn_down(
     tmp_path: pathlib.Path, start_race_control: StartRaceControl, where: str
