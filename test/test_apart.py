@@ -222,6 +222,23 @@ class StandIn:
         self.named = named
 
 
+def test_the_launch_file_of_a_kart_starts_its_stack_where_its_bridge_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    put_stand_ins_for_launch(monkeypatch)
+    folder = ROOT / 'src/evgp_kart_bridge/launch'
+    ours, bridges = (
+        runpy.run_path(str(folder / name))['generate_launch_description']().positional[0]
+        for name in ('kart.launch.py', 'kart_bridge.launch.py')
+    )
+    assert ours[0].kind == 'IncludeLaunchDescription'
+    stack = next(each for each in ours if each.kind == 'Node')
+    bridge = next(each for each in bridges if each.kind == 'Node')
+    assert stack.named['namespace'].positional == bridge.named['namespace'].positional
+    used = (each.named['additional_env']['ROS_DOMAIN_ID'].positional for each in (stack, bridge))
+    assert len(set(used)) == 1
+
+
 def put_stand_ins_for_launch(monkeypatch: pytest.MonkeyPatch) -> None:
     """Put stand-ins where `launch` would be imported from: it is not among the wheels."""
 
@@ -236,7 +253,7 @@ def put_stand_ins_for_launch(monkeypatch: pytest.MonkeyPatch) -> None:
             return lambda *positional, **named: StandIn(kind, positional, named)
 
     for name in (
-        *('launch', 'launch.actions', 'launch.substitutions'),
+        *('launch', 'launch.actions', 'launch.substitutions', 'launch.launch_description_sources'),
         *('launch.events', 'launch.events.process'),
         *('launch_ros', 'launch_ros.actions', 'launch_ros.parameter_descriptions'),
         'launch_ros.substitutions',

@@ -20,28 +20,33 @@ from typing import Any
 from ament_index_python.packages import get_package_prefix
 from evgp_kart_bridge.example_stack import COMMANDS
 from evgp_kart_bridge.lamp import BLUE, YELLOW
+from evgp_kart_bridge.node import UNREAD
 from evgp_node.graph import INTERFACE
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
+from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
     JoinTeam,
+    StartBase,
     StartBridge,
     StartRaceControl,
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process, Program
+from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.ros_side import RosSide
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 import pytest
+from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data as best_effort
 from rig.bare_race_control import BareRaceControl
 from rig.faulty_nodes import (
@@ -50,7 +55,7 @@ from rig.faulty_nodes import (
     program_of,
     StackThatRaises,
 )
-from std_msgs.msg import Bool, ColorRGBA, Float64
+from std_msgs.msg import Bool, ColorRGBA, Float64, String
 from std_srvs.srv import SetBool
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -250,6 +255,23 @@ def test_what_is_not_commanded_or_no_race_state_cannot_be_acknowledged(
         assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
 
 
+def test_an_acknowledgement_typed_without_a_number_is_answered_with_what_to_paste(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.grid()
+    for _ in range(2):
+        told = race.team.state
+        assert told is not None
+        answer = race.team.acknowledge(None, 0)
+        assert not answer.success
+        said = f'order: {told.order}, reached: {{state: {told.reached.state}}}'
+        assert answer.message == f'name what the kart has done: {{{said}}}'
+        assert race.team.acknowledge(state_of(told.reached), told.order).success
+        race.official.command('all_kill')
+        race.team.wait_for_state(RED_RED)
+
+
 def test_no_number_of_a_bridge_before_fits_an_order_of_the_next(
     start_race: StartRace, parts: contextlib.ExitStack
 ) -> None:
@@ -418,6 +440,71 @@ def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitSta
     )
 
 
+def test_a_stack_whose_shell_keeps_the_bridge_unheard_says_by_which_variable(
+    parts: contextlib.ExitStack, start_bridge: StartBridge
+) -> None:
+    bridge = start_bridge()
+    program = executable('evgp_kart_bridge', 'shortest_stack')
+    for name, value in (
+        ('FASTDDS_BUILTIN_TRANSPORTS', 'LARGE_DATA'),
+        ('FASTDDS_BUILTIN_TRANSPORTS', 'SHM'),
+        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF'),
+    ):
+        environment = {name: value}
+        stack = parts.enter_context(Program('stack', [program], bridge.domain, environment))
+        stack.wait_for_line(f'no bridge is heard .*: this shell sets {name}={value}, which may')
+
+
+def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
+    start_bridge: StartBridge, parts: contextlib.ExitStack
+) -> None:
+    read = []
+    for kind, topic in ((Bool, 'stop'), (String, 'state')):
+        bridge = start_bridge()
+        side = parts.enter_context(RosSide('reader', bridge.domain))
+        reader = side.node.create_subscription(kind, f'/kart_bridge/{topic}', print, 1)
+        side.spin()
+        bridge.wait_for_line('refuses')  # it has begun
+        read.append((bridge, side, reader))
+    time.sleep(UNREAD + 1.0)  # that time passes is itself what is awaited
+    for bridge, side, reader in read:
+        assert 'Nobody reads' not in bridge.output
+        side.node.destroy_subscription(reader)
+        bridge.wait_for_line('Nobody reads')
+
+
+def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.grid()
+    race.bridge.wait_for_line('Nobody has acknowledged GRID_ACTIVE for 5 s.*/kart_bridge/acknowl')
+    assert race.team.acknowledge(GRID_ACTIVE).success
+    race.start()
+    race.team.drive_at(3.0)
+    race.official.command('all_kill')
+    race.bridge.wait_for_line('The stop is not acknowledged yet: odometry says 3.00')
+    race.team.drive_at(0.0)
+    race.bridge.wait_for_line('Nobody has acknowledged RED_RED for 5 s')
+    assert 'Nobody has acknowledged IN_GARAGE' not in race.bridge.output
+
+
+@pytest.mark.parametrize('program', ['kart_bridge_node', 'shortest_stack'])
+def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: str) -> None:
+    done = subprocess.run(
+        [executable('evgp_kart_bridge', program), '--ros-args', '-p', 'host:=127.0.0.1'],
+        env={**os.environ, 'RMW_IMPLEMENTATION': 'rmw_none_cpp'},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert 'RMW_IMPLEMENTATION is rmw_none_cpp, which is not installed here' in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+
+
 # ----- the team's own stop -----------------------------------------------------------------
 
 
@@ -520,7 +607,8 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
         (two_remotes, 'more than one publisher of ~/tsr or of ~/msr'),
         (publish(Bool, 'msr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
         (publish(Bool, 'msr', latched(1), Bool(data=True)), "the MSR's contact is open"),
-        (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop'),
+        (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop or ~/state'),
+        (publish(String, 'state', 1), 'another node publishes ~/stop or ~/state'),
         (a_second_odometry, 'more than one publisher of odometry: /team, /team'),
         (two_odometries, 'more than one publisher of odometry: /team, /team'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
@@ -589,12 +677,14 @@ def test_a_contact_of_the_msr_that_is_wired_stops_the_kart_unless_it_is_certainl
 
 
 class DeadBase(RosSide):
-    """A second publisher of odometry: of a base that says 0 m/s, whatever the kart does."""
+    """A second publisher of odometry: of a base that says 0 m/s, at one place, for ever."""
 
     def __init__(self, domain: int) -> None:
         super().__init__('dead_base', domain)
         publisher = self.node.create_publisher(Odometry, '/kart_bridge/odom', 10)
-        self.node.create_timer(0.01, lambda: publisher.publish(Odometry()))
+        odometry = Odometry()
+        odometry.pose.pose.position.x = 7.0
+        self.node.create_timer(0.01, lambda: publisher.publish(odometry))
         self.spin()
 
 
@@ -620,6 +710,7 @@ def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names
         assert not answer.success
         assert said in answer.message
     race.team.wait_for_diagnostic(lambda status: said in status.message)
+    assert 'twist' not in race.bridge.output  # it need not be wrong
     base.close()
     race.team.wait_until_polled(
         lambda: 'odometry says 3.00 m/s' in race.team.acknowledge(RED_RED).message, 'one alone'
@@ -966,6 +1057,78 @@ def test_the_lamp_shows_what_the_kart_obeys_and_is_lit_blue_at_the_end(
             lambda colour=colour: seen and (seen[-1].r, seen[-1].g, seen[-1].b) == colour,
             lambda: f'another colour; the last are {seen[-3:]}',
         )
+
+
+def test_the_plain_state_is_what_the_kart_obeys_ten_times_a_second_and_none_is_kept(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    seen = hear(race.team, String, '/kart_bridge/state')
+    (publisher,) = race.team.node.get_publishers_info_by_topic('/kart_bridge/state')
+    assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
+
+    race.green()
+    race.team.wait_until(lambda: seen[-1].data == 'GREEN_GREEN', lambda: f'it; {seen[-1]}')
+    seen.clear()
+    race.team.wait_until(lambda: len(seen) > 9, lambda: 'more, though nothing changes')
+    assert {each.data for each in seen} == {'GREEN_GREEN'}
+    race.control.kill()
+    race.team.wait_until(lambda: seen[-1].data == 'RED_RED', lambda: f'the doubt: {seen[-1]}')
+    race.bridge.close()
+    assert seen[-1].data == 'RED_RED'
+
+
+class Driven:
+    """A race of a base whose driver obeys ``~/state`` alone; the test's team acknowledges."""
+
+    def __init__(self, race: OneKartRace, base: SimulatedBase, driver: Process) -> None:
+        self.race, self.base, self.driver = race, base, driver
+
+    def go(self) -> None:
+        """Bring the kart to speed."""
+        self.race.green()
+        self.base.wait_for_speed(lambda speed: speed > 1.0)
+
+
+@pytest.fixture
+def driven(start_race: StartRace, start_base: StartBase, parts: contextlib.ExitStack) -> Driven:
+    """Return a race in the garage, with the driver on its kart."""
+    race = start_race()
+    driver = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', race.bridge.domain))
+    driver.wait_for_line('IN_GARAGE')
+    return Driven(race, start_base(race.bridge), driver)
+
+
+def test_a_driver_that_reads_the_plain_state_alone_drives_and_stops(driven: Driven) -> None:
+    driven.go()
+    driven.race.official.command('all_kill')
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+
+
+def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(
+    driven: Driven, parts: contextlib.ExitStack
+) -> None:
+    driven.go()
+    driven.driver.kill()
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+    domain = driven.race.bridge.domain
+    again = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', domain))
+    again.wait_for_line('GREEN_GREEN: stands until the next GRID_ACTIVE')
+    told = hear(driven.race.team, Twist, '/cmd_vel')
+    driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
+    assert {command.linear.x for command in told} == {0.0}
+
+
+def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_it_is_back(
+    driven: Driven,
+) -> None:
+    driven.go()
+    driven.race.bridge.signal(signal.SIGSTOP)
+    driven.driver.wait_for_line('nothing for 0.5 s: stops')
+    driven.base.wait_for_speed(lambda speed: speed == 0.0)
+    driven.race.bridge.signal(signal.SIGCONT)
+    driven.race.team.wait_for_state(RED_RED)
+    assert driven.base.speed == 0.0
 
 
 SPEED_OF: dict[str, Callable[[Any], float]] = {

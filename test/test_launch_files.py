@@ -236,6 +236,24 @@ def test_the_bridge_is_there_comes_back_and_ends_in_order(
     assert launched.failures == [-signal.SIGKILL]
 
 
+def test_one_launch_file_starts_the_bridge_and_the_stack(
+    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    race = parts.enter_context(BareRaceControl())
+    launched = launch(
+        'evgp_kart_bridge',
+        'kart.launch.py',
+        host='127.0.0.1',
+        executable='example_stack',
+        params_file=parameter_file(tmp_path, {'port': race.port}),
+        domain_id=domain,
+    )
+    launched.wait_for_start(2)
+    race.say(RaceState.GRID_ACTIVE)
+    race.wait_until_it_says(RaceState.GRID_ACTIVE)  # the stack has acknowledged
+    assert launched.end() == 0, launched.output
+
+
 def test_a_launch_ends_where_a_setting_of_the_bridge_is_wrong(launch: Start, domain: int) -> None:
     launched = launch('evgp_kart_bridge', 'kart_bridge.launch.py', host='track', domain_id=domain)
     launched.wait()

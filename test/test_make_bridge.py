@@ -74,6 +74,15 @@ def test_it_does_not_start_again_what_a_wrong_setting_stops(setting: str, said: 
     assert said in printed
 
 
+def test_it_does_not_try_again_and_again_with_a_middleware_that_is_not_there(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('RMW_IMPLEMENTATION', 'rmw_none_cpp')
+    code, printed = make('-s', 'bridge', 'HOST=127.0.0.1')
+    assert code == 2
+    assert printed.count('rmw_none_cpp') == 1
+
+
 @pytest.mark.parametrize(
     ('arguments', 'required'), [([], False), (['ODOM=/odom'], True), (['ODOM=~/odom'], True)]
 )

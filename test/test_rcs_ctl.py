@@ -159,6 +159,33 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
     assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
 
 
+def test_every_command_without_numbers_lists_its_karts_while_it_is_possible(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    official = join_official(control)
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    without_numbers = {kind for kind, entry in CATALOGUE.items() if entry.names_karts}
+
+    for name in ('grid-active', 'green-green', 'in-garage'):
+        kind = COMMANDS[name]
+        without_numbers.remove(kind)
+        flags = STATEMENTS.get(kind, ())[:1]
+        official.wait_for_available(CATALOGUE[kind].service)
+        done = run(control.domain, name, *flags, '--wait', str(PATIENCE))
+        assert done.returncode == USAGE, done.stderr
+        again = shlex.join(['rcs_ctl', name, '1', '2', *flags])
+        assert done.stderr.endswith(f'To send it, name them: {again}\n')
+        accepted(control, official, *again.split()[1:])
+        official.wait_for_acks(CATALOGUE[kind].result.race[0], 1, 2)
+        if name == 'green-green':
+            accepted(control, official, 'race-over')
+            official.wait_for_acks(RaceState.RED_RED, 1, 2)
+    assert not without_numbers
+
+
 # ----- the official's name ----------------------------------------------------------------
 
 
@@ -390,6 +417,19 @@ def test_a_command_ends_by_its_deadline_when_ros_hangs(
     assert f'no answer within {0.5 + STARTING:g} s' in done.stderr
     assert ('USE THE MSR' in done.stderr) is (words[0] != 'leave')
     assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own end
+
+
+def test_a_failure_of_rcs_ctl_itself_is_not_blamed_on_ros() -> None:
+    code = (
+        'import sys\n'
+        'from evgp_rcs_console import ctl, ctl_ros\n'
+        'ctl_ros.attend = lambda *_: 1 / 0\n'
+        'sys.exit(ctl.main(["all-kill"]))'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert done.returncode == NOT_THERE
+    assert '(rcs_ctl failed; ROS domain' in done.stderr
+    assert 'USE THE MSR' in done.stderr
 
 
 @pytest.mark.parametrize('where', ['Node.destroy_node', 'rclpy.try_shutdown'])

@@ -179,3 +179,31 @@ def test_the_stack_races_at_a_desk_with_the_base_as_a_program(
     official.wait_for_connected(1)
     official.bring_to(RaceState.GREEN_GREEN)
     official.bring_to(RaceState.RED_RED)
+
+
+def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
+) -> None:
+    control = start_race_control(in_race=[1, 2])
+    official = join_official(control)
+    domain = parts.enter_context(Domain()).number
+    for number in (1, 2):
+        here = ('-r', f'__ns:=/kart{number}')
+        bridge = Bridge(
+            domain,
+            control.port,
+            address_of(number),
+            arguments=(*here, '-r', '~/odom:=odom'),
+        )
+        parts.enter_context(bridge)
+        base = [sys.executable, '-m', 'evgp_testing.base', '--ros-args', *here]
+        parts.enter_context(Program('base', base, domain))
+        # Two nodes: one drives, and the other, which no motor listens to, acknowledges.
+        driver, acknowledger = 'plain_driver', 'shortest_stack'
+        parts.enter_context(Process('evgp_kart_bridge', driver, domain, arguments=here))
+        unheard = (*here, '-r', 'cmd_vel:=unused')
+        parts.enter_context(Process('evgp_kart_bridge', acknowledger, domain, arguments=unheard))
+
+    official.wait_for_connected(1, 2)
+    official.bring_to(RaceState.GREEN_GREEN)
+    official.bring_to(RaceState.RED_RED)

@@ -21,6 +21,8 @@ from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.ros_side import RosSide
 import pytest
+from rclpy.qos import DurabilityPolicy
+from std_msgs.msg import String
 
 
 @dataclasses.dataclass
@@ -85,6 +87,35 @@ def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) ->
     assert again.stamp.sec - first.stamp.sec in (1, 2)
     telling.teller.race(race._replace(at=race.at + 2.0, over=True))
     telling.official.wait_for_race(lambda told: told.over, 'the change')
+
+
+def test_the_plain_state_is_said_again_until_the_race_is_old_and_none_is_kept(
+    telling: Telling,
+) -> None:
+    node, heard = telling.official.node, []
+
+    def hear(message: String) -> None:
+        with telling.official.news:
+            heard.append(message.data)
+            telling.official.news.notify_all()
+
+    node.create_subscription(String, '/rcs/state', hear, 10)
+    telling.official.wait_until_polled(
+        lambda: telling.teller._state.get_subscription_count(), 'its subscriber'
+    )
+    telling.teller.race(a_race())
+    telling.teller.start()
+    telling.official.wait_until(lambda: len(heard) > 5, lambda: f'the state; heard {heard}')
+    (publisher,) = node.get_publishers_info_by_topic('/rcs/state')
+    assert publisher.qos_profile.durability is DurabilityPolicy.VOLATILE
+    telling.official.wait_until_polled(lambda: telling.teller._stated is None, 'silence')
+    telling.teller.events(some_events(1))  # other news do not bring it back
+    telling.official.wait_for_event(lambda event: event.kart == 7, 'news')
+    assert telling.teller._stated is None
+    count = len(heard)
+    telling.teller.race(a_race())
+    telling.official.wait_until(lambda: len(heard) > count, lambda: 'the state, again')
+    assert set(heard) == {'IN_GARAGE'}
 
 
 def test_a_teller_that_cannot_go_on_says_so_and_its_last_words_are_heard(

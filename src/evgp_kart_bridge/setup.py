@@ -46,6 +46,7 @@ setup(
             'kart_bridge_node = evgp_kart_bridge.node:main',
             'autoware_adapter = evgp_kart_bridge.autoware_adapter:main',
             'example_stack = evgp_kart_bridge.example_stack:main',
+            'plain_driver = evgp_kart_bridge.plain_driver:main',
             'shortest_stack = evgp_kart_bridge.shortest_stack:main',
         ],
     },

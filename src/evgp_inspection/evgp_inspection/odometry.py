@@ -110,9 +110,15 @@ def _read(source: str, take: Take) -> None:
 
 def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
     """Subscribe to ``nav_msgs/Odometry``; ROS is imported here, so nothing else needs it."""
-    rclpy: Any = importlib.import_module('rclpy')  # without types, and not there for most
+    try:
+        rclpy: Any = importlib.import_module('rclpy')  # without types, and not there for most
+        messages: Any = importlib.import_module('nav_msgs.msg')
+    except ImportError as error:
+        raise ImportError(
+            f'--odometry ros:{topic} needs ROS 2 with nav_msgs in this shell ({error}). '
+            'Source it, or give the speed in another way: udp:PORT, a file or a pipe'
+        ) from error
     executors: Any = importlib.import_module('rclpy.executors')
-    messages: Any = importlib.import_module('nav_msgs.msg')
     qos: Any = importlib.import_module('rclpy.qos')
     signals: Any = importlib.import_module('rclpy.signals')
 

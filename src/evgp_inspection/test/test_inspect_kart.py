@@ -21,7 +21,10 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 import contextlib
 import itertools
 import os
+import pathlib
 import socket
+import subprocess
+import sys
 import time
 
 from evgp_inspection.inspection import Exit, inspect, Inspection
@@ -292,6 +295,21 @@ def test_a_kart_that_never_comes_is_not_judged() -> None:
     inspection = asyncio.run(alone())
     assert inspection.exit_code is Exit.NOT_PASSED
     assert 'K-4A-01' in those(inspection, Verdict.FAIL)
+
+
+def test_odometry_from_ros_where_there_is_no_ros_says_what_to_do() -> None:
+    package = pathlib.Path(__file__).resolve().parents[1]
+    asked = ['kart', '--port', '0', '--unattended', '--word', 'ready', '--odometry', 'ros:/odom']
+    done = subprocess.run(
+        [sys.executable, '-S', '-E', str(package), *asked],  # no packages but Python's own
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert '--odometry ros:/odom needs ROS 2 with nav_msgs in this shell' in done.stderr
+    assert 'Traceback' not in done.stderr
 
 
 @pytest.mark.long

@@ -42,7 +42,7 @@ from evgp_kart_bridge.link import (
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
-from evgp_node.graph import where_reachable
+from evgp_node.graph import KEEPS_APART, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import latched
@@ -58,7 +58,7 @@ from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Bool, ColorRGBA
+from std_msgs.msg import Bool, ColorRGBA, String
 from std_srvs.srv import SetBool
 
 try:
@@ -88,6 +88,10 @@ LOOK_AROUND = 0.3
 
 UNREAD = 5.0
 """Time without any reader of the race state after which the bridge says so, seconds."""
+
+UNACKNOWLEDGED = 5.0
+"""Time for which nothing may keep the stack from acknowledging, and it does not, before the bridge
+says so, seconds."""
 
 ODOMETRY_DUE = 2.0
 """Time after the start, or after its loss, when missing odometry is logged, seconds."""
@@ -122,6 +126,14 @@ _ENDED = Verdict(
 _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in RaceState)
 
 
+def _to_paste(verdict: Verdict) -> str:
+    """Return what to fill in once the kart has done what it must."""
+    if verdict.reached is None:
+        return f'there is nothing to acknowledge: {verdict.reason}'
+    done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
+    return f'name what the kart has done: {{{done}}}'
+
+
 class PublishError(RuntimeError):
     """The middleware does not take the race state."""
 
@@ -147,6 +159,8 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
+        # Volatile: whoever comes late hears no old word, and silence means that nothing is known.
+        self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -157,6 +171,7 @@ class KartBridge(StrictNode):
         self._odometry_at: float | None = None
         self._odometry_missed_at: float | None = None
         self._odometry_was_missed = False
+        self._awaited: tuple[int, float] | None = None  # which order, and since when
         self._read = False
         self._unread_at: float | None = clock.now()  # None: it is read, or that was logged
         self._until_diagnostics = 0
@@ -169,7 +184,7 @@ class KartBridge(StrictNode):
         topics = {
             **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
             '~/race_state': StopSource.TWO_BRIDGES,
-            '~/stop': StopSource.TWO_LOCKS,
+            **dict.fromkeys(('~/stop', '~/state'), StopSource.TWO_LOCKS),
             '~/odom': StopSource.TWO_ODOMETRIES,
         }
         services = {
@@ -220,27 +235,32 @@ class KartBridge(StrictNode):
             self._publish(_ENDED, 0.0)  # the lamp is lit
         except PublishError as error:  # then its silence stops the kart
             self.get_logger().error(str(error))
-        wait_until_heard(self._race_state, self._stop, self._lamp)
+        wait_until_heard(self._race_state, self._stop, self._state, self._lamp)
 
     # ----- what the team says; in the executor's thread -----------------------------------
 
     def _acknowledge(
         self, request: Acknowledge.Request, response: Acknowledge.Response
     ) -> Acknowledge.Response:
-        state = state_of(request.reached)
-        if state is None:
+        state, order = state_of(request.reached), request.order
+        if order and state is None:
             response.message = (
                 f'{request.reached.state} is no race state; `reached.state` is one of {_NUMBERS}'
             )
             return response
-        order = request.order
-        given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
+
+        def take(arbiter: Arbiter, now: float) -> Outcome:
+            return arbiter.acknowledge(state, order, now) if state and order else arbiter.tick(now)
+
+        given = self._link.give(take)
         try:
             outcome = given.result(LINK_ANSWER_TIMEOUT)
-            answer = outcome.answer
-            assert answer is not None  # an acknowledgement always has one
+            answer, verdict = outcome.answer, outcome.verdict
+            if answer is None:  # typed by hand, without a number
+                response.message = _to_paste(verdict)
+                return response
             response.success, response.message = answer.accepted, answer.message
-            if not answer.accepted and outcome.verdict.commanded not in (None, state):
+            if not answer.accepted and verdict.commanded not in (None, state):
                 response.message += f'. `reached.state` is one of {_NUMBERS}'
         except (LinkClosedError, concurrent.futures.TimeoutError) as error:
             response.message = self._unanswered(error)
@@ -311,8 +331,9 @@ class KartBridge(StrictNode):
         )
 
     def _look_for_readers(self) -> None:
-        """Say once that no stack reads the race state: it may be in another ROS domain."""
-        if self._race_state.get_subscription_count() > 0:
+        """Say once that no stack reads what to obey: it may be in another ROS domain."""
+        says = (self._race_state, self._stop, self._state)
+        if any(each.get_subscription_count() for each in says):
             self._unread_at = None
             self._read = True
         elif self._read:
@@ -321,7 +342,8 @@ class KartBridge(StrictNode):
             self._unread_at = None
             self.get_logger().warning(
                 f'Nobody reads {self._race_state.topic_name} in {self._graph} for {UNREAD:g} s: '
-                'does the stack run, with the same ROS_DOMAIN_ID? On another machine of the kart, '
+                'does the stack run, with the same ROS_DOMAIN_ID, and without '
+                f'{" or ".join(KEEPS_APART)} in its shell? On another machine of the kart, '
                 'both need EVGP_GRAPH_INTERFACE'
             )
 
@@ -329,7 +351,8 @@ class KartBridge(StrictNode):
         velocity, place = message.twist.twist.linear, message.pose.pose.position
         twist, now = math.hypot(velocity.x, velocity.y), clock.now()
         speed = self._motion.speed(twist, place.x, place.y, now)
-        if self._motion.contradiction:
+        # Of two publishers, of which the bridge warns elsewhere, neither twist need be wrong.
+        if self._motion.contradiction and self.count_publishers(self._odometry_topic) < 2:
             self.get_logger().warning(
                 f'The kart counts as moving: {self._motion.contradiction}',
                 throttle_duration_sec=5.0,
@@ -368,6 +391,7 @@ class KartBridge(StrictNode):
         self._log(verdict, status)
         self._told = verdict
         self._log_odometry()
+        self._log_unacknowledged(verdict)
         if status.malformed != self._malformed:
             self._malformed = status.malformed
             self.get_logger().warning(
@@ -400,6 +424,7 @@ class KartBridge(StrictNode):
         try:
             self._race_state.publish(message)
             self._stop.publish(Bool(data=not verdict.may_drive))
+            self._state.publish(String(data=verdict.state.value))
             red, green, blue = lamp(verdict.state, verdict.acknowledged, at)
             self._lamp.publish(ColorRGBA(r=red, g=green, b=blue, a=1.0))
         except RCLError as error:
@@ -449,6 +474,22 @@ class KartBridge(StrictNode):
         elif not self._odometry_was_missed and now >= self._odometry_missed_at + ODOMETRY_DUE:
             self._odometry_was_missed = True
             self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
+
+    def _log_unacknowledged(self, verdict: Verdict) -> None:
+        """Say, once for each order, that nothing is in the way of its acknowledgement."""
+        awaited, now = self._arbiter.awaited, clock.now()
+        if awaited is None:
+            self._awaited = None
+        elif self._awaited is None or self._awaited[0] != verdict.order:
+            self._awaited = verdict.order, now
+        elif now >= self._awaited[1] + UNACKNOWLEDGED:
+            self._awaited = verdict.order, math.inf
+            does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands'
+            self.get_logger().warning(
+                f'Nobody has acknowledged {awaited.value} for {UNACKNOWLEDGED:g} s, and nothing '
+                f'that this bridge knows is in the way. Once the kart {does}, its stack must call '
+                f'{self.resolve_service_name("~/acknowledge")}'
+            )
 
     def _odometry_heard(self) -> str:
         """Return, for diagnostics, whether odometry is heard, and how old the last is."""

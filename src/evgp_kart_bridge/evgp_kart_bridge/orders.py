@@ -31,6 +31,15 @@ FORGIVEN = 1.0
 """Maximum time, s, without knowing the state after which a stack still starts without a new
 GRID_ACTIVE."""
 
+NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
+"""Why a kart stands under GREEN_GREEN if its stack was started too late."""
+
+TOO_LATE = (
+    f'this node was too busy, or the bridge silent, for more than {FORGIVEN:g} s since '
+    'GRID_ACTIVE; the kart waits for the next one'
+)
+"""Why, if its stack had heard GRID_ACTIVE."""
+
 ASK_AGAIN = 0.2
 """Time after which an acknowledgement is sent again while the bridge has not taken it, s."""
 
@@ -84,6 +93,7 @@ class Orders:
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: the middleware has not said yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
+        self._grid_by: int | None = None  # the same, whether it still arms or not
         self._sure_at = -math.inf  # when there was no doubt last
         self._order = Order(RaceState.RED_RED, 0, None)
         self._asked: Order | None = None
@@ -111,7 +121,8 @@ class Orders:
         if state is None:
             return RaceState.RED_RED, 'the bridge says what is no race state'
         if state is RaceState.GREEN_GREEN and not self._is_armed(now):
-            return RaceState.RED_RED, 'no GRID_ACTIVE was heard before GREEN_GREEN'
+            heard = self._grid_by == self.said.bridge
+            return RaceState.RED_RED, TOO_LATE if heard else NEVER_HEARD
         return state, self.said.reason
 
     def doubt(self, now: float) -> str:
@@ -143,6 +154,7 @@ class Orders:
         self._bridges_alive = alive
         if alive > 1:
             self._armed_by = None
+            self._grid_by = None
 
     def look(self, now: float) -> None:
         """Notice that time has passed; called about five times in each lease."""
@@ -180,6 +192,8 @@ class Orders:
         bridge after what that said, or, of one that came and went, never: so a GRID_ACTIVE counts
         for the bridge that said it alone.
         """
+        if said.state is not RaceState.GREEN_GREEN:
+            self._grid_by = said.bridge if said.state is RaceState.GRID_ACTIVE else None
         doubt = self.doubt(now)
         forgiven = now - self._sure_at <= self.forgiven and self._bridges_alive in (None, 1)
         if said.state is RaceState.GRID_ACTIVE:

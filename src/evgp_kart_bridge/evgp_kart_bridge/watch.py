@@ -28,6 +28,7 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.orders import Order, Orders, Said
+from evgp_node.graph import kept_apart_by
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
@@ -290,10 +291,12 @@ class RaceStateWatch:
         if self.message is None:
             if now < self._began + UNHEARD or self._subscription is None:
                 return
+            apart = kept_apart_by()
+            shell = f'this shell sets {apart}, which may be why: unset it. Otherwise: '
             reason = (
                 f'no bridge is heard on {self._subscription.topic_name} in {self._graph}: '
-                'is it running, with the same ROS_DOMAIN_ID? On another machine of the kart, both '
-                'need EVGP_GRAPH_INTERFACE'
+                f'{shell if apart else ""}is it running, with the same ROS_DOMAIN_ID? On another '
+                'machine of the kart, both need EVGP_GRAPH_INTERFACE'
             )
         if not reason:
             self._logged_last = ''

@@ -84,6 +84,12 @@ _OVERRIDDEN = (
     *('RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE'),
 )
 
+KEEPS_APART = (
+    *('FASTDDS_BUILTIN_TRANSPORTS', 'ROS_AUTOMATIC_DISCOVERY_RANGE=OFF'),
+    'ROS_DISCOVERY_SERVER',
+)
+"""What of a shell may keep a program that is not ours from ours, which are at UDP on loopback."""
+
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
 <library_settings><intraprocess_delivery>{intraprocess}</intraprocess_delivery></library_settings>
@@ -195,6 +201,16 @@ def bind_graph() -> None:
     os.environ['SKIP_DEFAULT_XML_FILE'] = '1'
     os.environ['SKIP_DEFAULT_XML'] = '1'
     os.environ['CYCLONEDDS_URI'] = cyclone_dds_configuration(interface)
+
+
+def kept_apart_by() -> str:
+    """Return what may keep this process from ours, as ``NAME=value``; empty: nothing known."""
+    found = []
+    for name, _, bad in (each.partition('=') for each in KEEPS_APART):
+        given = os.environ.get(name, '')
+        if given not in ('', 'DEFAULT', 'UDPv4') and bad in ('', given):
+            found.append(f'{name}={given}')
+    return ', '.join(found)
 
 
 def fence_graph() -> None:

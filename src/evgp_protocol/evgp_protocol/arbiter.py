@@ -105,7 +105,7 @@ _WHY = {
     ),
     StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
     StopSource.TWO_BRIDGES: 'two bridges',
-    StopSource.TWO_LOCKS: 'another node publishes ~/stop',
+    StopSource.TWO_LOCKS: 'another node publishes ~/stop or ~/state',
     StopSource.TWO_ODOMETRIES: 'more than one publisher of odometry',
     StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
     StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
@@ -353,6 +353,14 @@ class Arbiter:
         if self._now - self._speed_at <= ODOMETRY_FRESH:
             return ''
         return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
+
+    @property
+    def awaited(self) -> RaceState | None:
+        """What the stack could acknowledge as of the last input, and has not; None: nothing."""
+        reached = self.verdict.reached
+        if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
+            return None
+        return None if self._refusal(reached, self._order) else reached
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""

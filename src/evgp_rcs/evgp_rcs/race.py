@@ -1871,6 +1871,8 @@ class Race:
         concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
         if concerned == command.karts:
             return ''
+        if not command.karts:  # typed by hand
+            return f'name the karts: karts: {sorted(concerned)}'
         phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
         if concerned - command.karts:
             phrases.append(f'you did not name {_numbers(concerned - command.karts)}')

@@ -24,6 +24,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+import contextlib
+import math
 import queue
 import threading
 import time
@@ -34,6 +36,7 @@ from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
+from evgp_protocol.states import RaceState
 from evgp_rcs.messages import (
     diagnostics_message,
     events_message,
@@ -48,6 +51,7 @@ from evgp_rcs.roster import Roster
 from evgp_rcs.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
+from std_msgs.msg import String
 
 RACE_QOS = latched(1)
 """Of ``~/race``: a late subscriber gets the present race at once."""
@@ -66,6 +70,13 @@ OF_EACH_KART = (
 )
 """Not in the log: the command says what karts are sent, other events that all answer or not."""
 
+STATE_EVERY = 0.1
+"""Time between two publications of the race's plain state, seconds."""
+
+STATE_AGE = 1.0
+"""Age of the newest race beyond which the plain state is not published any more, seconds: the
+state may be another by now, and whoever reads it takes silence for a doubt."""
+
 BATCH = 100
 """Maximum number of events in one message; then a newer race is published."""
 
@@ -75,7 +86,7 @@ CLOCK_STEP_NS = 10_000_000
 
 class Teller:
     """
-    Publishes the race, its events and diagnostics.
+    Publishes the race, its events, its plain state and diagnostics.
 
     :param on_failure: is called, in the teller's thread, when it cannot go on.
     :param banner: what every screen says at its top.
@@ -95,6 +106,7 @@ class Teller:
         self._teams = {entry.number: entry.team for entry in roster.entries}
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
+        self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
         self._results = node.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
@@ -105,6 +117,9 @@ class Teller:
         self._told_diagnostics = 0.0
         self._published = msg.Race()
         self._shown: tuple[object, ...] = ()
+        self._newest: Snapshot | None = None
+        self._stated: RaceState | None = None
+        self._stated_at = -math.inf
         self._clock_ns = 0
         self._sequence = 0
 
@@ -156,7 +171,11 @@ class Teller:
         waiting: deque[StampedEvent] = deque()
         ended = False
         while not ended or waiting:
-            came = [] if waiting else [self._happened.get()]
+            came = []
+            if not waiting:
+                with contextlib.suppress(queue.Empty):  # then it is time for the plain state
+                    due = self._stated_at + STATE_EVERY - clock.now()
+                    came.append(self._happened.get(timeout=max(0.0, due)))
             while not self._happened.empty():
                 came.append(self._happened.get())
             newest: Snapshot | None = None
@@ -175,10 +194,22 @@ class Teller:
             if waiting:
                 self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
+                self._newest = newest
                 self._tell_race(newest)
+            self._say_state(clock.now())
             if results is not None:
                 wall_ns = time.time_ns() - round((clock.now() - results.at) * 1e9)
                 self._results.publish(results_message(results, wall_ns, self._teams))
+
+    def _say_state(self, now: float) -> None:
+        """Publish the race's state by its name, if that is due and known."""
+        race = self._newest
+        state = race.state if race is not None and now - race.at <= STATE_AGE else None
+        if state is self._stated and now < self._stated_at + STATE_EVERY:
+            return
+        self._stated, self._stated_at = state, now
+        if state is not None:
+            self._state.publish(String(data=state.value))
 
     def _take_graph_trouble(self, text: str) -> None:
         self._shown = ()

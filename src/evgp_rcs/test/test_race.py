@@ -343,6 +343,18 @@ def test_a_refusal_says_what_is_in_the_way(
     assert officials.is_refused(kind, kart) == f'{kind} refused: {reason}.'
 
 
+def test_who_names_no_kart_reads_every_number_to_paste(officials: Officials) -> None:
+    numbers = [1, 2, *range(10, 30)]
+    karts = [Kart(number, 'Team', in_race=True) for number in numbers]
+    officials.race = Race(karts, NO_PAUSE, officials.now)
+    for number in numbers:
+        officials.connect(number)
+    command = Command(CommandKind.GRID_ACTIVE, 0, True, frozenset())
+    answer = officials.race.command(command, officials.now).answer
+    assert answer is not None
+    assert answer.message == f'GRID_ACTIVE refused: name the karts: karts: {numbers}.'
+
+
 def gone(officials: Officials) -> None:
     officials.drop(SPECTATOR)
 

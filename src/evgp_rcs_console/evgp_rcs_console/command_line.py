@@ -189,6 +189,8 @@ def parser() -> argparse.ArgumentParser:
             each.add_argument(
                 flag, dest='stated', action='store_true', required=needed, help=statement
             )
+        else:
+            each.set_defaults(stated=False)
     watch = commands.add_parser(
         'watch', help='show the race until Ctrl-C', parents=[waiting], description='show the race'
     )

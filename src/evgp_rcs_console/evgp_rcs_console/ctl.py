@@ -74,6 +74,7 @@ class TimedProcess:
         self._hear, tell = fork.Pipe(duplex=False)
         self._process = fork.Process(target=_do, args=(work, tell, os.getpid()))
         self._process.start()
+        self.failed = False  # it ended without a report
         tell.close()
 
     def report(self, seconds: float | None) -> dict[str, Any] | None:
@@ -85,6 +86,7 @@ class TimedProcess:
         try:
             return self._hear.recv() if self._hear.poll(seconds) else None
         except EOFError:
+            self.failed = True
             return None
 
     def end(self, seconds: float) -> None:
@@ -204,18 +206,19 @@ def _answer(process: TimedProcess, wanted: argparse.Namespace, began: float) -> 
         told = process.report(STALLED)
     if told is None:
         waited = min(now(), ends) - began
-        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted, waited)}
+        why = 'rcs_ctl failed' if process.failed else 'ROS hangs'
+        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted, waited, why)}
     for text, stream in ((told.get('output'), sys.stdout), (told.get('error'), sys.stderr)):
         if text:
             print(text, file=stream, flush=True)
     return int(told['code'])
 
 
-def _no_answer(wanted: argparse.Namespace, waited: float) -> str:
-    where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
+def _no_answer(wanted: argparse.Namespace, waited: float, why: str) -> str:
+    details = f'{why}; ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command not in COMMANDS:
-        return f'{texts.NOT_YET}: {texts.USE_MSR} (ROS hangs; {where})'
-    return no_answer(COMMANDS[wanted.command], waited, f'ROS hangs; {where}')
+        return f'{texts.NOT_YET}: {texts.USE_MSR} ({details})'
+    return no_answer(COMMANDS[wanted.command], waited, details)
 
 
 if __name__ == '__main__':

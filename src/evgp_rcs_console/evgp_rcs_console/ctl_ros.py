@@ -188,7 +188,7 @@ def _give(
     given = Given(
         command,
         getattr(wanted, 'kart', 0),
-        getattr(wanted, 'stated', False),
+        wanted.stated,
         karts,
         hold,
         getattr(wanted, 'heat', ''),

@@ -21,12 +21,13 @@ A kart's base with inertia: obeys velocity commands, says its speed, brakes when
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import contextlib
 import copy
 import math
 import os
 import signal
+import sys
 import threading
 import time
 
@@ -109,6 +110,7 @@ class SimulatedBase(RosSide):
     :param dead_time: time from a command to the moment at which the base begins to obey it, s.
     :param odometry_rate: how often it says its speed, Hz.
     :param place: where it stands, x and y in m; it looks along x.
+    :param arguments: ROS arguments, as ``('--ros-args', '-r', '__ns:=/kart7')``.
     """
 
     def __init__(
@@ -119,15 +121,16 @@ class SimulatedBase(RosSide):
         dead_time: float = 0.0,
         odometry_rate: float = ODOMETRY_RATE,
         place: tuple[float, float] = (0.0, 0.0),
+        arguments: Sequence[str] = (),
     ) -> None:
         """Join the kart's domain and stand."""
-        super().__init__(f'base_{domain}', domain)
+        super().__init__(f'base_{domain}', domain, arguments)
         self._dead_time = dead_time
         self._moving = threading.Lock()
         self._coming: deque[tuple[float, float, float]] = deque()  # commands in their dead time
         self._motion = Motion(time.monotonic(), acceleration, braking, place)
-        self.node.create_subscription(Twist, '/cmd_vel', self._obey, 1)
-        self._odometry = self.node.create_publisher(Odometry, '/odom', 10)
+        self.node.create_subscription(Twist, 'cmd_vel', self._obey, 1)
+        self._odometry = self.node.create_publisher(Odometry, 'odom', 10)
         self.node.create_timer(
             1 / odometry_rate, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
@@ -190,8 +193,10 @@ class SimulatedBase(RosSide):
 
 def main() -> None:
     """Be a base on this shell's ROS domain until Ctrl-C."""
-    with SimulatedBase(int(os.environ.get('ROS_DOMAIN_ID', '0'))):
-        print('A base: it obeys /cmd_vel and publishes /odom. Ctrl-C ends it.', flush=True)
+    domain = int(os.environ.get('ROS_DOMAIN_ID', '0'))
+    with SimulatedBase(domain, arguments=sys.argv[1:]) as base:
+        motors, odometry = map(base.node.resolve_topic_name, ('cmd_vel', 'odom'))
+        print(f'A base: it obeys {motors} and publishes {odometry}. Ctrl-C ends it.', flush=True)
         with contextlib.suppress(KeyboardInterrupt):
             signal.pause()
 

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import os
 import threading
@@ -44,8 +44,12 @@ class RosSide(Part):
 
     timeout = PATIENCE
 
-    def __init__(self, name: str, domain: int) -> None:
-        """Join the domain and spin."""
+    def __init__(self, name: str, domain: int, arguments: Sequence[str] = ()) -> None:
+        """
+        Join the domain and spin.
+
+        :param arguments: the node's ROS arguments, from `--ros-args` on.
+        """
         self.news = threading.Condition()
         self.failures: list[BaseException] = []
         self.context = Context()
@@ -54,7 +58,12 @@ class RosSide(Part):
             # one that holds a lock in that memory holds up every other one, for seconds.
             bind_graph()
             rclpy.init(context=self.context, domain_id=domain)
-            self.node = Node(name, context=self.context, use_global_arguments=False)
+            self.node = Node(
+                name,
+                context=self.context,
+                cli_args=list(arguments),
+                use_global_arguments=False,
+            )
             fence_graph()
         self._spinning: Spinning | None = None
 

@@ -114,7 +114,9 @@ public:
       return {RaceState::RED_RED, "the bridge says what is no race state"};
     }
     if (said_->state == RaceState::GREEN_GREEN && !is_armed(now)) {
-      return {RaceState::RED_RED, "no GRID_ACTIVE was heard before GREEN_GREEN"};
+      return {RaceState::RED_RED, grid_by_ == said_->bridge ?
+        "this node was too busy, or the bridge silent, for more than 1 s since GRID_ACTIVE; the "
+        "kart waits for the next one" : "no GRID_ACTIVE was heard before GREEN_GREEN"};
     }
     return {said_->state, said_->reason};
   }
@@ -152,6 +154,7 @@ public:
     bridges_alive_ = alive;
     if (alive > 1) {
       armed_by_.reset();
+      grid_by_.reset();
     }
   }
 
@@ -194,6 +197,11 @@ private:
   /// Arm or disarm by the message that was heard now.
   void follow(double now)
   {
+    if (said_->state == RaceState::GRID_ACTIVE) {
+      grid_by_ = said_->bridge;
+    } else if (said_->state != RaceState::GREEN_GREEN) {
+      grid_by_.reset();
+    }
     const bool sure = doubt(now).empty();
     if (said_->state == RaceState::GRID_ACTIVE) {
       const bool forgives = now - sure_at_ <= forgiven && is_alone();
@@ -218,6 +226,7 @@ private:
   double heard_at_ = never;
   std::optional<int> bridges_alive_;  // none: the middleware has not said yet
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
+  std::optional<std::uint64_t> grid_by_;  // the same, whether it still arms or not
   double sure_at_ = never;  // when there was no doubt last
   Order order_{1, RaceState::RED_RED, 0, RaceState::UNKNOWN};
   std::uint64_t asked_ = 0;

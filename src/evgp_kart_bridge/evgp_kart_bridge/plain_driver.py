@@ -1,0 +1,97 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A node to copy that drives by the bridge's plain word, without any of our messages or packages.
+
+It acknowledges nothing: one other node of the kart does that.
+"""
+
+import math
+import time
+
+from geometry_msgs.msg import Twist
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from std_msgs.msg import String
+
+LEASE = 0.5  # s; nothing for longer, and the bridge may have died
+
+
+def boot_time() -> float:
+    """Return the time since the computer was started, s; nobody sets it, and it never stops."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME)
+
+
+class Driver(Node):
+    """Drives straight ahead in GREEN_GREEN, if it heard the GRID_ACTIVE before that."""
+
+    def __init__(self) -> None:
+        """Listen, and begin to drive."""
+        super().__init__('driver')
+        self.state = 'RED_RED'
+        self.heard_at = -math.inf  # s
+        self.armed = False
+        self.wanted = 0.0  # m/s
+        self.logged = ''
+        self.motors = self.create_publisher(Twist, 'cmd_vel', 1)
+        self.create_subscription(String, 'kart_bridge/state', self.hear, 1)  # only the newest
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # a timer on ROS time may stop
+        self.create_timer(0.05, self.step, clock=steady)
+
+    def hear(self, message: String) -> None:
+        """Take the state: GRID_ACTIVE arms, and anything but GREEN_GREEN after it disarms."""
+        now = boot_time()
+        unbroken = now - self.heard_at <= LEASE
+        self.armed = message.data == 'GRID_ACTIVE' or (
+            self.armed and unbroken and message.data == 'GREEN_GREEN'
+        )
+        self.state, self.heard_at = message.data, now
+
+    def step(self) -> None:
+        """Drive or brake. Yours goes here."""
+        silent = boot_time() - self.heard_at > LEASE
+        self.armed = self.armed and not silent
+        text = self.state
+        if silent:
+            self.wanted, text = 0.0, f'nothing for {LEASE} s: stops'
+        elif self.state == 'GREEN_GREEN' and self.armed:
+            self.wanted = 6.0
+        elif self.state == 'RED_FLAG':  # gently: 10 s from 6 m/s
+            self.wanted = max(0.0, self.wanted - 0.03)
+        else:
+            self.wanted = 0.0
+            if self.state == 'GREEN_GREEN':
+                text = 'GREEN_GREEN: stands until the next GRID_ACTIVE'
+        command = Twist()
+        command.linear.x = self.wanted
+        self.motors.publish(command)
+        if text != self.logged:
+            self.logged = text
+            self.get_logger().info(text)
+
+
+def main() -> None:
+    """Run the driver. The base must brake when commands stop coming."""
+    rclpy.init()
+    try:
+        rclpy.spin(Driver())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+
+
+if __name__ == '__main__':
+    main()

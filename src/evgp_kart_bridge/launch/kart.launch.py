@@ -1,0 +1,51 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Start a kart's bridge and its stack: kart.launch.py host:=10.0.0.1 odom:=/odom package:=... ."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description that `ros2 launch` looks for."""
+    launch = PathJoinSubstitution([FindPackageShare('evgp_kart_bridge'), 'launch'])
+    return LaunchDescription(
+        [
+            # Its arguments are arguments of this file too.
+            IncludeLaunchDescription(
+                PythonLaunchDescriptionSource(
+                    PathJoinSubstitution([launch, 'kart_bridge.launch.py'])
+                )
+            ),
+            DeclareLaunchArgument(
+                'package', default_value='evgp_kart_bridge', description='Of the stack.'
+            ),
+            DeclareLaunchArgument(
+                'executable', default_value='shortest_stack', description='Its executable.'
+            ),
+            # Not started again when it ended: look first why.
+            Node(
+                package=LaunchConfiguration('package'),
+                executable=LaunchConfiguration('executable'),
+                namespace=LaunchConfiguration('namespace'),
+                additional_env={'ROS_DOMAIN_ID': LaunchConfiguration('domain_id')},
+                output='screen',
+            ),
+        ]
+    )
