@@ -62,6 +62,7 @@ TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nhea
         ({'roster': "''"}, ['parameter roster is missing']),
         ({'roster_text': TWICE}, ['good.yaml:3:']),
         ({'roster_text': TWO_FAULTS}, ['good.yaml:2:', 'good.yaml:3:']),
+        ({'roster_text': '127.0.1.1: One\n'}, ['good.yaml: is a list of another program']),
         ({'beat_rate': 5.0}, ['parameter beat_rate', 'from 11 to 100']),
         ({'send_timeout': 'soon'}, ['parameter send_timeout']),
         ({'beat_rat': 20.0}, ['parameter beat_rat is unknown; did you mean beat_rate?']),

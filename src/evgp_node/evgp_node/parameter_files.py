@@ -30,7 +30,7 @@ import yaml
 
 def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
     """
-    Yield a sentence for each thing that ROS ignores in the files of these arguments, with its line.
+    Yield what ROS ignores in the files of these arguments: a sentence for each, with its line.
 
     :param node: the node's name, with its namespace, such as /rcs.
     :param alone: the files are for this node alone; else they may have sections for others too.

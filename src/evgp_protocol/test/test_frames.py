@@ -219,7 +219,8 @@ def test_in_frame_says_whether_a_frame_is_open(stream: bytes, places: list[int])
         assert decoder.in_frame == cuts_one_off
 
 
-NOISES = [b'$', b';', b'A', b' ', b'\0', b'\xff', b'$A', b'$RED_RED;', b'$' + b'A' * 40, b'x;', b'\xff$']
+NOISES = [b'$', b';', b'A', b' ', b'\0', b'\xff', b'$A', b'$RED_RED;', b'x;', b'\xff$']
+NOISES += [b'$' + b'A' * 40]
 
 
 @pytest.mark.parametrize('noise', NOISES, ids=repr)

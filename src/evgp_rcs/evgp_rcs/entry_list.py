@@ -21,10 +21,15 @@ control (`address: team`). Neither says all that a roster must, so an official f
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 import csv
 import ipaddress
 import json
 import re
+from typing import TypeAlias
+
+_Kart: TypeAlias = tuple[str, str, str, list[str]]
+"""Number, team, address and transponders."""
 
 _NUMBER = ('no', 'nr', 'number', 'startnumber', 'kart', 'kartnumber')
 _TEAM = ('team', 'teamname', 'name', 'firstname', 'lastname')
@@ -37,15 +42,16 @@ def as_roster(text: str) -> tuple[str, str]:
         return '', ''
     pairs = [line.partition(':') for line in lines if not line.lstrip().startswith('#')]
     if pairs and all(_is_address(address) and team.strip() for address, _, team in pairs):
-        karts = [('', team.strip(' "\''), address.strip(' "\''), []) for address, _, team in pairs]
-        return _roster(karts), 'number'
+        old: Iterable[_Kart] = (('', _bare(team), _bare(address), []) for address, _, team in pairs)
+        return _roster(old), 'number'
     delimiter = max(',;\t', key=lines[0].count)
     try:
         head, *rows = csv.reader(lines, delimiter=delimiter)
     except csv.Error:
         return '', ''
     names = [re.sub('[^a-z]', '', each.lower()) for each in head]
-    numbers, teams = ([at for at, each in enumerate(names) if each in of] for of in (_NUMBER, _TEAM))
+    numbers = [at for at, each in enumerate(names) if each in _NUMBER]
+    teams = [at for at, each in enumerate(names) if each in _TEAM]
     if not (numbers and teams) or lines[0].startswith('#'):
         return '', ''
     carried = [at for at, each in enumerate(names) if each.startswith('transponder')]
@@ -53,22 +59,26 @@ def as_roster(text: str) -> tuple[str, str]:
     def cells(row: list[str], places: list[int]) -> list[str]:
         return [row[at].strip() for at in places if at < len(row) and row[at].strip()]
 
-    karts = [
+    karts = (
         (''.join(cells(row, numbers)[:1]), ' '.join(cells(row, teams)), '', cells(row, carried))
         for row in rows
-    ]
+    )
     return _roster(karts), 'address'
+
+
+def _bare(text: str) -> str:
+    return text.strip(' "\'')
 
 
 def _is_address(text: str) -> bool:
     try:
-        ipaddress.IPv4Address(text.strip(' "\''))
+        ipaddress.IPv4Address(_bare(text))
     except ValueError:
         return False
     return True
 
 
-def _roster(karts: list[tuple[str, str, str, list[str]]]) -> str:
+def _roster(karts: Iterable[_Kart]) -> str:
     """Return a roster of karts, of which some fields may be empty."""
     lines = ['karts:']
     for number, team, address, transponders in karts:

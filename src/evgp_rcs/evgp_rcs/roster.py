@@ -72,7 +72,7 @@ class RosterError(ValueError):
     is in a line, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
     give every kart its own address`.
 
-    :ivar as_roster: the file as a roster with gaps, if it is another list of karts; empty: it is none.
+    :ivar as_roster: another program's list of karts as a roster with gaps; empty: it is none.
     """
 
     as_roster = ''
@@ -265,7 +265,7 @@ class _Parser:
                 return  # nested too deep, as is noticed next
             name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
             end = token.end_mark
-            if (inside or name) and re.match('[ \t]+#', text[end.index : end.index + 99]):
+            if (inside or name) and _COMMENT.match(text, end.index):
                 self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
@@ -559,9 +559,11 @@ class _Parser:
         self._faults.append(_fault(where, reason))
 
 
+_COMMENT = re.compile('[ \t]+#')
+
 CUT = (
-    "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on a "
-    'line of its own'
+    "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on "
+    'a line of its own'
 )
 
 

@@ -213,7 +213,7 @@ def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, f
     assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
-CUT = "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on a "
+CUT = "' #' begins a comment and cuts off what follows; "
 
 
 @pytest.mark.parametrize(
@@ -223,13 +223,17 @@ CUT = "' #' begins a comment and cuts off what follows; put the text into quotes
         ('team: Purdue', 'team: Purdue # our guests'),
         ('in_race: false', 'in_race: false\n    transponders: [4711, # 4712,\n      4713]'),
         ('in_race: false', 'in_race: false\n    transponders:\n      - AB #1'),
-        ('in_race: false', 'in_race: false\nheats:\n  A: [1, 2]\n  B: {karts: [1], grid_from: A #1\n    }'),
+        (
+            'in_race: false',
+            'in_race: false\nheats:\n  A: [1, 2]\n  B: {karts: [1], grid_from: A #1\n    }',
+        ),
     ],
 )
 def test_a_comment_that_cuts_a_name_or_a_list_is_refused_with_its_line(old: str, new: str) -> None:
     text = TWO_KARTS.replace(old, new, 1)
     line = 1 + text.count('\n', 0, text.index(' #'))
-    assert fault_of(text) == f'karts.yaml:{line}: {CUT}line of its own'
+    assert fault_of(text).startswith(f'karts.yaml:{line}: {CUT}')
+    assert '\n' not in fault_of(text)
 
 
 @pytest.mark.parametrize(
@@ -477,7 +481,7 @@ def test_a_roster_without_heats_has_none() -> None:
         ('  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already"),
         ('  A: []\n', "11: heat 'A' is empty"),
         ('  A: [1]\n  A: [2]\n', "12: heat 'A' is already there (line 11)"),
-        ('  Heat 1: [1]\n  heat  1: [2]\n', "12: heat 'heat  1' is already there (line 11); give every heat its own name, different"),
+        ('  Heat 1: [1]\n  heat  1: [2]\n', "12: heat 'heat  1' is already there (line 11)"),
         ('  Heat #1: [1]\n', "11: ' #' begins a comment"),
         ('  A: 1\n', "11: heat 'A' is not a list of karts"),
         ('  A: [one]\n', "11: heat 'A': number one is not valid"),

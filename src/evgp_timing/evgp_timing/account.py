@@ -53,7 +53,7 @@ class Account:
     """
     The passings of one device, from the start of this program on.
 
-    :param gates: numbers and labels of transponders that are no kart's; their passings are left out.
+    :param gates: numbers and labels of transponders whose passings are left out: no kart's.
     :ivar session: another each time the device begins to count anew.
     :ivar counts: how often each trouble occurred.
     :ivar taken: number of passings taken.

@@ -109,7 +109,7 @@ P3_LIVE: list[tuple[bytes, Event]] = [
         ),
     )
 ]
-"""What a decoder sent in 2025. Its transponders have labels, two are gates, and it was captured with a
+"""What a decoder sent in 2025. Its transponders have labels, two are gates, and the capture kept a
 selection: each count is odd."""
 
 P3_FIELD: list[tuple[bytes, Event]] = [
