@@ -42,7 +42,9 @@ def as_roster(text: str) -> tuple[str, str]:
         return '', ''
     pairs = [line.partition(':') for line in lines if not line.lstrip().startswith('#')]
     if pairs and all(_is_address(address) and team.strip() for address, _, team in pairs):
-        old: Iterable[_Kart] = (('', _bare(team), _bare(address), []) for address, _, team in pairs)
+        old: Iterable[_Kart] = (
+            ('', _bare(team), _bare(address), []) for address, _, team in pairs
+        )
         return _roster(old), 'number'
     delimiter = max(',;\t', key=lines[0].count)
     try:
