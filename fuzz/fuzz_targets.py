@@ -29,7 +29,7 @@ Event = frames.StateFrame | frames.MalformedFrame
 # The grammar of docs/wire.md in one expression, which knows nothing of reads.
 _GRAMMAR = re.compile(
     rb"""
-    (?P<blank> [ \t\r\n]+ )
+    (?P<blank> [ \t\r\n\0]+ )
   | (?P<frame> \$[^;$\x80-\xff]{0,30}; )
   | (?P<cut>   \$[^;$\x80-\xff]{0,30} (?=\$) )
   | (?P<high>  \$[^;$\x80-\xff]{0,30}[\x80-\xff] ) [^$]*

@@ -62,6 +62,7 @@ TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nhea
         ({'roster': "''"}, ['parameter roster is missing']),
         ({'roster_text': TWICE}, ['good.yaml:3:']),
         ({'roster_text': TWO_FAULTS}, ['good.yaml:2:', 'good.yaml:3:']),
+        ({'roster_text': '127.0.1.1: One\n'}, ['good.yaml: is a list of another program']),
         ({'beat_rate': 5.0}, ['parameter beat_rate', 'from 11 to 100']),
         ({'send_timeout': 'soon'}, ['parameter send_timeout']),
         ({'beat_rat': 20.0}, ['parameter beat_rat is unknown; did you mean beat_rate?']),
@@ -92,6 +93,34 @@ def test_a_parameter_file_that_is_no_yaml_is_refused(
     path = tmp_path / 'rcs.yaml'
     path.write_text('/**:\n  ros__parameters:\n    port: [1\n', encoding='utf-8')
     assert str(path) in refusal('--params-file', str(path))
+
+
+@pytest.mark.parametrize(
+    ('text', 'line', 'said'),
+    [
+        ('rcs_node:\n  ros__parameters:\n    require_inspection: true\n', 1, 'rcs_node'),
+        ('/field:\n  rcs:\n    ros__parameters:\n      pause: 2.0\n', 2, '/field/rcs'),
+        ('/**:\n  ros__parameters:\n    pause: 2.0\n    pause: 1.0\n', 4, 'pause'),
+        ('/**:\n  ros__parameters: {pause: 2.0}\n/**:\n  ros__parameters: {}\n', 3, '/**'),
+    ],
+)
+def test_what_ros_would_ignore_in_a_parameter_file_is_refused_with_its_line(
+    refusal: Refusal, tmp_path: pathlib.Path, text: str, line: int, said: str
+) -> None:
+    path = tmp_path / 'rcs.yaml'
+    path.write_text(text, encoding='utf-8')
+    refused = refusal('--params-file', str(path))
+    assert f'{path}:{line}: ' in refused
+    assert said in refused
+
+
+@pytest.mark.parametrize('section', ['/**', '/*', 'rcs', '/rcs'])
+def test_a_section_that_is_for_race_control_is_read(
+    refusal: Refusal, tmp_path: pathlib.Path, section: str
+) -> None:
+    path = tmp_path / 'rcs.yaml'
+    path.write_text(f'{section}:\n  ros__parameters:\n    pause: 99.0\n', encoding='utf-8')
+    assert 'parameter pause' in refusal('--params-file', str(path))
 
 
 def test_a_port_in_use_says_so_and_may_be_free_later(refusal: Refusal) -> None:

@@ -62,7 +62,7 @@ class Declared:
         self.limits[name] = limits
         return self._given.get(name, default)
 
-    def refuse_unknown(self) -> None:
+    def refuse_unknown(self, own_file: bool = False) -> None:
         pass
 
 

@@ -178,11 +178,11 @@ def answer_of(kart: Kart, said: bytes) -> bytes:
 def rubbish(chance: random.Random) -> bytes:
     return chance.choice(
         [
-            bytes(chance.choices(b'$;$;RED_ \r\n\t\x80\xffx', k=chance.randint(1, 40))),
+            bytes(chance.choices(b'$;$;RED_ \r\n\t\0\x80\xffx', k=chance.randint(1, 40))),
             chance.randbytes(chance.randint(1, 40)),
             b'$' + b'R' * chance.randint(28, 33) + chance.choice([b';', b'']),
             chance.choice(
-                [b'$READY;', b'$red_red;', b'$;', b' ', b'\r\n', b'$RED_RED', b'$GREEN']
+                [b'$READY;', b'$red_red;', b'$;', b' ', b'\r\n', b'\0', b'$RED_RED', b'$GREEN']
             ),
         ]
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import pathlib
+import re
 import subprocess
 import sys
 from types import ModuleType
@@ -61,6 +62,19 @@ def set_up(path: pathlib.Path) -> dict[str, object]:
         for each in call.keywords
         if isinstance(each.value, ast.Constant)
     }
+
+
+def test_ci_leaves_out_on_humble_all_that_a_kart_does_not_need() -> None:
+    text = (ROOT / '.github/workflows/ci.yml').read_text(encoding='utf-8')
+    (names,) = re.findall(r'touch evgp_\{(.*)\}/COLCON_IGNORE', text)
+    needed, names_of_all = {'evgp_kart_bridge'}, {path.name for path in PACKAGES}
+    for _ in PACKAGES:
+        for path in PACKAGES:
+            if path.name in needed:
+                package = described(path)
+                depends = [*package.build_depends, *package.exec_depends]
+                needed |= {each.name for each in depends} & names_of_all
+    assert {f'evgp_{each}' for each in names.split(',')} == names_of_all - needed
 
 
 @every_package

@@ -123,6 +123,28 @@ def steps() -> dict[str, str]:
     return {each['name']: each['run'] for each in job['steps'] if 'name' in each}
 
 
+def test_the_workflow_of_the_template_needs_no_qt_ends_caches_and_says_when_nothing_is_set(
+    tmp_path: pathlib.Path,
+) -> None:
+    text = (TEMPLATE / '.github/workflows/test.yml').read_text(encoding='utf-8')
+    job = yaml.safe_load(text)['jobs']['test']
+    assert 0 < job['timeout-minutes'] <= 60
+    assert '--console' not in text
+    assert 'make -C' not in text  # `make setup` installs Qt, too
+    checked_out, cached = (
+        [at for at, each in enumerate(job['steps']) if each.get('uses', '').startswith(what)]
+        for what in ('actions/checkout@', 'actions/cache@')
+    )
+    assert cached > checked_out  # a later checkout would remove what was restored
+    assert job['steps'][cached[0]]['with']['path'].split() == [
+        f'evgp/{each}' for each in ('.venv', 'build', 'install')
+    ]
+    first = job['steps'][0]
+    assert first['if'] == '${{ !vars.EVGP_REPOSITORY }}'
+    with pytest.raises(AssertionError, match='::error::Set the variable EVGP_REPOSITORY'):
+        run(first['run'], tmp_path)
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_the_template_with_messages_of_a_team_builds_beside_the_clone_and_passes(

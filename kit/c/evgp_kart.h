@@ -339,7 +339,7 @@ static inline evgp_state evgp_p_decode(evgp_kart *kart, uint8_t byte)
         kart->frame_bytes = 1;
     } else if (kart->frame_bytes == 0) {
         const int space = byte == (uint8_t)' ' || byte == (uint8_t)'\t' ||
-                          byte == (uint8_t)'\r' || byte == (uint8_t)'\n';
+                          byte == (uint8_t)'\r' || byte == (uint8_t)'\n' || byte == 0U;
         if (!kart->skipping && !space) {
             kart->malformed++; /* a byte outside a frame */
             kart->skipping = 1;

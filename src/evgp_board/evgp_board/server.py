@@ -77,6 +77,9 @@ HEADERS = {
 }
 """Of every answer: a page runs and loads nothing but what is ours."""
 
+OF_A_STREAM = {'Content-Type': 'text/event-stream', 'X-Accel-Buffering': 'no'}
+"""Of a stream: nginx hands each message on at once."""
+
 
 @dataclass(frozen=True)
 class Now:
@@ -96,6 +99,7 @@ class _Viewer:
     """
     Who looks at a page.
 
+    :ivar chunks: what it is sent goes in chunks; HTTP/1.0, as some proxies ask, knows none.
     :ivar waits: there is something that it was not sent yet.
     :ivar moved: when it had last taken all that it was sent, in seconds.
     """
@@ -103,6 +107,7 @@ class _Viewer:
     transport: asyncio.Transport
     protocol: asyncio.Protocol
     moved: float
+    chunks: bool = True
     waits: bool = False
     gone: asyncio.Event = field(default_factory=asyncio.Event)
 
@@ -212,8 +217,8 @@ class Server:
                 elif viewer.has_all():
                     viewer.moved = at
                     if viewer.waits:
-                        message = message or _chunk(stream.message(self._now, at))
-                        viewer.transport.write(message)
+                        message = message or stream.message(self._now, at)
+                        viewer.transport.write(_chunk(message) if viewer.chunks else message)
                         viewer.waits = False
                 elif at - viewer.moved > SLOW_VIEWER:
                     _drop(viewer)
@@ -238,7 +243,7 @@ class Server:
         shows = {'board': view.board, 'results': view.results}.get(what)
         if shows is None and re.fullmatch(r'[1-9]\d{0,4}', what):
             shows = functools.partial(view.kart, number=int(what))
-        if shows is None or request.version < HttpVersion11:
+        if shows is None:
             raise web.HTTPNotFound
         if len(self._viewers()) >= MOST_VIEWERS:
             raise web.HTTPServiceUnavailable(
@@ -248,8 +253,9 @@ class Server:
         if transport is None:
             raise web.HTTPBadRequest
         at = clock.now()
-        stream, viewer = _Stream(shows), _Viewer(transport, request.protocol, at)
-        response = web.StreamResponse(headers={'Content-Type': 'text/event-stream'})
+        chunks = request.version >= HttpVersion11
+        stream, viewer = _Stream(shows), _Viewer(transport, request.protocol, at, chunks)
+        response = web.StreamResponse(headers=OF_A_STREAM)
         await response.prepare(request)
         await response.write(stream.message(self._now, at))
         transport.pause_reading()  # whoever writes on is not heard, and takes no memory

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import itertools
 import json
 import socket
 import threading
@@ -131,6 +132,19 @@ def test_every_message_is_all_there_is_and_one_comes_though_nothing_changes(boar
         assert first['times']['t'] < second['times']['t']
         board.say('REHEARSAL')
         assert wait_for(watching, 'REHEARSAL')
+
+
+def test_a_proxy_that_asks_by_http_1_0_gets_a_stream_too(board: Board) -> None:
+    # As nginx does that nobody has told otherwise; it knows no chunks, and must keep nothing back.
+    request = 'GET /live/board HTTP/1.0\r\nHost: board\r\nAccept: text/event-stream\r\n\r\n'
+    with board.ask(request) as watching, watching.makefile(encoding='utf-8') as lines:
+        head = [line.strip().lower() for line in iter(lines.readline, '\n')]
+        assert head[0].endswith('200 ok')
+        assert {'content-type: text/event-stream', 'connection: close'} <= {*head}
+        assert 'x-accel-buffering: no' in head
+        board.say('REHEARSAL')
+        body = list(itertools.takewhile(lambda line: 'REHEARSAL' not in line, lines))
+    assert {line[:6] for line in body} <= {'data: ', '\n'}
 
 
 @pytest.mark.parametrize(

@@ -23,9 +23,11 @@ from __future__ import annotations
 
 import difflib
 import ipaddress
+import sys
 from typing import Any, TypeVar
 
 from evgp_node.graph import fence_graph
+from evgp_node.parameter_files import ignored
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
@@ -130,10 +132,11 @@ class Parameters:
             raise ParameterError(f'parameter {name}: {error}. Give {right}') from error
         return value
 
-    def refuse_unknown(self) -> None:
+    def refuse_unknown(self, own_file: bool = False) -> None:
         """
-        Refuse what was given and never declared; call it after the last ``declare``.
+        Refuse what was given and never declared or read; call it after the last ``declare``.
 
+        :param own_file: a file of parameters may have no section for other nodes.
         :raises ParameterError: if there is such a parameter.
         """
         for name in sorted(self._node.given - set(self._declared)):
@@ -142,3 +145,5 @@ class Parameters:
             if not meant:
                 known += ', '.join(self._declared) or 'none'
             raise ParameterError(f'parameter {name} is unknown; {known}')
+        for fault in ignored(sys.argv, self._node.get_fully_qualified_name(), own_file):
+            raise ParameterError(fault)

@@ -55,7 +55,8 @@ MAX_FRAME_BYTES = 32
 _FIRST = b'$'
 
 # Named so that the tests can put something that counts in their place.
-_find_no_space = re.compile(rb'[^ \t\r\n]').search
+# A NUL, too: clients with a buffer of a fixed size send what is left of it.
+_find_no_space = re.compile(rb'[^ \t\r\n\0]').search
 _find_first = re.compile(rb'\$').search
 _find_last = re.compile(rb'[;$\x80-\xff]').search
 

@@ -54,7 +54,7 @@ def reference(stream: bytes, ready: bool = False) -> list[tuple[Any, ...]]:
                 events.append(('malformed', bytes(frame)))
             place, frame = 'in', [byte]
         elif place == 'between':
-            if byte not in b' \t\r\n':
+            if byte not in b' \t\r\n\0':
                 events.append(('malformed', bytes([byte])))
                 place = 'skipping'
         elif place == 'in':
@@ -100,7 +100,7 @@ rubbish = st.one_of(
         [
             b'$',
             b';',
-            b' \r\n\t',
+            b' \r\n\t\0',
             b'$;',
             b'$READY;',
             b'$red_red;',
@@ -112,7 +112,8 @@ rubbish = st.one_of(
             b'$' + b'A' * 31,
             b'$' + b'A' * 30,
             b'$\xff;',
-            b'\x00',
+            b'\0',
+            b'$RED_RED\0;',
         ]
     ),
 )
@@ -133,7 +134,7 @@ def test_frame_is_the_proposals_example() -> None:
 @given(streams, st.booleans())
 @example(b'$' + b'A' * 30 + b';$RED_RED;', False)
 @example(b'$' + b'A' * 31 + b';$RED_RED;', False)
-@example(b' \t\r\n$RED_RED;\r\n \t', False)
+@example(b' \t\r\n\0$RED_RED;\0\r\n \t', False)
 def test_whole_stream_equals_the_reference(stream: bytes, ready: bool) -> None:
     assert comparable(decode([stream], ready)) == reference(stream, ready)
 
@@ -146,7 +147,7 @@ def test_cuts_do_not_change_the_events(stream: bytes, places: list[int]) -> None
 
 @pytest.mark.parametrize('length', range(1, 5))
 def test_every_short_stream_of_telling_bytes_equals_the_reference(length: int) -> None:
-    pieces = [b'$', b';', b' ', b'x', b'\x80', b'RED_RED', b'A' * 29]
+    pieces = [b'$', b';', b' ', b'\0', b'x', b'\x80', b'RED_RED', b'A' * 29]
     for chosen in itertools.product(pieces, repeat=length):
         stream = b''.join(chosen)
         assert comparable(decode([stream])) == reference(stream), stream
@@ -167,6 +168,12 @@ def test_buffer_may_be_reused_after_feed() -> None:
     decoder.feed(buffer)
     buffer[:] = b'XXXXX'
     assert decoder.feed(b'RED;') == [StateFrame(RaceState.RED_RED)]
+
+
+def test_what_fills_a_fixed_buffer_is_ignored_between_frames_and_not_in_one() -> None:
+    in_buffers = b''.join(encode(state).ljust(16, b'\0') for state in RaceState)
+    assert decode([in_buffers]) == [StateFrame(state) for state in RaceState]
+    assert [type(event) for event in decode([b'$RED\0_RED;'])] == [MalformedFrame]
 
 
 def test_ready_counts_only_where_it_is_asked_for() -> None:
@@ -212,7 +219,8 @@ def test_in_frame_says_whether_a_frame_is_open(stream: bytes, places: list[int])
         assert decoder.in_frame == cuts_one_off
 
 
-NOISES = [b'$', b';', b'A', b' ', b'\xff', b'$A', b'$RED_RED;', b'$' + b'A' * 40, b'x;', b'\xff$']
+NOISES = [b'$', b';', b'A', b' ', b'\0', b'\xff', b'$A', b'$RED_RED;', b'x;', b'\xff$']
+NOISES += [b'$' + b'A' * 40]
 
 
 @pytest.mark.parametrize('noise', NOISES, ids=repr)

@@ -509,7 +509,11 @@ class Laps:
         if passing.kart:
             return passing.kart
         if passing.transponder:
-            return self.transponders.get(passing.transponder, 0)
+            # As it was said, or by the number or the label in it, if not two karts have them.
+            names = passing.transponder.split(' ', 1)
+            owners = {self.transponders.get(name, 0) for name in names} - {0}
+            alone = owners.pop() if len(owners) == 1 else 0
+            return self.transponders.get(passing.transponder, alone)
         # A beam sees only that somebody crosses: where one kart races, it is that one.
         alone = self.karts[0] if len(self.karts) == 1 else 0
         return self.given.get(passing.identity, alone)

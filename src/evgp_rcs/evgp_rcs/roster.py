@@ -24,6 +24,7 @@ whatever YAML could mean beyond these fields is refused.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+import contextlib
 import dataclasses
 import datetime
 import ipaddress
@@ -31,6 +32,7 @@ import pathlib
 import re
 from typing import TypeVar
 
+from evgp_rcs.entry_list import as_roster
 from evgp_rcs.laps import Format
 from evgp_rcs.race import Heat
 import yaml
@@ -69,7 +71,11 @@ class RosterError(ValueError):
     One line for each fault, in the order of the file. Each names the file and, where the fault
     is in a line, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
     give every kart its own address`.
+
+    :ivar as_roster: another program's list of karts as a roster with gaps; empty: it is none.
     """
+
+    as_roster = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -169,6 +175,14 @@ class _Parser:
     def parse(self, text: str) -> Roster:
         if len(text) > MAX_BYTES:
             raise _too_large(self._source)
+        foreign, missing = as_roster(text)
+        if foreign:
+            error = RosterError(
+                f"{self._source}: is a list of another program, not a roster; 'rcs_roster check' "
+                f"('make roster') prints it as one: save that, and fill in each {missing}"
+            )
+            error.as_roster = foreign
+            raise error
         try:
             roster = self._read(text)
         except _FaultError as fault:
@@ -215,6 +229,8 @@ class _Parser:
         bound and to mean more than it says. They are refused as events, before there is a tree.
         """
         depth = 0
+        with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # said below
+            self._refuse_cuts(text)
         try:
             for event in yaml.parse(text, Loader=yaml.SafeLoader):
                 if isinstance(event, yaml.NodeEvent) and event.anchor is not None:
@@ -238,6 +254,19 @@ class _Parser:
         except (ValueError, OverflowError) as error:
             # PyYAML lets these out where an escape or a directive has a number it cannot take.
             raise _not_yaml(0, error) from error
+
+    def _refuse_cuts(self, text: str) -> None:
+        """Note each comment behind a name or in a list, which cuts off what was meant."""
+        inside = 0
+        for token in yaml.scan(text, Loader=yaml.SafeLoader):
+            inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
+            inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
+            if inside > 10:
+                return  # nested too deep, as is noticed next
+            name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
+            end = token.end_mark
+            if (inside or name) and _COMMENT.match(text, end.index):
+                self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
         """Yield the karts of the list, each checked by itself and against those before it."""
@@ -325,13 +354,14 @@ class _Parser:
         for key, value in node.value:
             name = self._tried(self._heat_name, key)
             if name is not None:
-                if name in lines:
+                alike = ' '.join(name.casefold().split())
+                if alike in lines:
                     self._note(
                         key,
-                        f'heat {name!r} is already there (line {lines[name]}); '
-                        'give every heat its own name',
+                        f'heat {name!r} is already there (line {lines[alike]}); '
+                        'give every heat its own name, different not only in capitals or spaces',
                     )
-                lines.setdefault(name, _line(key))
+                lines.setdefault(alike, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
             format_, laps, grid_from = Format.RACE, 0, ''
             if isinstance(value, yaml.MappingNode):
@@ -527,6 +557,19 @@ class _Parser:
 
     def _note(self, where: yaml.Node, reason: str) -> None:
         self._faults.append(_fault(where, reason))
+
+
+_COMMENT = re.compile('[ \t]+#')
+
+CUT = (
+    "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on "
+    'a line of its own'
+)
+
+
+def _is_text(scalar: str) -> bool:
+    """Return whether it may be a name: a number, an address, a date, true or false is complete."""
+    return not re.fullmatch(r'[-.:\d]+|true|false|yes|no|on|off', scalar, re.IGNORECASE)
 
 
 def _fault(where: yaml.Node | yaml.Event, reason: str) -> _FaultError:

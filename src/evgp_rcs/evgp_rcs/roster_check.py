@@ -45,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         roster = load_roster(path)
     except RosterError as error:
         print(error, file=sys.stderr)
+        print(error.as_roster, end='')
         return 2
     print(f'{path} is right:')
     for line in _lines(roster):
@@ -59,6 +60,7 @@ def _lines(roster: Roster) -> list[str]:
         f'kart {entry.number:{width}}  {entry.team:{team}}  {entry.address:15}  '
         + ('in the first race' if entry.in_race else 'not in the first race')
         + (f', inspected {entry.inspected}' if entry.inspected else '')
+        + (f', transponders {", ".join(entry.transponders)}' if entry.transponders else '')
         for entry in roster.entries
     ]
     for heat in roster.heats:

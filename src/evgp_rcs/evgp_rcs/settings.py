@@ -112,7 +112,7 @@ def read_settings(parameters: Parameters) -> Begin:
         RaceTimes.first_crossing,
         'The first crossing of a kart starts lap 1, or ends it: starts, or ends.',
     )
-    parameters.refuse_unknown()
+    parameters.refuse_unknown(own_file=True)
     if first_crossing not in ('starts', 'ends'):
         raise ParameterError(
             f'parameter first_crossing: {first_crossing!r} is not possible. Give starts or ends'

@@ -532,6 +532,20 @@ def test_a_malformed_frame_is_told_and_changes_nothing(run: Run, connect: Connec
     assert running.race.state is IN_GARAGE
 
 
+def test_the_rest_of_a_fixed_buffer_behind_a_frame_is_not_malformed(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    running.give(CommandKind.GRID_ACTIVE)
+    read_until(client, GRID_ACTIVE)
+    client.sendall(encode(GRID_ACTIVE).ljust(16, b'\0'))
+    (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    assert event.state is GRID_ACTIVE
+    assert EventKind.MALFORMED not in {each.kind for each in running.events}
+
+
 def test_while_one_kart_floods_the_others_get_their_frames_and_the_stop(
     run: Run, connect: Connect
 ) -> None:

@@ -315,6 +315,24 @@ def test_an_official_counts_a_lap_that_lacks_after_the_finish_until_all_are_ther
     assert not story.laps.counted[1]  # of a race without a number of laps none lacks
 
 
+@pytest.mark.parametrize(
+    ('transponders', 'kart'),
+    [
+        ({'42': 1}, 1),
+        ({'FL 1': 1}, 1),
+        ({'42': 1, 'FL 1': 1}, 1),
+        ({'42': 1, 'FL 1': 2}, 0),
+        ({'42': 1, 'FL 1': 2, '42 FL 1': 3}, 3),
+        ({'FL': 1, '4': 1, '': 1}, 0),
+    ],
+)
+def test_a_transponder_with_a_label_is_known_by_either_unless_they_are_of_two_karts(
+    transponders: dict[str, int], kart: int
+) -> None:
+    laps = dataclasses.replace(race(), transponders=transponders)
+    assert laps.kart_of(Passing('line', 'today', 1, transponder='42 FL 1')) == kart
+
+
 def test_somebody_who_crosses_is_the_only_kart_of_the_race() -> None:
     alone = dataclasses.replace(race(), karts=(2,)).again()
     beam = Passing('beam', 's', 1)

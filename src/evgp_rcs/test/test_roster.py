@@ -213,6 +213,110 @@ def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, f
     assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
+CUT = "' #' begins a comment and cuts off what follows; "
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('team: Purdue', 'team: Team #2'),
+        ('team: Purdue', 'team: Purdue # our guests'),
+        ('in_race: false', 'in_race: false\n    transponders: [4711, # 4712,\n      4713]'),
+        ('in_race: false', 'in_race: false\n    transponders:\n      - AB #1'),
+        (
+            'in_race: false',
+            'in_race: false\nheats:\n  A: [1, 2]\n  B: {karts: [1], grid_from: A #1\n    }',
+        ),
+    ],
+)
+def test_a_comment_that_cuts_a_name_or_a_list_is_refused_with_its_line(old: str, new: str) -> None:
+    text = TWO_KARTS.replace(old, new, 1)
+    line = 1 + text.count('\n', 0, text.index(' #'))
+    assert fault_of(text).startswith(f'karts.yaml:{line}: {CUT}')
+    assert '\n' not in fault_of(text)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('team: Purdue', "team: 'Team #2'  # our guests"),
+        ('team: Purdue', 'team: Team#2'),
+        ('number: 2', 'number: 2  # as painted'),
+        ('address: 10.0.0.2', 'address: 10.0.0.2 # WLAN'),
+        ('in_race: false', 'in_race: false # not yet\n    transponders: [4711] # one'),
+        ('in_race: false', 'in_race: false # not yet\n    # transponders: [4711]'),
+    ],
+)
+def test_a_comment_that_cuts_nothing_is_one(old: str, new: str) -> None:
+    assert len(parse_roster(TWO_KARTS.replace(old, new, 1), 'karts.yaml').entries) == 2
+
+
+OLD_SOFTWARE = '10.0.0.101: Team A\n10.0.0.102: Team B\n10.0.0.103: Team C\n'
+ENTRY_LIST = """\
+No,Class,FirstName,LastName,CarRegistration,DriverRegistration,Transponder1,Transponder2
+7,Autonomous,Team,A,"","",5691251,""
+12,Autonomous,Team,B,"","",FL-94890,""
+"""
+
+
+@pytest.mark.parametrize(
+    ('text', 'missing', 'entries'),
+    [
+        (
+            OLD_SOFTWARE,
+            'number',
+            [RosterEntry(at, f'Team {"ABC"[at - 1]}', f'10.0.0.10{at}', True) for at in (1, 2, 3)],
+        ),
+        (
+            ENTRY_LIST,
+            'address',
+            [
+                RosterEntry(7, 'Team A', '10.0.0.1', True, '', ('5691251',)),
+                RosterEntry(12, 'Team B', '10.0.0.2', True, '', ('FL-94890',)),
+            ],
+        ),
+        (
+            '\ufeffStart number;Team name;Transponder\r\n1;"Team ""A"" #1";\r\n',
+            'address',
+            [RosterEntry(1, 'Team "A" #1', '10.0.0.1', True)],
+        ),
+        (
+            'Kart\tTeam\n3\tÉcole\n\n',
+            'address',
+            [RosterEntry(3, 'École', '10.0.0.1', True)],
+        ),
+    ],
+)
+def test_a_foreign_list_is_shown_as_a_roster_that_lacks_only_what_the_list_does_not_say(
+    text: str,
+    missing: str,
+    entries: list[RosterEntry],
+    tmp_path: pathlib.Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / 'list.csv'
+    path.write_text(text, encoding='utf-8', newline='')
+    assert check_roster(['check', str(path)]) == 2
+    shown = capsys.readouterr()
+    assert f'fill in each {missing}' in shown.err
+    assert len(shown.err.splitlines()) == 1
+    assert {f'{missing} (nothing)' in line for line in fault_of(shown.out).split('\n')} == {True}
+    values = iter(str(getattr(each, missing)) for each in entries)
+    filled = re.sub(f'(?m)(?<= {missing}:)$', lambda _: f' {next(values)}', shown.out)
+    assert list(parse_roster(filled, 'karts.yaml').entries) == entries
+
+
+@pytest.mark.parametrize('comment', ['# number, team, address, in_race', '# 10.0.0.1: Team A'])
+def test_a_comment_makes_no_foreign_list_of_a_roster(comment: str) -> None:
+    assert len(parse_roster(f'{comment}\n{TWO_KARTS}', 'karts.yaml').entries) == 2
+
+
+def test_a_race_control_that_is_given_a_foreign_list_says_what_makes_a_roster_of_it() -> None:
+    for text in (OLD_SOFTWARE, ENTRY_LIST):
+        assert fault_of(text).startswith('karts.yaml: is a list of another program, ')
+        assert 'make roster' in fault_of(text)
+
+
 def test_a_hint_shows_what_cannot_be_printed_as_python_writes_it() -> None:
     assert fault_of('karts:1\ufeff: "\n  team: A\n').endswith(r"""write 'karts: 1\ufeff: "'""")
 
@@ -377,6 +481,8 @@ def test_a_roster_without_heats_has_none() -> None:
         ('  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already"),
         ('  A: []\n', "11: heat 'A' is empty"),
         ('  A: [1]\n  A: [2]\n', "12: heat 'A' is already there (line 11)"),
+        ('  Heat 1: [1]\n  heat  1: [2]\n', "12: heat 'heat  1' is already there (line 11)"),
+        ('  Heat #1: [1]\n', "11: ' #' begins a comment"),
         ('  A: 1\n', "11: heat 'A' is not a list of karts"),
         ('  A: [one]\n', "11: heat 'A': number one is not valid"),
         (f'  {"x" * 33}: [1]\n', f'11: heat {"x" * 33} has no name that can be shown'),
@@ -410,13 +516,15 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
     tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'karts.yaml'
-    path.write_text(TWO_KARTS + 'heats:\n  Final: [2, 1]\n')
+    text = TWO_KARTS + "    inspected: 2026-05-01\n    transponders: [4711, 'FL-9']\n"
+    path.write_text(text + 'heats:\n  Final: {karts: [2, 1], laps: 6, grid_from: practice}\n')
     assert check_roster(['check', str(path)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert [' '.join(line.split()) for line in out[1:]] == [
         'kart 1 Georgia Tech 10.0.0.1 in the first race',
-        'kart 2 Purdue 10.0.0.2 not in the first race',
-        'heat "Final": 1, 2 (race)',
+        'kart 2 Purdue 10.0.0.2 not in the first race, inspected 2026-05-01, '
+        'transponders 4711, FL-9',
+        'heat "Final": 1, 2 (race, 6 laps, grid from practice)',
     ]
 
 

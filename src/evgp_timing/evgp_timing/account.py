@@ -44,6 +44,7 @@ class Trouble(enum.Enum):
     MISSED = 'Passings of it were not received: its count has gaps. Look at the laps'
     RESTARTED = 'It began anew: switched off, or its clock was set back. Look at the laps'
     CLOCK = 'Its clock jumped, or its passings came late. Look at the lap times'
+    UNCHECKED = 'It sends no checksums. What is changed on the way to here is not noticed'
     REPEATED = 'It sends passings again. They count once'
     REFUSED = 'Some of what it sends cannot be read. Look at its cable, its kind and the baud rate'
 
@@ -52,6 +53,7 @@ class Account:
     """
     The passings of one device, from the start of this program on.
 
+    :param gates: numbers and labels of transponders whose passings are left out: no kart's.
     :ivar session: another each time the device begins to count anew.
     :ivar counts: how often each trouble occurred.
     :ivar taken: number of passings taken.
@@ -59,7 +61,7 @@ class Account:
     :ivar last_refusal: why something could not be read.
     """
 
-    def __init__(self, now: float) -> None:
+    def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:
         """Begin with nothing; `now` and every later one in seconds, never less than before."""
         self.session = secrets.token_hex(4)
         self.counts = dict.fromkeys(Trouble, 0)
@@ -67,7 +69,10 @@ class Account:
         self.heard_at = now
         self.last_refusal = ''
         self._noted_at: dict[Trouble, float | None] = dict.fromkeys(Trouble)
+        self._gates = gates
         self._number = 0
+        self._by_one = False  # it has counted by one: a gap is what was not received
+        self._gaps = 0  # of its count before that
         self._recent: OrderedDict[tuple[int, str, int], None] = OrderedDict()
         self._offset: float | None = None  # of this computer's clock to the device's
         self._second = 0
@@ -92,7 +97,11 @@ class Account:
             self._recent.popitem(last=False)
         self._watch_count(event, now)
         self._watch_clock(event, now)
+        if not event.checked:
+            self._note(Trouble.UNCHECKED, now)
         self._number = event.number or self._number % _LAST + 1
+        if self._gates.intersection((event.transponder, *event.transponder.split(' ', 1))):
+            return None
         if int(now) != self._second:
             self._second, self._in_second = int(now), 0
         self._in_second += 1
@@ -114,8 +123,13 @@ class Account:
             return
         if passing.number <= self._number:
             self._begin_session(now)
-        elif passing.number > self._number + 1:
-            self._note(Trouble.MISSED, now, passing.number - self._number - 1)
+            return
+        # Some devices count more than passings, and a capture may keep each second one.
+        self._gaps += passing.number - self._number - 1
+        self._by_one |= passing.number == self._number + 1
+        if self._by_one and self._gaps:
+            self._note(Trouble.MISSED, now, self._gaps)
+            self._gaps = 0
 
     def _watch_clock(self, passing: Passing, now: float) -> None:
         offset = now - passing.time_us / 1_000_000
@@ -136,4 +150,5 @@ class Account:
 
     def _note(self, trouble: Trouble, now: float, count: int = 1) -> None:
         self.counts[trouble] += count
-        self._noted_at[trouble] = now
+        if trouble is not Trouble.UNCHECKED or self.counts[trouble] == count:  # said once
+            self._noted_at[trouble] = now

@@ -34,10 +34,15 @@ MAX_RECORD_BYTES = 1024
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """A whole record; of a field that is in it several times, the last value."""
+    """
+    A whole record; of a field that is in it several times, the last value.
+
+    :ivar checked: its checksum is right; False: it came without one.
+    """
 
     kind: int
     fields: dict[int, bytes]
+    checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
         """Return the number in a field of so many bytes; None: there is no such field."""
@@ -58,6 +63,7 @@ class Framing:
     :ivar head: what stands between the first mark and the type, with zeros for what is computed.
     :ivar length_at: index of the two bytes of the length, in the record before it is escaped.
     :ivar checksum_at: of the two bytes of the checksum.
+    :ivar may_lack_checksum: zeros in their place are no checksum, and the record counts.
     """
 
     begin: int
@@ -68,6 +74,7 @@ class Framing:
     length_at: int
     checksum_at: int
     checksum: Callable[[bytes], int]
+    may_lack_checksum: bool = False
 
     def encode(self, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
         """Return a record as it goes over the line."""
@@ -97,7 +104,10 @@ class Framing:
             return Refused('a record is too short')
         place = _two(self.checksum_at)
         checksum, record[place] = record[place], b'\0\0'
-        if self.checksum(bytes(record)) != int.from_bytes(checksum, 'little'):
+        checked = self.checksum(bytes(record)) == int.from_bytes(checksum, 'little')
+        # What is left of a record that was cut may have zeros there, too.
+        whole = int.from_bytes(record[_two(self.length_at)], 'little') == len(record)
+        if not checked and (any(checksum) or not self.may_lack_checksum or not whole):
             return Refused('a checksum is wrong')
         fields: dict[int, bytes] = {}
         kind = int.from_bytes(record[_two(at - 2)], 'little')
@@ -107,7 +117,7 @@ class Framing:
                 return Refused('a field is longer than its record')
             fields[record[at]] = bytes(record[begin:end])
             at = end
-        return Record(kind, fields)
+        return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
         """Return a decoder for one connection; `read` says what a whole record means."""

@@ -74,6 +74,7 @@ class TimingSettings:
     line: str = 'cts'
     inverted: bool = False
     debounce: float = 0.2
+    gates: str = ''
 
 
 class TimingSource(StrictNode):
@@ -90,7 +91,8 @@ class TimingSource(StrictNode):
         self._settings = read_settings(Parameters(self))
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._account = Account(clock.now())
+        gates = frozenset(each.strip() for each in self._settings.gates.split(','))
+        self._account = Account(clock.now(), gates - {''})
         self._gone = 'It is not connected yet'  # empty: it is connected
         self._stuck = False
         self._connections = 0
@@ -250,6 +252,11 @@ def read_settings(parameters: Parameters) -> TimingSettings:
             default.debounce,
             'Time for which a contact must have been free before a crossing, s.',
             (0.01, 10.0),
+        ),
+        gates=declare(
+            'gates',
+            default.gates,
+            "Transponders that are no kart's, as those of gates, by number or label: 9992, 9995.",
         ),
     )
     parameters.refuse_unknown()

@@ -46,6 +46,7 @@ class Field(enum.IntEnum):
     RTC_TIME = 0x04
     STRENGTH = 0x05
     HITS = 0x06
+    LABEL = 0x0A
 
 
 def checksum(record: bytes) -> int:
@@ -66,6 +67,7 @@ P3 = Framing(
     length_at=2,
     checksum_at=4,
     checksum=checksum,
+    may_lack_checksum=True,
 )
 
 
@@ -80,10 +82,18 @@ def read(record: Record) -> Event:
     return Passing(
         time_us=time_us,
         number=number,
-        transponder=str(transponder),
+        transponder=_named(str(transponder), record.fields.get(Field.LABEL, b'')),
         hits=record.number(Field.HITS, 2) or 0,
         strength=math.nan if strength is None else float(strength),
+        checked=record.checked,
     )
+
+
+def _named(number: str, label: bytes) -> str:
+    """Return the number of a transponder, with the label that is printed on it if it has one."""
+    printed = label.decode('latin-1').strip('\0 ')
+    says_more = printed.isascii() and printed.isprintable() and printed not in ('', number)
+    return f'{number} {printed}' if says_more else number
 
 
 def decoder() -> MarkedDecoder:

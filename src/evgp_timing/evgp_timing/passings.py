@@ -28,9 +28,11 @@ class Passing:
 
     :ivar time_us: when, by the clock that the device has, in microseconds.
     :ivar number: how the device counts it, up to 2**32 - 1; 0: it does not count.
-    :ivar transponder: its number or name, as the device has it; empty: nobody knows who it was.
+    :ivar transponder: its number or name, as the device has it, or its number, a space, and the
+        label that is printed on it; empty: nobody knows who it was.
     :ivar hits: how often the device saw it, up to 65535; 0: it does not say.
     :ivar strength: of the signal, in the device's own measure; NaN: it does not say.
+    :ivar checked: False: the device sends no checksum, so it may have been changed on the way.
     """
 
     time_us: int
@@ -38,6 +40,7 @@ class Passing:
     transponder: str = ''
     hits: int = 0
     strength: float = math.nan
+    checked: bool = True
 
 
 @dataclasses.dataclass(frozen=True)

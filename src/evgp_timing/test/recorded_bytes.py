@@ -71,6 +71,66 @@ RECORDED: dict[str, list[tuple[bytes, Event]]] = {
 """Whole records of each kind with what each says, one after the other as a device sends them."""
 
 
+P3_LIVE: list[tuple[bytes, Event]] = [
+    (bytes.fromhex(record), event)
+    for record, event in (
+        (
+            '8e021f006cb10000020001023500070210000601010a01008104d0000c008f',
+            Sign(),
+        ),
+        (
+            '8e023d0070040000010001048922000003042af71f060a08464c2d393438393005027f000602'
+            '21000408350630ec65420600080200008104d0000c008f',
+            Passing(1761855381964341, 8841, '102758186 FL-94890', 33, 127.0),
+        ),
+        (
+            '8e022b0030f3000001000104972200000304082700000408541f710666420600080200008104'
+            'd0000c008f',
+            Passing(1761855822438228, 8855, '9992'),
+        ),
+        (
+            '8e023d0012850000010001049922000003042af71f060a08464c2d3934383930050285000602'
+            '1d0004088501ca0866420600080200008104d0000c008f',
+            Passing(1761855861817733, 8857, '102758186 FL-94890', 29, 133.0),
+        ),
+        (
+            '8e022b0022910000010001049b22000003040b2700000408e834cf0a66420600080200008104'
+            'd0000c008f',
+            Passing(1761855895713000, 8859, '9995'),
+        ),
+        (
+            '8e023d0079e10000010001049d22000003042af71f060a08464c2d393438393005024c000602'
+            '020004082996f60a66420600080200008104d0000c008f',
+            Passing(1761855898293801, 8861, '102758186 FL-94890', 2, 76.0),
+        ),
+        (
+            '8e021f00bcd00000020001023e0007020f000601010a01008104d0000c008f',
+            Sign(),
+        ),
+    )
+]
+"""What a decoder sent in 2025. Its transponders have labels, two are gates, and the capture kept a
+selection: each count is odd."""
+
+P3_FIELD: list[tuple[bytes, Event]] = [
+    *P3_LIVE,
+    (
+        # Some decoders send no checksums.
+        bytes.fromhex(
+            '8e023300000000000100010448bc010003041d582c000408e805bfc4a41b050005026a000602'
+            '3200080200008104930f02008f'
+        ),
+        Passing(1437769372993000, 113736, '2906141', 50, 106.0, checked=False),
+    ),
+    # Every byte that is escaped.
+    (
+        bytes.fromhex('8e02250057e90000020001028daa0007028dab000c018dac06018dad81048dae0504008f'),
+        Sign(),
+    ),
+]
+"""What decoders in the field send."""
+
+
 def feed_all(decoder: Decoder, pieces: list[bytes]) -> list[Event]:
     """Return all that a decoder finds in these pieces."""
     return [event for piece in pieces for event in decoder.feed(piece)]

@@ -16,11 +16,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+import dataclasses
+
 from evgp_timing.account import Account, CLOCK_TOLERANCE, MAX_RATE, RECENT, REMEMBERED, Trouble
-from evgp_timing.passings import Passing, Refused, Sign
+from evgp_timing.passings import Event, Passing, Refused, Sign
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from recorded_bytes import P3_LIVE
 
 EVENTS = st.one_of(
     st.builds(
@@ -87,10 +91,47 @@ def test_a_count_that_begins_anew_is_another_session() -> None:
     assert made.trouble(2.0) is Trouble.RESTARTED
 
 
-def test_passings_that_were_not_received_are_counted() -> None:
+def test_passings_that_were_not_received_are_counted_once_the_device_has_counted_by_one() -> None:
     made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 45)))
+    assert made.counts[Trouble.MISSED] == 0
+    made.take(passing(3.0, 46), 3.0)
     assert made.counts[Trouble.MISSED] == 3
-    assert made.trouble(2.0) is Trouble.MISSED
+    assert made.trouble(3.0) is Trouble.MISSED
+    made.take(passing(4.0, 48), 4.0)
+    assert made.counts[Trouble.MISSED] == 4
+
+
+def taken(made: Account, events: Iterable[Event]) -> list[tuple[float, Passing, int]]:
+    """Return what is taken of these, each at the time that it says."""
+    found, now = [], 0.0
+    for event in events:
+        now = event.time_us / 1e6 if isinstance(event, Passing) else now
+        number = made.take(event, now)
+        if isinstance(event, Passing) and number is not None:
+            found.append((now, event, number))
+    return found
+
+
+def test_a_selection_of_a_count_is_not_missed() -> None:
+    made = Account(0.0)
+    assert len(taken(made, (event for _, event in P3_LIVE))) == 5
+    assert set(made.counts.values()) == {0}
+
+
+def test_a_decoder_without_checksums_is_told_of_once() -> None:
+    made, first = Account(0.0), dataclasses.replace(passing(1.0, 1), checked=False)
+    assert made.take(first, 1.0) == 1
+    assert made.trouble(1.0) is Trouble.UNCHECKED
+    made.take(dataclasses.replace(passing(1.0 + RECENT, 2), checked=False), 1.0 + RECENT)
+    assert made.trouble(1.0 + RECENT) is None
+    assert made.counts[Trouble.UNCHECKED] == 2
+
+
+def test_a_gate_is_left_out_by_its_number_or_its_label_and_its_count_is_not_missed() -> None:
+    made = Account(0.0, frozenset(('9992', 'G-1')))
+    events = [passing(1.0, 1), passing(2.0, 2, '9992'), passing(3.0, 3, '12 G-1'), passing(4.0, 4)]
+    assert [number for _, _, number in taken(made, events)] == [1, 4]
+    assert made.trouble(4.0) is None
 
 
 def test_a_device_without_a_count_begins_anew_when_its_clock_does() -> None:

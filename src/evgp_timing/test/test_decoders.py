@@ -25,7 +25,7 @@ from evgp_timing.passings import Passing, Refused, Sign
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from recorded_bytes import check_stream, feed_all, RECORDED
+from recorded_bytes import check_stream, feed_all, P3_FIELD, RECORDED
 
 every_kind = pytest.mark.parametrize('kind', DECODERS)
 every_framing = pytest.mark.parametrize('framing', [p3.P3, laprf.LAPRF])
@@ -49,6 +49,38 @@ def test_every_kind_has_recorded_bytes() -> None:
 def test_what_was_recorded_of_a_device_says_what_it_means(kind: str) -> None:
     for record, event in RECORDED[kind]:
         assert DECODERS[kind]().feed(record) == [event]
+
+
+def test_what_decoders_in_the_field_send_says_what_it_means() -> None:
+    for record, event in P3_FIELD:
+        assert p3.decoder().feed(record) == [event]
+
+
+@pytest.mark.parametrize(
+    ('label', 'transponder'),
+    [(b'', '7'), (b'7', '7'), (b' AB 1\0\0', '7 AB 1'), (b'A\nB', '7'), (b'\xff', '7')],
+)
+def test_a_label_that_says_nothing_more_or_cannot_be_shown_is_left_out(
+    label: bytes, transponder: str
+) -> None:
+    fields = [(p3.Field.NUMBER, 1, 4), (p3.Field.TRANSPONDER, 7, 4), (p3.Field.RTC_TIME, 1, 8)]
+    record = [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
+    sent = p3.P3.encode(p3.Kind.PASSING, [*record, (p3.Field.LABEL, label)])
+    assert p3.decoder().feed(sent) == [Passing(1, 1, transponder)]
+
+
+def test_what_is_left_of_a_record_without_a_checksum_is_refused() -> None:
+    (record,) = [each for each, event in P3_FIELD if not getattr(event, 'checked', True)]
+    for begin, end in itertools.combinations(range(1, len(record)), 2):
+        found = p3.decoder().feed(b'\x8e' + record[begin:end] + b'\x8f')
+        assert (begin, end) == (1, len(record) - 1) or all(isinstance(e, Refused) for e in found)
+
+
+def test_only_p3_may_lack_a_checksum() -> None:
+    record, _ = RECORDED['laprf'][-1]
+    assert laprf.LAPRF.unpack(record[1:3] + b'\0\0' + record[5:-1]) == Refused(
+        'a checksum is wrong'
+    )
 
 
 @every_kind

@@ -1,0 +1,92 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Lists of karts that organisers have, as rosters with gaps.
+
+Two are known: an entry list as timing software exports it (CSV), and the list of the first race
+control (`address: team`). Neither says all that a roster must, so an official fills in the rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import csv
+import ipaddress
+import json
+import re
+from typing import TypeAlias
+
+_Kart: TypeAlias = tuple[str, str, str, list[str]]
+"""Number, team, address and transponders."""
+
+_NUMBER = ('no', 'nr', 'number', 'startnumber', 'kart', 'kartnumber')
+_TEAM = ('team', 'teamname', 'name', 'firstname', 'lastname')
+
+
+def as_roster(text: str) -> tuple[str, str]:
+    """Return a foreign list as a roster, and what it does not say; ('', ''): it is none."""
+    lines = [line for line in text.removeprefix('\ufeff').splitlines() if line.strip()]
+    if not lines:
+        return '', ''
+    pairs = [line.partition(':') for line in lines if not line.lstrip().startswith('#')]
+    if pairs and all(_is_address(address) and team.strip() for address, _, team in pairs):
+        old: Iterable[_Kart] = (
+            ('', _bare(team), _bare(address), []) for address, _, team in pairs
+        )
+        return _roster(old), 'number'
+    delimiter = max(',;\t', key=lines[0].count)
+    try:
+        head, *rows = csv.reader(lines, delimiter=delimiter)
+    except csv.Error:
+        return '', ''
+    names = [re.sub('[^a-z]', '', each.lower()) for each in head]
+    numbers = [at for at, each in enumerate(names) if each in _NUMBER]
+    teams = [at for at, each in enumerate(names) if each in _TEAM]
+    if not (numbers and teams) or lines[0].startswith('#'):
+        return '', ''
+    carried = [at for at, each in enumerate(names) if each.startswith('transponder')]
+
+    def cells(row: list[str], places: list[int]) -> list[str]:
+        return [row[at].strip() for at in places if at < len(row) and row[at].strip()]
+
+    karts = (
+        (''.join(cells(row, numbers)[:1]), ' '.join(cells(row, teams)), '', cells(row, carried))
+        for row in rows
+    )
+    return _roster(karts), 'address'
+
+
+def _bare(text: str) -> str:
+    return text.strip(' "\'')
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.IPv4Address(_bare(text))
+    except ValueError:
+        return False
+    return True
+
+
+def _roster(karts: Iterable[_Kart]) -> str:
+    """Return a roster of karts, of which some fields may be empty."""
+    lines = ['karts:']
+    for number, team, address, transponders in karts:
+        # JSON is YAML, and quotes whatever is in a name.
+        lines += [f'  - number: {number}', f'    team: {json.dumps(team, ensure_ascii=False)}']
+        lines += [f'    address: {address}', '    in_race: true']
+        if transponders:
+            lines.append(f'    transponders: {json.dumps(transponders, ensure_ascii=False)}')
+    return '\n'.join(map(str.rstrip, lines)) + '\n'
