@@ -20,10 +20,15 @@
 #ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 #define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -54,34 +59,94 @@ inline const char * name_of(RaceState state)
 /// What counts of a message of the bridge.
 struct Said
 {
-  std::uint64_t bridge;
-  RaceState state;
-  RaceState reached;
-  std::uint64_t order;
-  bool acknowledged;
+  std::uint64_t bridge = 0;
+  RaceState state = RaceState::UNKNOWN;
+  RaceState reached = RaceState::UNKNOWN;
+  std::uint64_t order = 0;
+  bool acknowledged = false;
   std::string reason;
 };
 
-/// What the kart must do, from one moment on.
+/// What the kart must do, from one moment on; by default RED_RED, which no watch acknowledges.
 struct Order
 {
-  std::uint64_t serial;  ///< Tells the orders of one watch apart: each has its own.
-  RaceState state;  ///< The state to obey; never UNKNOWN.
-  std::uint64_t number;  ///< Of race control's command; 0: the order cannot be acknowledged.
-  RaceState reached;  ///< What an acknowledgement says; UNKNOWN if `number` is 0.
+  std::uint64_t serial = 0;  ///< In one process each order has its own; 0: no watch gave it.
+  RaceState state = RaceState::RED_RED;  ///< The state to obey; never UNKNOWN.
+  std::uint64_t number = 0;  ///< Of race control's command; 0: it cannot be acknowledged.
+  RaceState reached = RaceState::UNKNOWN;  ///< What an acknowledgement says; UNKNOWN if none.
+
+  friend bool operator==(const Order & one, const Order & other)
+  {
+    return std::tie(one.serial, one.state, one.number, one.reached) ==
+           std::tie(other.serial, other.state, other.number, other.reached);
+  }
+
+  friend bool operator!=(const Order & one, const Order & other) {return !(one == other);}
 };
+
+/// The newest order, and until when it holds (seconds): one thread puts it, any may get it.
+///
+/// Getting it takes no lock and no memory. A thread that is interrupted while it puts one holds up
+/// nobody: the last one is in another slot.
+class Latest
+{
+public:
+  /// Replace it.
+  void put(const Order & order, double until)
+  {
+    Slot & slot = slots_[(turn_ + 1) % slots_.size()];
+    slot.serial = order.serial;
+    slot.state = order.state;
+    slot.number = order.number;
+    slot.reached = order.reached;
+    slot.until = until;
+    ++turn_;
+  }
+
+  /// The newest; again if it was overtaken so often meanwhile that its slot may be in use again.
+  std::pair<Order, double> get() const
+  {
+    while (true) {
+      const std::size_t turn = turn_;
+      const Slot & slot = slots_[turn % slots_.size()];
+      const Order order{slot.serial, slot.state, slot.number, slot.reached};
+      const double until = slot.until;
+      if (turn_ - turn < slots_.size() - 1) {
+        return {order, until};
+      }
+    }
+  }
+
+private:
+  struct Slot
+  {
+    std::atomic<std::uint64_t> serial{0}, number{0};
+    std::atomic<RaceState> state{RaceState::RED_RED}, reached{RaceState::UNKNOWN};
+    std::atomic<double> until{0.0};
+  };
+  static_assert(
+    std::atomic<std::uint64_t>::is_always_lock_free && std::atomic<double>::is_always_lock_free);
+
+  std::array<Slot, 4> slots_;
+  std::atomic<std::size_t> turn_{0};
+};
+
+/// Maximum time, s, without knowing the state after which a stack still starts without a new
+/// GRID_ACTIVE.
+constexpr double FORGIVEN = 1.0;
 
 /// The orders of one stack. Every time is in seconds, by one clock that never goes back.
 class Orders
 {
 public:
-  /// Maximum time, s, without knowing the state after which a stack still starts without a new
-  /// GRID_ACTIVE.
-  double forgiven = 1.0;
-
   /// \param lease time of silence after which the kart obeys RED_RED, seconds.
-  explicit Orders(double lease)
-  : lease_(lease) {}
+  /// \param forgiven as FORGIVEN.
+  explicit Orders(double lease, double forgiven = FORGIVEN)
+  : lease_(lease), forgiven_(forgiven)
+  {
+    order_.serial = first_serial();
+    latest_.put(order_, never_ends);
+  }
 
   /// The bridge's last message; none before the first.
   const std::optional<Said> & said() const {return said_;}
@@ -89,18 +154,18 @@ public:
   /// What to do; of the same serial until something else is to be done.
   Order order(double now)
   {
-    Order order{order_.serial, judge(now).first, 0, RaceState::UNKNOWN};
-    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
-      order.number = said_->order;
-      order.reached = said_->reached;
-    }
-    if (order.state != order_.state || order.number != order_.number ||
-      order.reached != order_.reached)
-    {
-      order_ = order;
-      ++order_.serial;
-    }
+    settle(now);
+    latest_.put(order_, ends_at());
     return order_;
+  }
+
+  /// As order() was last, but RED_RED from when that ends if nothing more is heard.
+  ///
+  /// For any thread, while another calls what is not const: it takes no lock and no memory.
+  Order glance(double now) const
+  {
+    const auto [order, until] = latest_.get();
+    return now > until ? Order{order.serial | 1} : order;
   }
 
   /// The state to obey, and why that is not what is commanded; empty: it is.
@@ -137,13 +202,14 @@ public:
   /// Take what the bridge has said, oldest first; none of it was said before `since`.
   void hear(const std::vector<Said> & heard, double since, double now)
   {
-    order(now);  // a doubt ends the order before, and so does what came in between
+    settle(now);  // a doubt ends the order before, and so does what came in between
     heard_at_ = since;
     for (const auto & said : heard) {
       said_ = said;
       follow(now);
-      order(now);
+      settle(now);
     }
+    order(now);  // only now: glance() must not show a GREEN_GREEN that is over already
   }
 
   /// Take how many bridges the middleware knows to be alive.
@@ -170,7 +236,7 @@ public:
   bool asks(const Order & done, double now)
   {
     const Order present = order(now);
-    if (done.serial != present.serial || present.number == 0 || said_->acknowledged) {
+    if (done != present || present.number == 0 || said_->acknowledged) {
       return false;
     }
     if (done.serial == asked_ && now < ask_again_at_) {
@@ -182,13 +248,50 @@ public:
   }
 
 private:
-  static constexpr double never = -std::numeric_limits<double>::infinity();
+  static constexpr double never_ends = std::numeric_limits<double>::infinity();
+  static constexpr double never = -never_ends;
+
+  /// Far enough from those of any other Orders of this process.
+  static std::uint64_t first_serial()
+  {
+    static std::atomic<std::uint64_t> others{0};
+    return ++others << 40 | 1;
+  }
+
+  /// Begin a new order if something else is to be done.
+  void settle(double now)
+  {
+    Order order{order_.serial, judge(now).first};
+    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
+      order.number = said_->order;
+      order.reached = said_->reached;
+    }
+    if (order != order_) {
+      // Odd if it is RED_RED without a number, and only then: so glance() knows the next one.
+      order_ = order;
+      order_.serial |= 1;
+      order_.serial += is_bare() ? 0 : 1;
+    }
+  }
+
+  /// Whether the present order is the one of every doubt.
+  bool is_bare() const {return order_.state == RaceState::RED_RED && order_.number == 0;}
+
+  /// When the present order ends if nothing more is heard.
+  double ends_at() const
+  {
+    if (is_bare()) {
+      return never_ends;
+    }
+    const bool starts = order_.state == RaceState::GREEN_GREEN;
+    return std::min(heard_at_ + lease_, starts ? sure_at_ + forgiven_ : never_ends);
+  }
 
   bool is_alone() const {return !bridges_alive_ || *bridges_alive_ == 1;}
 
   bool is_armed(double now) const
   {
-    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven;
+    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven_;
   }
 
   /// Arm or disarm by the message that was heard now.
@@ -196,7 +299,7 @@ private:
   {
     const bool sure = doubt(now).empty();
     if (said_->state == RaceState::GRID_ACTIVE) {
-      const bool forgives = now - sure_at_ <= forgiven && is_alone();
+      const bool forgives = now - sure_at_ <= forgiven_ && is_alone();
       armed_by_ = sure || forgives ? std::optional(said_->bridge) : std::nullopt;
     } else if (said_->state != RaceState::GREEN_GREEN || !is_armed(now)) {
       armed_by_.reset();
@@ -213,13 +316,15 @@ private:
            (state == RaceState::RED_RED && reached == RaceState::RED_FLAG);
   }
 
-  double lease_;
+  const double lease_;
+  const double forgiven_;
   std::optional<Said> said_;
   double heard_at_ = never;
   std::optional<int> bridges_alive_;  // none: the middleware has not said yet
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
   double sure_at_ = never;  // when there was no doubt last
-  Order order_{1, RaceState::RED_RED, 0, RaceState::UNKNOWN};
+  Order order_;
+  Latest latest_;
   std::uint64_t asked_ = 0;
   double ask_again_at_ = never;
 };
