@@ -22,13 +22,14 @@ from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
 from evgp_testing.part import Part
-from hypothesis import given, HealthCheck, Phase, settings
+from hypothesis import example, given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import pytest
 
 PACKAGE = pathlib.Path(__file__).parents[1] / 'src/evgp_race_watch_cpp'
 HEADER = 'evgp_race_watch_cpp/orders.hpp'
-FLAGS = ('-std=c++17', '-pthread', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
+WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
+FLAGS = ('-std=c++17', '-pthread', *WARNINGS)
 COMPILERS = [each for each in ('g++', 'clang++') if shutil.which(each)]
 LEASE = 0.5
 
@@ -44,6 +45,14 @@ GRID, GREEN = (1, 2, 2, 7, False), (1, 3, 3, 8, False)
 HEARD = st.one_of(
     st.lists(SAID, min_size=1, max_size=3), st.sampled_from([[GRID], [GREEN], [GRID, GREEN]])
 )
+# A doubt that ends just before it is forgiven no more: chance finds it too seldom.
+FORGIVEN_FOR_NOW = [
+    ('hear', 0.0, [GRID], 0.0),
+    ('bridges', 0.0, 0),
+    ('hear', 0.75, [GREEN], 0.0),
+    ('bridges', 0.0, 1),
+    ('look', 0.3125),
+]
 PASSES = st.sampled_from([0.0, 0.0, 0.0, 0.0625, 0.0625, 0.125, 0.25, 0.5, 0.5625, 1.0625])
 STEP = st.one_of(
     st.tuples(st.just('hear'), PASSES, HEARD, st.sampled_from([0.0, 0.0, 0.0, 0.125, 0.5, 0.75])),
@@ -137,10 +146,11 @@ def compare(one: InPython, other: InCpp, examples: int, *, shrink: bool = True) 
         deadline=None,  # the machine may be busy
         database=None,
         report_multiple_bugs=False,
-        phases=[Phase.generate, *([Phase.shrink] if shrink else [])],
+        phases=[Phase.explicit, Phase.generate, *([Phase.shrink] if shrink else [])],
         suppress_health_check=list(HealthCheck),
     )
     @given(st.lists(STEP, min_size=10, max_size=40))
+    @example(FORGIVEN_FOR_NOW)
     def same(steps: Sequence[tuple[Any, ...]]) -> None:
         one.begin()
         other.begin()
@@ -205,7 +215,7 @@ def test_an_order_is_read_whole_beside_its_writer_without_memory_and_none_that_i
 @pytest.mark.parametrize(
     'fault',
     [
-        ('slots_.size() - 1)', 'slots_.size() + 1000)'),
+        ('slots_[(turn_ + 1) %', 'slots_[turn_ %'),
         ('      settle(now);\n    }', '      order(now);\n    }'),
     ],
     ids=str,
@@ -229,10 +239,10 @@ FAULTS_IN_CPP = [
     ('forgives = now - sure_at_ <= forgiven_ && is_alone()', 'forgives = true'),
     ('if (alive > 1)', 'if (alive > 2)'),
     ('done != present || ', ''),
-    ('return ++others << 40 | 1;', 'return 1;'),
-    ('now > until ?', 'now > until + 0.125 ?'),
-    ('starts ? sure_at_ + forgiven_', 'starts ? never_ends'),
-    ('order_.serial |= 1;', 'order_.serial += 1;'),
+    ('++watches_ << 40 | 1', '1'),
+    ('now > slot.ends_at', 'now > slot.ends_at + 0.125'),
+    ('starts ? sure_at_ + forgiven_', 'starts ? endless'),
+    ('(order.serial | 1) +', 'order.serial + 1 +'),
     (' || said_->acknowledged', ''),
     ('now < ask_again_at_', 'false'),
     ('state == RaceState::RED_RED && reached == RaceState::RED_FLAG', 'false'),

@@ -24,7 +24,6 @@
 
 #include "evgp_race_watch_cpp/orders.hpp"
 
-using evgp_race_watch_cpp::Latest;
 using evgp_race_watch_cpp::Orders;
 using evgp_race_watch_cpp::RaceState;
 using evgp_race_watch_cpp::Said;
@@ -46,8 +45,8 @@ void operator delete(void * memory, std::size_t) noexcept {std::free(memory);}
 
 int main()
 {
-  Latest latest;
   Orders orders(0.5);
+  const std::uint64_t first = orders.glance(0.0).serial;
   std::atomic<bool> ended{false};
   std::atomic<int> torn{0}, over{0};
   std::vector<std::thread> threads;
@@ -55,17 +54,16 @@ int main()
     threads.emplace_back([&]() {
         looking = true;
         while (!ended) {
-          const auto [order, until] = latest.get();
-          torn += order.serial != order.number || until != static_cast<double>(order.number);
-          over += orders.glance(0.0).state != RaceState::RED_RED;
+          const auto order = orders.glance(0.0);
+          torn += order.number && order.serial != first + 6 * order.number - 1;
+          over += order.state == RaceState::GREEN_GREEN;
         }
       });
   }
-  for (std::uint64_t command = 1; command <= 300'000; ++command) {
-    latest.put({command, RaceState::RED_RED, command}, static_cast<double>(command));
+  for (std::uint64_t command = 1; command <= 100'000; ++command) {
     const auto say = [command](RaceState state) {return Said{1, state, state, command, false, ""};};
     const auto grid = say(RaceState::GRID_ACTIVE), green = say(RaceState::GREEN_GREEN);
-    orders.hear({grid, green, say(RaceState::RED_RED)}, 0.0, 0.0);
+    orders.hear({grid, green, say(RaceState::RED_RED)}, 0.0, 0.0);  // each is an order
   }
   ended = true;
   for (auto & each : threads) {

@@ -28,7 +28,6 @@
 #include <limits>
 #include <optional>
 #include <string>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -77,58 +76,11 @@ struct Order
 
   friend bool operator==(const Order & one, const Order & other)
   {
-    return std::tie(one.serial, one.state, one.number, one.reached) ==
-           std::tie(other.serial, other.state, other.number, other.reached);
+    return one.serial == other.serial && one.state == other.state &&
+           one.number == other.number && one.reached == other.reached;
   }
 
   friend bool operator!=(const Order & one, const Order & other) {return !(one == other);}
-};
-
-/// The newest order, and until when it holds (seconds): one thread puts it, any may get it.
-///
-/// Getting it takes no lock and no memory. A thread that is interrupted while it puts one holds up
-/// nobody: the last one is in another slot.
-class Latest
-{
-public:
-  /// Replace it.
-  void put(const Order & order, double until)
-  {
-    Slot & slot = slots_[(turn_ + 1) % slots_.size()];
-    slot.serial = order.serial;
-    slot.state = order.state;
-    slot.number = order.number;
-    slot.reached = order.reached;
-    slot.until = until;
-    ++turn_;
-  }
-
-  /// The newest; again if it was overtaken so often meanwhile that its slot may be in use again.
-  std::pair<Order, double> get() const
-  {
-    while (true) {
-      const std::size_t turn = turn_;
-      const Slot & slot = slots_[turn % slots_.size()];
-      const Order order{slot.serial, slot.state, slot.number, slot.reached};
-      const double until = slot.until;
-      if (turn_ - turn < slots_.size() - 1) {
-        return {order, until};
-      }
-    }
-  }
-
-private:
-  struct Slot
-  {
-    std::atomic<std::uint64_t> serial{0}, number{0};
-    std::atomic<RaceState> state{RaceState::RED_RED}, reached{RaceState::UNKNOWN};
-    std::atomic<double> until{0.0};
-  };
-  static_assert(
-    std::atomic<std::uint64_t>::is_always_lock_free && std::atomic<double>::is_always_lock_free);
-
-  std::array<Slot, 4> slots_;
-  std::atomic<std::size_t> turn_{0};
 };
 
 /// Maximum time, s, without knowing the state after which a stack still starts without a new
@@ -142,11 +94,7 @@ public:
   /// \param lease time of silence after which the kart obeys RED_RED, seconds.
   /// \param forgiven as FORGIVEN.
   explicit Orders(double lease, double forgiven = FORGIVEN)
-  : lease_(lease), forgiven_(forgiven)
-  {
-    order_.serial = first_serial();
-    latest_.put(order_, never_ends);
-  }
+  : lease_(lease), forgiven_(forgiven) {order(never);}
 
   /// The bridge's last message; none before the first.
   const std::optional<Said> & said() const {return said_;}
@@ -155,17 +103,30 @@ public:
   Order order(double now)
   {
     settle(now);
-    latest_.put(order_, ends_at());
+    Slot & slot = slots_[(turn_ + 1) % slots_.size()];  // glance() may be at the one before
+    slot.serial = order_.serial;
+    slot.state = order_.state;
+    slot.number = order_.number;
+    slot.reached = order_.reached;
+    slot.ends_at = ends_at();
+    ++turn_;
     return order_;
   }
 
   /// As order() was last, but RED_RED from when that ends if nothing more is heard.
   ///
-  /// For any thread, while another calls what is not const: it takes no lock and no memory.
+  /// For any thread, while another calls what is not const: takes no lock and no memory.
   Order glance(double now) const
   {
-    const auto [order, until] = latest_.get();
-    return now > until ? Order{order.serial | 1} : order;
+    while (true) {
+      const std::size_t turn = turn_;
+      const Slot & slot = slots_[turn % slots_.size()];
+      const Order order{slot.serial, slot.state, slot.number, slot.reached};
+      const bool is_over = now > slot.ends_at;
+      if (turn_ - turn < slots_.size() - 1) {  // or order() may have changed it meanwhile
+        return is_over ? Order{order.serial | 1} : order;
+      }
+    }
   }
 
   /// The state to obey, and why that is not what is commanded; empty: it is.
@@ -248,15 +209,16 @@ public:
   }
 
 private:
-  static constexpr double never_ends = std::numeric_limits<double>::infinity();
-  static constexpr double never = -never_ends;
+  static constexpr double endless = std::numeric_limits<double>::infinity();
+  static constexpr double never = -endless;
 
-  /// Far enough from those of any other Orders of this process.
-  static std::uint64_t first_serial()
+  struct Slot
   {
-    static std::atomic<std::uint64_t> others{0};
-    return ++others << 40 | 1;
-  }
+    std::atomic<std::uint64_t> serial{0}, number{0};
+    std::atomic<RaceState> state{RaceState::RED_RED}, reached{RaceState::UNKNOWN};
+    std::atomic<double> ends_at{0.0};
+    static_assert(decltype(serial)::is_always_lock_free && decltype(ends_at)::is_always_lock_free);
+  };
 
   /// Begin a new order if something else is to be done.
   void settle(double now)
@@ -267,24 +229,19 @@ private:
       order.reached = said_->reached;
     }
     if (order != order_) {
-      // Odd if it is RED_RED without a number, and only then: so glance() knows the next one.
+      // Odd if it is Order{} but for that, and only then: so glance() knows the next one.
+      const bool is_doubt = order == Order{order.serial};
+      order.serial = (order.serial | 1) + (is_doubt ? 0 : 1);
       order_ = order;
-      order_.serial |= 1;
-      order_.serial += is_bare() ? 0 : 1;
     }
   }
-
-  /// Whether the present order is the one of every doubt.
-  bool is_bare() const {return order_.state == RaceState::RED_RED && order_.number == 0;}
 
   /// When the present order ends if nothing more is heard.
   double ends_at() const
   {
-    if (is_bare()) {
-      return never_ends;
-    }
     const bool starts = order_.state == RaceState::GREEN_GREEN;
-    return std::min(heard_at_ + lease_, starts ? sure_at_ + forgiven_ : never_ends);
+    const double unarmed_at = starts ? sure_at_ + forgiven_ : endless;
+    return order_ == Order{order_.serial} ? endless : std::min(heard_at_ + lease_, unarmed_at);
   }
 
   bool is_alone() const {return !bridges_alive_ || *bridges_alive_ == 1;}
@@ -323,8 +280,10 @@ private:
   std::optional<int> bridges_alive_;  // none: the middleware has not said yet
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
   double sure_at_ = never;  // when there was no doubt last
-  Order order_;
-  Latest latest_;
+  static inline std::atomic<std::uint64_t> watches_{0};  // each has serials of its own
+  Order order_{++watches_ << 40 | 1};
+  std::array<Slot, 4> slots_;  // order_, as it was last, and when it ends
+  std::atomic<std::size_t> turn_{0};
   std::uint64_t asked_ = 0;
   double ask_again_at_ = never;
 };

@@ -91,7 +91,7 @@ public:
   /// bridge is heard, when it says so, once it has been silent for the lease, when it is gone, when
   /// two bridges speak, when it says what is no state, and when it says GREEN_GREEN that is not
   /// armed. May be asked in any thread, also while the executor is busy, and in a loop of 1 kHz: it
-  /// takes no lock and no memory.
+  /// takes no lock and no memory. (acknowledge() takes both.)
   Order order() const {return orders_.glance(now());}
 
   /// Why its state is not what race control commands, for people; empty: it is.
@@ -134,8 +134,8 @@ public:
 protected:
   /// For tests: as above, and how long a doubt is forgiven, seconds.
   RaceStateWatch(
-    NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic, double lease,
-    double forgiven)
+    NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic,
+    double lease, double forgiven)
   : on_change_(std::move(on_change)), log_(node.get_node_logging_interface()->get_logger()),
     orders_(lease, forgiven),
     bell_(std::make_shared<rclcpp::GuardCondition>(node.get_node_base_interface()->get_context()))
@@ -163,7 +163,8 @@ protected:
     alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
     alarm_->add_guard_condition(bell_);
     node.get_node_waitables_interface()->add_waitable(alarm_, group);
-    ringing_ = std::thread([this, interval = std::chrono::duration<double>(std::min(lease / 5, 0.1))]() {
+    const std::chrono::duration<double> interval(std::min(lease / 5, 0.1));
+    ringing_ = std::thread([this, interval]() {
           while (!ended_) {
             std::this_thread::sleep_for(interval);
             bell_->trigger();
