@@ -32,6 +32,7 @@ from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.ros_side import RosSide
 import pytest
+from rcl_interfaces.msg import Log
 from rig.cpp import CPP, need_package
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -82,13 +83,22 @@ class StackInPython(Waits, RosSide):
     :param turn: how long each turn of its executor is busy, seconds; `turns` counts them.
     """
 
-    def __init__(self, domain: int, name: str, lease: float = LEASE, turn: float = 0.0) -> None:
+    def __init__(
+        self,
+        domain: int,
+        name: str,
+        lease: float = LEASE,
+        forgiven: float = FORGIVEN,
+        turn: float = 0.0,
+    ) -> None:
         super().__init__(name, domain)
         self.told = []
         self.turns = 0
         self._busy = threading.Lock()
         self._busy_at: RaceState | None = None
+        self._second: RaceStateWatch | None = None
         self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
+        self.watch._orders._forgiven = forgiven
         # A message that changes no state is told to nobody: look for it now and then.
         self.node.create_timer(0.02, self._wake)
         if turn:
@@ -103,9 +113,10 @@ class StackInPython(Waits, RosSide):
             yield
             self._busy_at = None
 
-    def forgive(self, seconds: float) -> None:
-        """Have it forgive so long a doubt."""
-        self.watch._orders.forgiven = seconds
+    def order_of_second_watch(self) -> Order:
+        """Return the order of another watch, which the same node has from now on."""
+        self._second = self._second or RaceStateWatch(self.node)
+        return self._second.order
 
     def _turn(self, turn: float) -> None:
         self.turns += 1
@@ -127,14 +138,23 @@ class StackInPython(Waits, RosSide):
 class StackInCpp(Waits, Part):
     """The same with a node in C++, in a process of its own; it is its own ``watch``, too."""
 
-    def __init__(self, domain: int, name: str, lease: float = LEASE, turn: float = 0.0) -> None:
+    node = 'node'
+
+    def __init__(
+        self,
+        domain: int,
+        name: str,
+        lease: float = LEASE,
+        forgiven: float = FORGIVEN,
+        turn: float = 0.0,
+    ) -> None:
         self.told = []
         self.turns = 0
         self.watch = self
         self._looks: queue.Queue[list[str]] = queue.Queue()
         self._orders: dict[int, Order] = {}
         self._probe = subprocess.Popen(
-            [executable(CPP, 'watch_probe'), name, str(lease), str(turn)],
+            [executable(CPP, 'watch_probe'), self.node, name, *map(str, (lease, forgiven, turn))],
             env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -161,8 +181,14 @@ class StackInCpp(Waits, Part):
 
     @property
     def order(self) -> Order:
+        return self._order(self._look())
+
+    def order_of_second_watch(self) -> Order:
+        return self._order(self._look('look_at_second'))
+
+    def _order(self, look: list[str]) -> Order:
         """Return the order: for the same serial the same object."""
-        serial, state, number, reached = map(int, self._look()[:4])
+        serial, state, number, reached = map(int, look[:4])
         order = Order(STATES[state], number, STATES.get(reached))
         kept = self._orders.setdefault(serial, order)
         assert dataclasses.astuple(kept) == dataclasses.astuple(order)
@@ -177,9 +203,6 @@ class StackInCpp(Waits, Part):
         self._tell(f'busy_in {state_message(state).state}')
         yield
         self._tell('busy_in -1')
-
-    def forgive(self, seconds: float) -> None:
-        self._tell(f'forgive {seconds}')
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         until = time.monotonic() + PATIENCE
@@ -204,8 +227,8 @@ class StackInCpp(Waits, Part):
         self._probe.stdin.write(f'{line}\n')
         self._probe.stdin.flush()
 
-    def _look(self) -> list[str]:
-        self._tell('look 0')
+    def _look(self, word: str = 'look') -> list[str]:
+        self._tell(f'{word} 0')
         return self._looks.get(timeout=PATIENCE)
 
     def _read(self) -> None:
@@ -218,6 +241,12 @@ class StackInCpp(Waits, Part):
                 self.turns += 1
             else:
                 self.told.append(STATES[int(words[0])])
+
+
+class StackInCppWithLifecycle(StackInCpp):
+    """The same with a LifecycleNode, which nobody configures."""
+
+    node = 'lifecycle_node'
 
 
 Stack = StackInPython | StackInCpp
@@ -277,6 +306,17 @@ class BareBridge(RosSide):
         response.message = 'the test says so'
         return response
 
+    def hear_log(self, name: str) -> list[str]:
+        """Return what a node logs, as soon as it is heard; it is heard once this returns."""
+        heard: list[str] = []
+
+        def hear(entry: Log) -> None:
+            if entry.name == name:
+                heard.append(entry.msg)
+
+        self.node.create_subscription(Log, '/rosout', hear, 1000)
+        return heard
+
     def fall_silent(self) -> None:
         self._timer.cancel()
 
@@ -292,12 +332,15 @@ def domain(parts: contextlib.ExitStack) -> Domain:
     return parts.enter_context(Domain())
 
 
-@pytest.fixture(params=[StackInPython, StackInCpp], ids=['Python', 'C++'])
+KINDS = {'Python': StackInPython, 'C++': StackInCpp, 'LifecycleNode': StackInCppWithLifecycle}
+
+
+@pytest.fixture(params=KINDS.values(), ids=KINDS.keys())
 def start_stack(
     request: pytest.FixtureRequest, parts: contextlib.ExitStack, domain: Domain
 ) -> StartStack:
     """Return a function that starts a stack, with the one watch or the other."""
-    if request.param is StackInCpp:
+    if request.param is not StackInPython:
         need_package(CPP)
 
     def start(name: str, **options: float) -> Stack:
@@ -308,8 +351,14 @@ def start_stack(
 
 
 @pytest.fixture
-def stack(start_stack: StartStack) -> Stack:
-    return start_stack('stack')
+def forgiven() -> float:
+    """Return how long a doubt is forgiven, seconds."""
+    return FORGIVEN
+
+
+@pytest.fixture
+def stack(start_stack: StartStack, forgiven: float) -> Stack:
+    return start_stack('stack', forgiven=forgiven)
 
 
 @pytest.fixture
@@ -424,7 +473,6 @@ def test_a_stack_that_begins_in_mid_race_does_not_drive_off(
 def test_a_bridge_that_was_away_for_long_is_back_without_its_start_and_after_a_moment_with_it(
     stack: Stack, start_bare: StartBare, forgiven: float
 ) -> None:
-    stack.forgive(forgiven)
     bridge = start_green(start_bare, stack)
     bridge.fall_silent()
     stack.wait_for_state(RED_RED)
@@ -446,7 +494,6 @@ def test_a_grid_active_that_is_overtaken_while_the_stack_is_busy_is_heard_unless
     start_bare: StartBare,
     forgiven: float,
 ) -> None:
-    stack.forgive(forgiven)
     with stack.busy_in(RaceState.IN_GARAGE):
         bridge = start_bare(says=RaceState.IN_GARAGE)
         stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
@@ -463,10 +510,10 @@ def test_a_grid_active_that_is_overtaken_while_the_stack_is_busy_is_heard_unless
         assert GREEN_GREEN not in stack.told
 
 
+@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_red_that_is_overtaken_while_the_stack_is_busy_is_heard(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.forgive(LONG)
     with stack.busy_in(GREEN_GREEN):
         bridge = start_green(start_bare, stack, idle_stack)  # and from now on it is busy
         bridge.say(RED_RED)
@@ -508,10 +555,10 @@ def test_a_stack_whose_turns_are_slow_is_not_behind(
     assert slow.watch.reason == ''
 
 
+@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.forgive(LONG)
     start_bare(says=GREEN_GREEN)
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     second = start_bare('second')
@@ -522,10 +569,10 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     assert GREEN_GREEN not in stack.told
 
 
+@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_second_bridge_that_came_and_went_while_the_stack_was_busy_starts_no_kart(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.forgive(LONG)
     with stack.busy_in(RaceState.IN_GARAGE):
         first = start_bare(says=RaceState.IN_GARAGE)
         stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
@@ -606,10 +653,10 @@ def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_com
     acknowledge_in_vain(stack, bridge, first, grid)
 
 
+@pytest.mark.parametrize('forgiven', [LONG])
 def test_an_order_that_was_over_while_the_stack_was_busy_is_not_acknowledged(
     stack: Stack, idle_stack: Stack, bridge: BareBridge
 ) -> None:
-    stack.forgive(LONG)
     with stack.busy_in(GRID_ACTIVE):
         bridge.command(GRID_ACTIVE, 7)
         before = wait_for_order(stack, 7)
@@ -675,6 +722,15 @@ def test_a_red_red_is_not_acknowledged_by_what_is_looser(stack: Stack, bridge: B
     acknowledge_in_vain(stack, bridge, stack.watch.order)
 
 
+def test_an_order_of_another_watch_is_not_acknowledged(stack: Stack, bridge: BareBridge) -> None:
+    bridge.command(RED_RED, 7)
+    own = wait_for_order(stack, 7)
+    stack.wait_until_polled(lambda: stack.order_of_second_watch().number == 7, 'its order')
+    others = stack.order_of_second_watch()
+    assert dataclasses.astuple(others) == dataclasses.astuple(own)
+    acknowledge_in_vain(stack, bridge, others)
+
+
 def test_a_green_that_is_not_armed_is_not_acknowledged(stack: Stack, bridge: BareBridge) -> None:
     bridge.command(GREEN_GREEN, 7)
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
@@ -737,3 +793,17 @@ def test_an_order_of_a_bridge_that_is_gone_is_not_acknowledged_to_the_next(
     second.command(RED_RED, 7)  # the worst case: by chance it has the same number
     wait_for_order(stack, 7)
     acknowledge_in_vain(stack, second, order)
+
+
+def test_what_a_bridge_says_anew_again_and_again_does_not_flood_the_log(
+    stack: Stack, bridge: BareBridge
+) -> None:
+    bridge.accepts = False
+    heard = bridge.hear_log('stack')
+    for number in range(40):
+        bridge.message.reason = f'reason {number}'
+        stack.wait_for_reason(bridge.message.reason)
+    bridge.command(RED_RED, 7)
+    refusal = 'RED_RED cannot be acknowledged: the test says so'
+    acknowledge_until(stack, wait_for_order(stack, 7), lambda: refusal in heard)
+    assert 0 < sum('reason' in each for each in heard) <= 20

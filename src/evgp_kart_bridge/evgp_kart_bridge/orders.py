@@ -81,15 +81,15 @@ class Orders:
     The orders of one stack. Every time is in seconds, by one clock that never goes back.
 
     :ivar said: the bridge's last message; None: there was none.
-    :ivar forgiven: as `FORGIVEN`.
     :param lease: time of silence after which the kart obeys RED_RED, seconds.
+    :param forgiven: as `FORGIVEN`.
     """
 
-    def __init__(self, lease: float) -> None:
+    def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
         """Begin without a bridge, in RED_RED."""
         self.said: Said | None = None
-        self.forgiven = FORGIVEN
         self._lease = lease
+        self._forgiven = forgiven
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: the middleware has not said yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
@@ -181,7 +181,7 @@ class Orders:
     def _is_armed(self, now: float) -> bool:
         if self.said is None or self._armed_by != self.said.bridge:
             return False
-        return now - self._sure_at <= self.forgiven
+        return now - self._sure_at <= self._forgiven
 
     def _follow(self, said: Said, now: float) -> None:
         """
@@ -195,7 +195,7 @@ class Orders:
         if said.state is not RaceState.GREEN_GREEN:
             self._grid_by = said.bridge if said.state is RaceState.GRID_ACTIVE else None
         doubt = self.doubt(now)
-        forgiven = now - self._sure_at <= self.forgiven and self._bridges_alive in (None, 1)
+        forgiven = now - self._sure_at <= self._forgiven and self._bridges_alive in (None, 1)
         if said.state is RaceState.GRID_ACTIVE:
             self._armed_by = said.bridge if forgiven or not doubt else None
         elif said.state is not RaceState.GREEN_GREEN or not self._is_armed(now):

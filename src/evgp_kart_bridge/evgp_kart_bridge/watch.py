@@ -64,6 +64,9 @@ UNHEARD = 2.0
 LOG_AGAIN = 10.0
 """Time before a reason that comes back is logged again, seconds."""
 
+LOG_REASONS = 20
+"""Maximum number of reasons logged in that time."""
+
 BACKLOG = 100
 """Maximum number of messages kept for a busy stack: more than the bridge says in the time
 that is forgiven."""
@@ -298,12 +301,14 @@ class RaceStateWatch:
                 f'{shell if apart else ""}is it running, with the same ROS_DOMAIN_ID? On another '
                 'machine of the kart, both need EVGP_GRAPH_INTERFACE'
             )
+        self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
         if not reason:
             self._logged_last = ''
         elif (
-            reason != self._logged_last and now - self._logged.get(reason, -LOG_AGAIN) >= LOG_AGAIN
+            reason != self._logged_last
+            and reason not in self._logged
+            and len(self._logged) < LOG_REASONS
         ):
-            self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
             self._logged[reason], self._logged_last = now, reason
             text = f'The kart obeys {self.state.value}: {reason}'
             if self._orders.doubt(now):

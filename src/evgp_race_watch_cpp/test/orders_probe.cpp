@@ -30,14 +30,16 @@ using evgp_race_watch_cpp::Said;
 
 int main()
 {
-  std::unique_ptr<Orders> orders;
+  std::unique_ptr<Orders> orders, others;  // of two watches, which hear the same
   std::vector<Order> seen;
   std::string word;
   double now = 0.0;
   while (std::cin >> word >> now) {
     bool asks = false;
+    const auto glanced = orders ? orders->glance(now) : Order();
     if (word == "begin") {
       orders = std::make_unique<Orders>(0.5);
+      others = std::make_unique<Orders>(0.5);
       seen.clear();
     } else if (word == "hear") {
       double since = 0.0;
@@ -52,26 +54,35 @@ int main()
         said.reason = "of bridge " + std::to_string(said.bridge);
       }
       orders->hear(heard, since, now);
+      others->hear(heard, since, now);
     } else if (word == "bridges") {
       int alive = 0;
       std::cin >> alive;
       orders->count_bridges(alive);
+      others->count_bridges(alive);
     } else if (word == "look") {
       orders->look(now);
+      others->look(now);
+    } else if (word == "ask_with_anothers") {
+      asks = orders->asks(others->order(now), now);
     } else {
       std::size_t index = 0;
       std::cin >> index;
       asks = orders->asks(seen[seen.size() - 1 - index % seen.size()], now);
     }
     const auto order = orders->order(now);
+    bool wrong = orders->glance(now) != order || order == others->order(now);
     std::size_t index = 0;
     while (index < seen.size() && seen[index].serial != order.serial) {
       ++index;
     }
+    for (const auto & each : seen) {
+      wrong |= each.serial == glanced.serial && each != glanced;  // one serial, two orders
+    }
     if (index == seen.size()) {
       seen.push_back(order);
     }
-    std::cout << index << ' ' << name_of(order.state) << ' ' << order.number << ' ' <<
+    std::cout << (wrong ? "wrong " : "") << name_of(glanced.state) << ' ' << index << ' ' << name_of(order.state) << ' ' << order.number << ' ' <<
       name_of(order.reached) << ' ' << asks << ' ' << orders->judge(now).second << std::endl;
   }
 }

@@ -14,51 +14,43 @@
 
 /// Runs a RaceStateWatch for test_race_state_watch.py: commands come by stdin, stdout answers.
 ///
-///     watch_probe <name> <lease, s> <duration of a turn that keeps the executor busy, s; 0: none>
+///     watch_probe <kind of node> <name> <lease, s> <forgiven, s>
+///         <duration of a turn that keeps the executor busy, s; 0: none>
 
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
+#include <functional>
 #include <iostream>
 #include <map>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <sstream>
 #include <string>
 #include <thread>
 
 #include "evgp_race_watch_cpp/race_state_watch.hpp"
 #include "rclcpp/rclcpp.hpp"
+#include "rclcpp_lifecycle/lifecycle_node.hpp"
 
 using evgp_race_watch_cpp::Order;
 using evgp_race_watch_cpp::RaceState;
-using evgp_race_watch_cpp::Said;
 
-class Watch : public evgp_race_watch_cpp::RaceStateWatch
+struct Watch : evgp_race_watch_cpp::RaceStateWatch
 {
-public:
-  using RaceStateWatch::RaceStateWatch;
+  using RaceStateWatch::said;
 
-  void forgive(double seconds)
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);
-    orders_.forgiven = seconds;
-  }
-
-  std::optional<Said> said()
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);
-    return orders_.said();
-  }
+  Watch(
+    NodeInterfaces node, std::function<void(RaceState)> on_change, double lease, double forgiven)
+  : RaceStateWatch(node, on_change, "kart_bridge/race_state", lease, forgiven) {}
 };
 
 int number(RaceState state) {return static_cast<int>(state);}
 
-int main(int argc, char ** argv)
+template<typename NodeT>
+void probe(const std::string & name, double lease, double forgiven, double busy)
 {
-  const auto arguments = rclcpp::init_and_remove_ros_arguments(argc, argv);
-  const auto node = std::make_shared<rclcpp::Node>(arguments.at(1));
+  const auto node = std::make_shared<NodeT>(name);
   std::mutex writing, being_busy;
   const auto say = [&writing](const std::string & line) {
       const std::lock_guard<std::mutex> lock(writing);
@@ -70,8 +62,9 @@ int main(int argc, char ** argv)
       say("told " + std::to_string(number(state)));
       std::unique_lock<std::mutex> lock(being_busy);
       free.wait(lock, [&]() {return number(state) != busy_at;});
-    }, "kart_bridge/race_state", std::stod(arguments.at(2)));
-  const std::chrono::duration<double> turn(std::stod(arguments.at(3)));
+    }, lease, forgiven);
+  std::unique_ptr<Watch> second;
+  const std::chrono::duration<double> turn(busy);
   rclcpp::TimerBase::SharedPtr turns;
   if (turn.count() > 0) {
     turns = node->create_wall_timer(std::chrono::milliseconds(10), [&]() {
@@ -79,25 +72,27 @@ int main(int argc, char ** argv)
           std::this_thread::sleep_for(turn);
         });
   }
-  std::thread spinning([&node]() {rclcpp::spin(node);});
+  std::thread spinning([&node]() {rclcpp::spin(node->get_node_base_interface());});
   std::map<std::uint64_t, Order> orders;
   std::string word;
   while (std::cin >> word) {
     double value = 0.0;
     std::cin >> value;
-    if (word == "look") {
-      const auto order = watch.order();
-      const auto said = watch.said();
+    if (word == "look" || word == "look_at_second") {
+      if (word != "look" && !second) {
+        second = std::make_unique<Watch>(*node, nullptr, lease, forgiven);
+      }
+      const Watch & asked = word == "look" ? watch : *second;
+      const auto order = asked.order();
+      const auto said = asked.said();
       orders[order.serial] = order;
       std::ostringstream line;
       line << "look " << order.serial << ' ' << number(order.state) << ' ' << order.number << ' ' <<
         number(order.reached) << ' ' << (said ? number(said->state) : -1) << ' ' <<
-        (said && said->acknowledged) << ' ' << watch.reason();
+        (said && said->acknowledged) << ' ' << asked.reason();
       say(line.str());
     } else if (word == "acknowledge") {
       watch.acknowledge(orders.at(static_cast<std::uint64_t>(value)));
-    } else if (word == "forgive") {
-      watch.forgive(value);
     } else {
       const std::lock_guard<std::mutex> lock(being_busy);
       busy_at = static_cast<int>(value);
@@ -106,4 +101,14 @@ int main(int argc, char ** argv)
   }
   rclcpp::shutdown();
   spinning.join();
+}
+
+int main(int argc, char ** argv)
+{
+  const auto arguments = rclcpp::init_and_remove_ros_arguments(argc, argv);
+  const bool plain = arguments.at(1) == "node";
+  const auto run = plain ? probe<rclcpp::Node> : probe<rclcpp_lifecycle::LifecycleNode>;
+  run(
+    arguments.at(2), std::stod(arguments.at(3)), std::stod(arguments.at(4)),
+    std::stod(arguments.at(5)));
 }

@@ -20,6 +20,10 @@
 #ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 #define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <optional>
@@ -54,34 +58,43 @@ inline const char * name_of(RaceState state)
 /// What counts of a message of the bridge.
 struct Said
 {
-  std::uint64_t bridge;
-  RaceState state;
-  RaceState reached;
-  std::uint64_t order;
-  bool acknowledged;
+  std::uint64_t bridge = 0;
+  RaceState state = RaceState::UNKNOWN;
+  RaceState reached = RaceState::UNKNOWN;
+  std::uint64_t order = 0;
+  bool acknowledged = false;
   std::string reason;
 };
 
-/// What the kart must do, from one moment on.
+/// What the kart must do, from one moment on; by default RED_RED, which no watch acknowledges.
 struct Order
 {
-  std::uint64_t serial;  ///< Tells the orders of one watch apart: each has its own.
-  RaceState state;  ///< The state to obey; never UNKNOWN.
-  std::uint64_t number;  ///< Of race control's command; 0: the order cannot be acknowledged.
-  RaceState reached;  ///< What an acknowledgement says; UNKNOWN if `number` is 0.
+  std::uint64_t serial = 0;  ///< In one process each order has its own; 0: no watch gave it.
+  RaceState state = RaceState::RED_RED;  ///< The state to obey; never UNKNOWN.
+  std::uint64_t number = 0;  ///< Of race control's command; 0: it cannot be acknowledged.
+  RaceState reached = RaceState::UNKNOWN;  ///< What an acknowledgement says; UNKNOWN if none.
+
+  friend bool operator==(const Order & one, const Order & other)
+  {
+    return one.serial == other.serial && one.state == other.state &&
+           one.number == other.number && one.reached == other.reached;
+  }
+
+  friend bool operator!=(const Order & one, const Order & other) {return !(one == other);}
 };
+
+/// Maximum time, s, without knowing the state after which a stack still starts without a new
+/// GRID_ACTIVE.
+constexpr double FORGIVEN = 1.0;
 
 /// The orders of one stack. Every time is in seconds, by one clock that never goes back.
 class Orders
 {
 public:
-  /// Maximum time, s, without knowing the state after which a stack still starts without a new
-  /// GRID_ACTIVE.
-  double forgiven = 1.0;
-
   /// \param lease time of silence after which the kart obeys RED_RED, seconds.
-  explicit Orders(double lease)
-  : lease_(lease) {}
+  /// \param forgiven as FORGIVEN.
+  explicit Orders(double lease, double forgiven = FORGIVEN)
+  : lease_(lease), forgiven_(forgiven) {order(never);}
 
   /// The bridge's last message; none before the first.
   const std::optional<Said> & said() const {return said_;}
@@ -89,18 +102,31 @@ public:
   /// What to do; of the same serial until something else is to be done.
   Order order(double now)
   {
-    Order order{order_.serial, judge(now).first, 0, RaceState::UNKNOWN};
-    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
-      order.number = said_->order;
-      order.reached = said_->reached;
-    }
-    if (order.state != order_.state || order.number != order_.number ||
-      order.reached != order_.reached)
-    {
-      order_ = order;
-      ++order_.serial;
-    }
+    settle(now);
+    Slot & slot = slots_[(turn_ + 1) % slots_.size()];  // glance() may be at the one before
+    slot.serial = order_.serial;
+    slot.state = order_.state;
+    slot.number = order_.number;
+    slot.reached = order_.reached;
+    slot.ends_at = ends_at();
+    ++turn_;
     return order_;
+  }
+
+  /// As order() was last, but RED_RED from when that ends if nothing more is heard.
+  ///
+  /// For any thread, while another calls what is not const: takes no lock and no memory.
+  Order glance(double now) const
+  {
+    while (true) {
+      const std::size_t turn = turn_;
+      const Slot & slot = slots_[turn % slots_.size()];
+      const Order order{slot.serial, slot.state, slot.number, slot.reached};
+      const bool is_over = now > slot.ends_at;
+      if (turn_ - turn < slots_.size() - 1) {  // or order() may have changed it meanwhile
+        return is_over ? Order{order.serial | 1} : order;
+      }
+    }
   }
 
   /// The state to obey, and why that is not what is commanded; empty: it is.
@@ -139,13 +165,14 @@ public:
   /// Take what the bridge has said, oldest first; none of it was said before `since`.
   void hear(const std::vector<Said> & heard, double since, double now)
   {
-    order(now);  // a doubt ends the order before, and so does what came in between
+    settle(now);  // a doubt ends the order before, and so does what came in between
     heard_at_ = since;
     for (const auto & said : heard) {
       said_ = said;
       follow(now);
-      order(now);
+      settle(now);
     }
+    order(now);  // only now: glance() must not show a GREEN_GREEN that is over already
   }
 
   /// Take how many bridges the middleware knows to be alive.
@@ -173,7 +200,7 @@ public:
   bool asks(const Order & done, double now)
   {
     const Order present = order(now);
-    if (done.serial != present.serial || present.number == 0 || said_->acknowledged) {
+    if (done != present || present.number == 0 || said_->acknowledged) {
       return false;
     }
     if (done.serial == asked_ && now < ask_again_at_) {
@@ -185,13 +212,46 @@ public:
   }
 
 private:
-  static constexpr double never = -std::numeric_limits<double>::infinity();
+  static constexpr double endless = std::numeric_limits<double>::infinity();
+  static constexpr double never = -endless;
+
+  struct Slot
+  {
+    std::atomic<std::uint64_t> serial{0}, number{0};
+    std::atomic<RaceState> state{RaceState::RED_RED}, reached{RaceState::UNKNOWN};
+    std::atomic<double> ends_at{0.0};
+    static_assert(decltype(serial)::is_always_lock_free && decltype(ends_at)::is_always_lock_free);
+  };
+
+  /// Begin a new order if something else is to be done.
+  void settle(double now)
+  {
+    Order order{order_.serial, judge(now).first};
+    if (said_ && doubt(now).empty() && said_->order && includes(order.state, said_->reached)) {
+      order.number = said_->order;
+      order.reached = said_->reached;
+    }
+    if (order != order_) {
+      // Odd if it is Order{} but for that, and only then: so glance() knows the next one.
+      const bool is_doubt = order == Order{order.serial};
+      order.serial = (order.serial | 1) + (is_doubt ? 0 : 1);
+      order_ = order;
+    }
+  }
+
+  /// When the present order ends if nothing more is heard.
+  double ends_at() const
+  {
+    const bool starts = order_.state == RaceState::GREEN_GREEN;
+    const double unarmed_at = starts ? sure_at_ + forgiven_ : endless;
+    return order_ == Order{order_.serial} ? endless : std::min(heard_at_ + lease_, unarmed_at);
+  }
 
   bool is_alone() const {return !bridges_alive_ || *bridges_alive_ == 1;}
 
   bool is_armed(double now) const
   {
-    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven;
+    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven_;
   }
 
   /// Arm or disarm by the message that was heard now.
@@ -204,7 +264,7 @@ private:
     }
     const bool sure = doubt(now).empty();
     if (said_->state == RaceState::GRID_ACTIVE) {
-      const bool forgives = now - sure_at_ <= forgiven && is_alone();
+      const bool forgives = now - sure_at_ <= forgiven_ && is_alone();
       armed_by_ = sure || forgives ? std::optional(said_->bridge) : std::nullopt;
     } else if (said_->state != RaceState::GREEN_GREEN || !is_armed(now)) {
       armed_by_.reset();
@@ -221,14 +281,18 @@ private:
            (state == RaceState::RED_RED && reached == RaceState::RED_FLAG);
   }
 
-  double lease_;
+  const double lease_;
+  const double forgiven_;
   std::optional<Said> said_;
   double heard_at_ = never;
   std::optional<int> bridges_alive_;  // none: the middleware has not said yet
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
   std::optional<std::uint64_t> grid_by_;  // the same, whether it still arms or not
   double sure_at_ = never;  // when there was no doubt last
-  Order order_{1, RaceState::RED_RED, 0, RaceState::UNKNOWN};
+  static inline std::atomic<std::uint64_t> watches_{0};  // each has serials of its own
+  Order order_{++watches_ << 40 | 1};
+  std::array<Slot, 4> slots_;  // order_, as it was last, and when it ends
+  std::atomic<std::size_t> turn_{0};
   std::uint64_t asked_ = 0;
   double ask_again_at_ = never;
 };

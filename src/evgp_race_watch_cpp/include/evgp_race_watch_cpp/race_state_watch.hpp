@@ -19,13 +19,16 @@
 
 #include <time.h>
 
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <functional>
+#include <iterator>
 #include <map>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -34,6 +37,8 @@
 #include "evgp_race_watch_cpp/orders.hpp"
 #include "evgp_rcs_msgs/msg/kart_race_state.hpp"
 #include "evgp_rcs_msgs/srv/acknowledge.hpp"
+#include "rclcpp/executors/executor_notify_waitable.hpp"
+#include "rclcpp/node_interfaces/node_interfaces.hpp"
 #include "rclcpp/rclcpp.hpp"
 
 namespace evgp_race_watch_cpp
@@ -56,46 +61,20 @@ class RaceStateWatch
 public:
   using Message = evgp_rcs_msgs::msg::KartRaceState;
   using Acknowledge = evgp_rcs_msgs::srv::Acknowledge;
+  using NodeInterfaces = rclcpp::node_interfaces::NodeInterfaces<
+    rclcpp::node_interfaces::NodeBaseInterface, rclcpp::node_interfaces::NodeGraphInterface,
+    rclcpp::node_interfaces::NodeLoggingInterface, rclcpp::node_interfaces::NodeParametersInterface,
+    rclcpp::node_interfaces::NodeServicesInterface, rclcpp::node_interfaces::NodeTopicsInterface,
+    rclcpp::node_interfaces::NodeWaitablesInterface>;
 
+  /// \param node an rclcpp::Node or LifecycleNode, active or not, or its interfaces.
   /// \param on_change is called by the node's executor with each new state; RED_RED is the first.
   /// \param topic the bridge's topic; its service is `acknowledge` beside it.
   /// \param lease the bridge's `liveliness_lease`, or longer, seconds.
   explicit RaceStateWatch(
-    rclcpp::Node & node, std::function<void(RaceState)> on_change = {},
+    NodeInterfaces node, std::function<void(RaceState)> on_change = {},
     const std::string & topic = "kart_bridge/race_state", double lease = LEASE)
-  : on_change_(std::move(on_change)), log_(node.get_logger()), orders_(lease)
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
-    // Of its own, so that subscription and alarm never run at the same time.
-    const auto group = node.create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
-    bridge_ = node.create_client<Acknowledge>(
-      topic.substr(0, topic.rfind('/') + 1) + "acknowledge", rclcpp::ServicesQoS(), group);
-    rclcpp::SubscriptionOptions options;
-    options.callback_group = group;
-    options.use_intra_process_comm = rclcpp::IntraProcessSetting::Disable;
-    options.event_callbacks.liveliness_callback = [this](rclcpp::QOSLivelinessChangedInfo & info) {
-        {
-          const std::lock_guard<std::mutex> lock(ordering_);
-          orders_.count_bridges(info.alive_count);
-        }
-        pass({});
-      };
-    auto qos = rclcpp::QoS(BACKLOG).reliable().durability_volatile();
-    qos.liveliness(rclcpp::LivelinessPolicy::ManualByTopic);
-    qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
-    subscription_ = node.create_subscription<Message>(
-      topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
-    // The middleware says when the bridge is gone; the clock says it whatever middleware it is.
-    const std::chrono::duration<double> interval(lease / 5);
-    alarm_ = node.create_wall_timer(interval, [this]() {pass({});}, group);
-    // Some middlewares wait for a timer by the wall clock, for as long as that is set back.
-    ringing_ = std::thread([this, interval, base = node.get_node_base_interface()]() {
-          while (!ended_) {
-            std::this_thread::sleep_for(interval);
-            base->trigger_notify_guard_condition();
-          }
-        });
-  }
+  : RaceStateWatch(node, std::move(on_change), topic, lease, FORGIVEN) {}
 
   RaceStateWatch(const RaceStateWatch &) = delete;
   RaceStateWatch & operator=(const RaceStateWatch &) = delete;
@@ -108,18 +87,15 @@ public:
 
   /// What to do now: obey its `state`; once it is reached, acknowledge this very order.
   ///
-  /// Its serial is the same until something else is to be done. The state is RED_RED before the
+  /// It is the same until something else is to be done. The state is RED_RED before the
   /// bridge is heard, when it says so, once it has been silent for the lease, when it is gone, when
   /// two bridges speak, when it says what is no state, and when it says GREEN_GREEN that is not
-  /// armed. May be asked in any thread, also while the executor is busy.
-  Order order()
-  {
-    const std::lock_guard<std::mutex> lock(ordering_);
-    return orders_.order(now());
-  }
+  /// armed. May be asked in any thread, also while the executor is busy, and in a loop of 1 kHz: it
+  /// takes no lock and no memory. (acknowledge() takes both.)
+  Order order() const {return orders_.glance(now());}
 
   /// Why its state is not what race control commands, for people; empty: it is.
-  std::string reason()
+  std::string reason() const
   {
     const std::lock_guard<std::mutex> lock(ordering_);
     return orders_.judge(now()).second;
@@ -128,8 +104,8 @@ public:
   /// Tell race control that the kart has reached the state of this order; never waits.
   ///
   /// Call it in every step in which that is true: it asks the bridge again after 0.2 s if an answer
-  /// is lost or refused, and does nothing once the order is acknowledged, or is over, or if it has
-  /// no number. If the bridge refuses, the node's log says why.
+  /// is lost or refused, and does nothing once the order is acknowledged, or is over, if it has no
+  /// number, or if another watch gave it. If the bridge refuses, the node's log says why.
   ///
   /// \param order what the kart has done, as order() was when the kart began to do it.
   void acknowledge(const Order & order)
@@ -147,7 +123,7 @@ public:
     bridge_->async_send_request(
       request, [this, order](rclcpp::Client<Acknowledge>::SharedFuture answered) {
         const auto answer = answered.get();
-        if (!answer->success && order.serial == this->order().serial) {
+        if (!answer->success && order == this->order()) {
           RCLCPP_WARN_THROTTLE(
             log_, steady_, 1000, "%s cannot be acknowledged: %s", name_of(order.reached),
             answer->message.c_str());
@@ -156,10 +132,52 @@ public:
   }
 
 protected:
-  std::mutex ordering_;  // orders_ is asked in any thread
-  const std::function<void(RaceState)> on_change_;
-  const rclcpp::Logger log_;
-  Orders orders_;
+  /// For tests: as above, and how long a doubt is forgiven, seconds.
+  RaceStateWatch(
+    NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic,
+    double lease, double forgiven)
+  : on_change_(std::move(on_change)), log_(node.get_node_logging_interface()->get_logger()),
+    orders_(lease, forgiven),
+    bell_(std::make_shared<rclcpp::GuardCondition>(node.get_node_base_interface()->get_context()))
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
+    const auto base = node.get_node_base_interface();
+    // Of its own, so that subscription and alarm never run at the same time.
+    const auto group = base->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
+    bridge_ = rclcpp::create_client<Acknowledge>(
+      base, node.get_node_graph_interface(), node.get_node_services_interface(),
+      topic.substr(0, topic.rfind('/') + 1) + "acknowledge", rclcpp::ServicesQoS(), group);
+    rclcpp::SubscriptionOptions options;
+    options.callback_group = group;
+    options.use_intra_process_comm = rclcpp::IntraProcessSetting::Disable;
+    options.event_callbacks.liveliness_callback =
+      [this](rclcpp::QOSLivelinessChangedInfo & info) {pass({}, info.alive_count);};
+    auto qos = rclcpp::QoS(BACKLOG).reliable().durability_volatile();
+    qos.liveliness(rclcpp::LivelinessPolicy::ManualByTopic);
+    qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
+    subscription_ = rclcpp::create_subscription<Message>(
+      node, topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
+    // The middleware says when the bridge is gone; the clock says it whatever middleware it is. A
+    // timer would not do: some middlewares wait for one by the wall clock, for as long as that is
+    // set back. Nor would the node's guard condition: it has the executor collect its nodes anew.
+    alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
+    alarm_->add_guard_condition(bell_);
+    node.get_node_waitables_interface()->add_waitable(alarm_, group);
+    const std::chrono::duration<double> interval(std::min(lease / 5, 0.1));
+    ringing_ = std::thread([this, interval]() {
+          while (!ended_) {
+            std::this_thread::sleep_for(interval);
+            bell_->trigger();
+          }
+        });
+  }
+
+  /// For tests: the bridge's last message; none before the first.
+  std::optional<Said> said() const
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);
+    return orders_.said();
+  }
 
 private:
   // More than the bridge says in the time that is forgiven.
@@ -182,9 +200,12 @@ private:
   /// Hear what was taken, and what waits behind it: a stop must not wait behind what was said
   /// before. All of it was said after the last pass, or that would have taken it. (The stamp would
   /// say when only if the clocks of bridge and stack agree.)
-  void pass(std::vector<Said> heard)
+  void pass(std::vector<Said> heard, std::optional<int> bridges_alive = {})
   {
     std::unique_lock<std::mutex> lock(ordering_);
+    if (bridges_alive) {
+      orders_.count_bridges(*bridges_alive);
+    }
     const double began = now();
     Message message;
     rclcpp::MessageInfo information;
@@ -215,20 +236,25 @@ private:
     }
   }
 
-  /// Log each new reason, the same one once in 10 s.
+  /// Log each new reason, the same one once in 10 s, and no more than 20 in that time.
   void log_reason(RaceState state, const std::string & reason)
   {
     if (reason != logged_last_ && !reason.empty()) {
-      const auto logged = logged_.find(reason);
-      if (logged != logged_.end() && now() - logged->second < 10.0) {
+      for (auto each = logged_.begin(); each != logged_.end(); ) {
+        each = now() - each->second < 10.0 ? std::next(each) : logged_.erase(each);
+      }
+      if (logged_.size() >= 20 || !logged_.emplace(reason, now()).second) {
         return;
       }
-      logged_[reason] = now();
       RCLCPP_WARN(log_, "The kart obeys %s: %s", name_of(state), reason.c_str());
     }
     logged_last_ = reason;
   }
 
+  mutable std::mutex ordering_;  // what is not const of orders_, or not glance(), needs it
+  const std::function<void(RaceState)> on_change_;
+  const rclcpp::Logger log_;
+  Orders orders_;
   double began_ = now();
   double passed_ = began_;  // before that, everything that waited was taken
   RaceState told_ = RaceState::UNKNOWN;
@@ -236,10 +262,11 @@ private:
   std::string logged_last_;
   rclcpp::Clock steady_{RCL_STEADY_TIME};
   std::atomic<bool> ended_{false};
+  const rclcpp::GuardCondition::SharedPtr bell_;
   std::thread ringing_;
   rclcpp::Client<Acknowledge>::SharedPtr bridge_;
   rclcpp::Subscription<Message>::SharedPtr subscription_;
-  rclcpp::TimerBase::SharedPtr alarm_;
+  std::shared_ptr<rclcpp::executors::ExecutorNotifyWaitable> alarm_;
 };
 
 }  // namespace evgp_race_watch_cpp
