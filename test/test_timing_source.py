@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import itertools
+import math
 import os
 import signal
 import socket
@@ -139,7 +140,8 @@ def expected(event: Passing) -> tuple[object, ...]:
     """Return what is to be heard of a passing."""
     when = stamp_of(event.time_us * 1000)
     clock = msg.Passing.CLOCK_OF_DEVICE
-    return event.transponder, when, event.hits, repr(event.strength), clock, 0
+    strength = math.nan if event.strength is None else event.strength
+    return event.transponder, when, event.hits, repr(strength), clock, 0
 
 
 @pytest.mark.parametrize('kind', DECODERS)

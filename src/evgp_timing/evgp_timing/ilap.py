@@ -24,7 +24,6 @@ checksum at the end covers: neither is used.
 
 from __future__ import annotations
 
-import math
 import re
 
 from evgp_timing.framing import MarkedDecoder
@@ -47,7 +46,7 @@ def read(line: bytes) -> Event:
         time_us=int(match['seconds']) * 1_000_000 + int(match['fraction'].ljust(6, b'0')),
         transponder=match['transponder'].decode(),
         hits=min(int(match['hits'] or 0), 65535),
-        strength=math.nan if match['strength'] is None else float(match['strength']),
+        strength=None if match['strength'] is None else float(match['strength']),
     )
 
 

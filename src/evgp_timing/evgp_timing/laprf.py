@@ -21,7 +21,6 @@ From public descriptions and captures, not from ImmersionRC: see docs/timing.md.
 from __future__ import annotations
 
 import enum
-import math
 
 from evgp_timing.framing import Framing, MarkedDecoder, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
@@ -76,7 +75,7 @@ def read(record: Record) -> Event:
         time_us=time_us,
         number=number,
         transponder=str(slot),
-        strength=math.nan if peak is None else float(peak),
+        strength=None if peak is None else float(peak),
     )
 
 

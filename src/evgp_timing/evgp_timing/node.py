@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import contextlib
 import dataclasses
+import math
 import sys
 import threading
 import time
@@ -174,7 +175,7 @@ class TimingSource(StrictNode):
                 stamp=stamp_of(event.time_us * 1000),
                 clock=msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE,
                 hits=event.hits,
-                strength=event.strength,
+                strength=math.nan if event.strength is None else event.strength,
             )
         )
 

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 import binascii
 import enum
-import math
 
 from evgp_timing.framing import Framing, MarkedDecoder, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
@@ -84,7 +83,7 @@ def read(record: Record) -> Event:
         number=number,
         transponder=_named(str(transponder), record.fields.get(Field.LABEL, b'')),
         hits=record.number(Field.HITS, 2) or 0,
-        strength=math.nan if strength is None else float(strength),
+        strength=None if strength is None else float(strength),
         checked=record.checked,
     )
 

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Protocol, TypeAlias
 
 
@@ -31,7 +30,7 @@ class Passing:
     :ivar transponder: its number or name, as the device has it, or its number, a space, and the
         label that is printed on it; empty: nobody knows who it was.
     :ivar hits: how often the device saw it, up to 65535; 0: it does not say.
-    :ivar strength: of the signal, in the device's own measure; NaN: it does not say.
+    :ivar strength: of the signal, in the device's own measure; None: it does not say.
     :ivar checked: False: the device sends no checksum, so it may have been changed on the way.
     """
 
@@ -39,7 +38,7 @@ class Passing:
     number: int = 0
     transponder: str = ''
     hits: int = 0
-    strength: float = math.nan
+    strength: float | None = None
     checked: bool = True
 
 
