@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import math
 
 from evgp_timing.kinds import DECODERS
 from evgp_timing.passings import Decoder, Event, Passing, Sign
@@ -59,7 +58,7 @@ RECORDED: dict[str, list[tuple[bytes, Event]]] = {
             b'\x01@\t20\t7\t4242424\t123.456\t38\t112\t2\tx1A2B\r\n',
             Passing(123456000, 0, '4242424', 38, 112.0),
         ),
-        (b'\x01@\t204\t3000999\t98.07\r\n', Passing(98070000, 0, '3000999', 0, math.nan)),
+        (b'\x01@\t204\t3000999\t98.07\r\n', Passing(98070000, 0, '3000999', 0, None)),
     ],
     # Ours: a transponder, nobody known, a sign of life.
     'lines': [
