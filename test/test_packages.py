@@ -181,6 +181,17 @@ def test_a_package_asks_for_what_its_tests_import_of_this_repository(path: pathl
     assert missing == set()
 
 
+def test_the_bridges_readme_lists_the_packages_that_come_along() -> None:
+    bridge, names = ROOT / 'src/evgp_kart_bridge', {each.name for each in PACKAGES}
+    needs, waiting = set(), ['evgp_kart_bridge']
+    while waiting:
+        asked = {each.name for each in described(ROOT / 'src' / waiting.pop()).exec_depends}
+        waiting += names & asked - needs
+        needs |= names & asked
+    text = (bridge / 'README.md').read_text(encoding='utf-8')
+    assert {name for name in names if f'`{name}`' in text} == needs | {'evgp_race_watch_cpp'}
+
+
 def imported(file: pathlib.Path) -> set[str]:
     """Return the packages that a Python file imports."""
     found = set()
