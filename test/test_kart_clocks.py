@@ -14,8 +14,10 @@ from collections.abc import Callable
 import contextlib
 import itertools
 import pathlib
+import re
 import time
 
+from evgp_kart_bridge.orders import TOO_LATE
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_testing.domains import Domain
@@ -232,5 +234,5 @@ def test_a_suspended_stack_wakes_in_red_red_and_stays_there(start_kart: StartKar
     at = time.monotonic()
     kart.clock.suspend(60.0)  # and its bridge goes on saying GREEN_GREEN
     kart.onlooker.wait_for_braking(at)
-    kart.stack.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
+    kart.stack.wait_for_line(f'RED_RED {re.escape(TOO_LATE)}')
     assert kart.onlooker.changes[-1][1] is GREEN_GREEN
