@@ -110,7 +110,8 @@ def board(heard: Heard) -> Shown:
                 'tone': tone,
             }
         )
-    heats, heat = [*race.heats], _heat(race, results)
+    heats = [*race.heats]
+    heat = next((each for each in heats if each.name == race.heat), None)
     kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
     about = f'{kind.replace("_", " ").capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
@@ -260,20 +261,10 @@ def _headline(race: msg.Race) -> tuple[str, str]:
     return STATE_WORDS[state]
 
 
-def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
-    """Return the heat that is in the race; None: no heat of the roster is."""
-    racing = [kart.number for kart in race.karts if kart.in_race]
-    named = [heat for heat in race.heats if [*heat.karts] == racing]
-    if not named and not {*racing}.isdisjoint(each.kart for each in results.karts):
-        named = [each for each in race.heats if each.name == results.heat]  # a kart has left it
-    put = race.heat or results.heat
-    return next((each for each in named if each.name == put), (*named, None)[0])
-
-
 def _of_this_race(heard: Heard) -> msg.Results:
     """Return the results, unless another heat is in the race by now."""
-    heat = _heat(heard.race or msg.Race(), heard.results)
-    return heard.results if (heat.name if heat else '') == heard.results.heat else msg.Results()
+    race = heard.race or msg.Race()
+    return heard.results if race.heat == heard.results.heat else msg.Results()
 
 
 def _gap(result: msg.KartResult, results: msg.Results) -> str:

@@ -76,10 +76,10 @@ def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
         msg.Heat(name='Heat 2', karts=[9], format='time_trial', laps=5),
     ]
     before = results(result(7, 1, 6, 245.0), heat='Heat 1')
-    first = Heard(race(kart(3), kart(7), kart(9, in_race=False), heats=heats), before)
-    second = Heard(
-        race(kart(3, in_race=False), kart(7, in_race=False), kart(9), heats=heats), before
-    )
+    karts = kart(3), kart(7), kart(9, in_race=False)
+    first = Heard(race(*karts, heats=heats, heat='Heat 1'), before)
+    karts = kart(3, in_race=False), kart(7, in_race=False), kart(9)
+    second = Heard(race(*karts, heats=heats, heat='Heat 2'), before)
     assert shown(first) == [(1, 7, '4:05.000'), ('', 3, '')]
     assert 'Heat 2' in view.board(first)['sub']
     assert shown(second) == [('', 9, '')]

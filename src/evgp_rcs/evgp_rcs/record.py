@@ -72,7 +72,7 @@ CREATE TABLE event (
     alert TEXT, -- of an alert, a name of AlertKind
     hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
     race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
-    heat TEXT NOT NULL, -- the heat that was last put into the race; empty: none
+    heat TEXT NOT NULL, -- the heat in the race; empty: none
     after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel,
         -- of LAP, its time, s
     grade TEXT, -- of LINK_GRADE, a name of Grade

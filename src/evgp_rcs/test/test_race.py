@@ -1041,8 +1041,8 @@ def test_passings_from_before_green_that_are_said_again_count_for_nothing(
 def test_a_finish_that_race_control_gives_names_itself_as_the_cause() -> None:
     times = dataclasses.replace(NO_PAUSE, auto_finish=True)
     officials = Officials(times)
-    officials.race.heats = (Heat('final', HEATS[0].karts, laps=1),)
-    officials.race.heat = 'final'
+    officials.race.heats = (dataclasses.replace(HEATS[0], laps=1),)
+    officials.command('SET_HEAT')
     officials.to_green()
     crossing(officials, 1, 1)
     officials.wait(10.0)

@@ -650,6 +650,9 @@ a kart is penalised that did not start: availability [laps outside]
     _not_started: if kart.number in self.laps.of_heat(heat).karts => if True
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
+a heat stays in the race with karts of another one: heat [laps by hand]
+    _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
+        heat.name == self._put_in and racing
 a restart forgets the laps: restart [laps by hand]
     recover: self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats)) => pass
 a race that nobody can stop goes on: nobody-there, effect [people in green]
