@@ -2131,7 +2131,7 @@ class Search:
         laps = facts.laps
         since = laps is not None and (now - laps.green, laps.passings, laps.struck, laps.out)
         known = facts.seen if laps is None else len(facts.seen)
-        return facts.wanted, facts.owner, known, facts.struck, view.timed, view.penalties, since
+        return facts.heat, facts.owner, known, facts.struck, view.timed, view.penalties, since
 
     def _kart_key(
         self,

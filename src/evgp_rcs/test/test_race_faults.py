@@ -85,6 +85,7 @@ WORLDS = {
     'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
     'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
     'laps of two': world(40, 2, 0, 'green', laps=True, then=(SEEN,)),
+    'laps in the garage': world(60, 1, 1, laps=True),
     'laps outside': world(5, 1, 1, 'green', laps=True),
     'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
     'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
@@ -650,7 +651,7 @@ a kart is penalised that did not start: availability [laps outside]
     _not_started: if kart.number in self.laps.of_heat(heat).karts => if True
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
-a heat stays in the race with karts of another one: heat [laps by hand]
+a heat stays in the race with karts of another one: heat [laps in the garage]
     _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
         heat.name == self._put_in and racing
 a restart forgets the laps: restart [laps by hand]
