@@ -7,9 +7,8 @@ Check that every source file names its copyright and licence; with --add, add wh
     python3 setup/headers.py          names the files without a header; exit status 1 if any
     python3 setup/headers.py --add    adds the header to these files
 
-A file gets the two lines of SPDX. Only Python, C and C++ files of a package in src/ get the whole
-notice: ament_copyright checks them and accepts nothing shorter. Configuration, messages and
-documents have no header: the file LICENSE is for them.
+The header is the two lines of SPDX. Configuration, messages and documents have none: the file
+LICENSE is for them.
 """
 
 from __future__ import annotations
@@ -24,26 +23,7 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 COPYRIGHT = 'Copyright 2026 EVGP race control contributors'
 
-WHOLE = f"""\
-{COPYRIGHT}
-
-Licensed under the Apache License, Version 2.0 (the "License");
-you may not use this file except in compliance with the License.
-You may obtain a copy of the License at
-
-    http://www.apache.org/licenses/LICENSE-2.0
-
-Unless required by applicable law or agreed to in writing, software
-distributed under the License is distributed on an "AS IS" BASIS,
-WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-See the License for the specific language governing permissions and
-limitations under the License."""
-"""What ament_copyright takes for Apache-2.0."""
-
-SHORT = f'{COPYRIGHT}\nSPDX-License-Identifier: Apache-2.0\n'
-
-CHECKED = {'.py', '.c', '.h', '.cpp', '.hpp'}
-"""The suffixes that ament_copyright checks in a package."""
+NOTICE = f'{COPYRIGHT}\nSPDX-License-Identifier: Apache-2.0\n'
 
 AROUND = {
     '.py': ('# ', ''),
@@ -74,22 +54,17 @@ def around(path: pathlib.Path, text: str) -> tuple[str, str] | None:
     return AROUND.get(path.suffix) or AROUND.get(path.name) or AROUND.get(text[:2])
 
 
-def notice(path: pathlib.Path) -> str:
-    """Return what the header of a file says; `path` is the one inside the project."""
-    return WHOLE if path.parts[0] == 'src' and path.suffix in CHECKED else SHORT
-
-
-def has_header(path: pathlib.Path, text: str) -> bool:
+def has_header(text: str) -> bool:
     """Return whether a file names a copyright, of any holder and year, and the licence."""
     head = text[:HEAD]
     named = re.search(r'^\W*Copyright \d{4}', head, re.MULTILINE)
-    return named is not None and notice(path).splitlines()[-1] in head
+    return named is not None and NOTICE.splitlines()[-1] in head
 
 
 def with_header(path: pathlib.Path, text: str) -> str:
     """Return the text with its header, below a first line that has to stay the first."""
     before, after = around(path, text) or ('', '')
-    lines = [f'{before}{line}{after}'.rstrip() + '\n' for line in notice(path).splitlines()]
+    lines = [f'{before}{line}{after}'.rstrip() + '\n' for line in NOTICE.splitlines()]
     first = re.match(r'(#!|<!doctype).*\n', text, re.IGNORECASE)
     kept = first[0] if first else ''
     rest = text.removeprefix(kept)
@@ -120,7 +95,7 @@ def missing(root: pathlib.Path) -> Iterator[tuple[pathlib.Path, str]]:
             text = (root / path).read_text(encoding='utf-8')
         except UnicodeDecodeError:
             continue
-        if text and around(path, text) and not has_header(path, text):
+        if text and around(path, text) and not has_header(text):
             yield path, text
 
 

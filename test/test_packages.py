@@ -146,11 +146,11 @@ def test_setup_py_says_what_package_xml_says(path: pathlib.Path) -> None:
 
 
 @every_python_package
-def test_the_linters_of_ament_are_asked_for_and_asked(path: pathlib.Path) -> None:
-    asked = (path / 'test/test_ament_linters.py').read_text(encoding='utf-8')
-    assert asked == (PYTHON_PACKAGES[0] / 'test/test_ament_linters.py').read_text(encoding='utf-8')
-    wanted = {each.name for each in described(path).test_depends}
-    assert {'ament_copyright', 'ament_flake8', 'ament_pep257', 'ament_xmllint'} <= wanted
+@pytest.mark.parametrize('linter', ['flake8', 'pep257', 'xmllint'])
+def test_a_linter_of_ament_has_nothing_to_say(linter: str, path: pathlib.Path) -> None:
+    reason = "ament's linters are not installed: they come with ROS, not with its wheels"
+    module = pytest.importorskip(f'ament_{linter}.main', reason=reason)
+    assert module.main(argv=[str(path)]) == 0
 
 
 @every_python_package
@@ -233,9 +233,8 @@ def test_every_source_file_has_a_header() -> None:
 @pytest.mark.parametrize(
     ('name', 'text', 'first_lines'),
     [
-        ('src/new.py', '"""New."""\n', ['# Copyright', '#', '# Licensed']),
-        ('src/new.h', '#pragma once\n', ['// Copyright', '//', '// Licensed']),
-        ('test/new.py', '"""New."""\n', ['# Copyright', '# SPDX', '', '"""New']),
+        ('new.h', '#pragma once\n', ['// Copyright', '// SPDX', '', '#pragma']),
+        ('new.py', '"""New."""\n', ['# Copyright', '# SPDX', '', '"""New']),
         ('run', '#!/bin/sh\necho\n', ['#!/bin/sh', '# Copyright', '# SPDX', '', 'echo']),
         ('Makefile', '# All.\n', ['# Copyright', '# SPDX', '#', '# All.']),
         ('page.html', '<!doctype html>\n<p>\n', ['<!doctype', '<!-- Copy', '<!-- SPDX', '<p>']),

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 From what race control says to what pages show: words, tones and rows, as plain data.
@@ -121,7 +110,8 @@ def board(heard: Heard) -> Shown:
                 'tone': tone,
             }
         )
-    heats, heat = [*race.heats], _heat(race, results)
+    heats = [*race.heats]
+    heat = next((each for each in heats if each.name == race.heat), None)
     kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
     about = f'{kind.replace("_", " ").capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
@@ -271,20 +261,10 @@ def _headline(race: msg.Race) -> tuple[str, str]:
     return STATE_WORDS[state]
 
 
-def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
-    """Return the heat that is in the race; None: no heat of the roster is."""
-    racing = [kart.number for kart in race.karts if kart.in_race]
-    named = [heat for heat in race.heats if [*heat.karts] == racing]
-    if not named and not {*racing}.isdisjoint(each.kart for each in results.karts):
-        named = [each for each in race.heats if each.name == results.heat]  # a kart has left it
-    put = race.heat or results.heat
-    return next((each for each in named if each.name == put), (*named, None)[0])
-
-
 def _of_this_race(heard: Heard) -> msg.Results:
     """Return the results, unless another heat is in the race by now."""
-    heat = _heat(heard.race or msg.Race(), heard.results)
-    return heard.results if (heat.name if heat else '') == heard.results.heat else msg.Results()
+    race = heard.race or msg.Race()
+    return heard.results if race.heat == heard.results.heat else msg.Results()
 
 
 def _gap(result: msg.KartResult, results: msg.Results) -> str:

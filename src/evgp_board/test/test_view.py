@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """What pages show: the order, the words, and what nobody is to see."""
 
@@ -87,10 +76,10 @@ def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
         msg.Heat(name='Heat 2', karts=[9], format='time_trial', laps=5),
     ]
     before = results(result(7, 1, 6, 245.0), heat='Heat 1')
-    first = Heard(race(kart(3), kart(7), kart(9, in_race=False), heats=heats), before)
-    second = Heard(
-        race(kart(3, in_race=False), kart(7, in_race=False), kart(9), heats=heats), before
-    )
+    karts = kart(3), kart(7), kart(9, in_race=False)
+    first = Heard(race(*karts, heats=heats, heat='Heat 1'), before)
+    karts = kart(3, in_race=False), kart(7, in_race=False), kart(9)
+    second = Heard(race(*karts, heats=heats, heat='Heat 2'), before)
     assert shown(first) == [(1, 7, '4:05.000'), ('', 3, '')]
     assert 'Heat 2' in view.board(first)['sub']
     assert shown(second) == [('', 9, '')]

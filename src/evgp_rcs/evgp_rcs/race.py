@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 The rules of the race: who is sent what, which command is allowed, and why not.
@@ -242,7 +231,7 @@ class Starts(NamedTuple):
     In which order karts are to start, by the results that there are. No kart is sent it.
 
     :param grids: of each heat of the roster its karts in that order; empty: nothing says one yet.
-    :param heat: the name of the heat that was last put into the race; empty: none.
+    :param heat: the name of the heat in the race; empty: none.
     :param next_heat: whose turn is next of the heats of one kart that were not raced; empty:
         nobody's.
     """
@@ -304,7 +293,7 @@ class Event(NamedTuple):
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
     :param lap: for LAP: its number, from 1.
     :param race: the number of the race that was under way; 0: none was.
-    :param heat: the name of the heat that was last put into the race; empty: none was.
+    :param heat: the name of the heat in the race; empty: none is.
     """
 
     kind: EventKind
@@ -587,6 +576,7 @@ class RaceMemory:
     :param unstated: no official has stated yet that no race is under way anywhere.
     :param laps: of the race that was started last; ``heats``: the results of the heats before.
     :param given: the transponders that officials gave to karts.
+    :param heat: the heat that was last put into the race; empty: none was.
     """
 
     state: RaceState
@@ -596,6 +586,7 @@ class RaceMemory:
     laps: LapsMemory = NO_LAPS
     given: tuple[Owner, ...] = ()
     heats: tuple[LapsMemory, ...] = ()
+    heat: str = ''
 
     @property
     def at_rest(self) -> bool:
@@ -706,8 +697,9 @@ class Race:
         """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
         self.race_since: float | None = None
         """When the last race of this run began (s); None: none did, as far as this run knows."""
-        self.heat = ''
-        """The name of the heat that was last put into the race; empty: none was."""
+        racing = tuple(sorted(each.number for each in self.racing()))
+        alike = [heat.name for heat in self.heats if tuple(sorted(heat.karts)) == racing]
+        self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
         self.msr_used = False
         self.past_unknown = False
@@ -745,7 +737,7 @@ class Race:
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
         laps, heats = self.laps.memory(), self.laps.heats.kept
         track = self.track_open, self.unstated
-        return RaceMemory(self.state, karts, *track, laps, self.given, heats)
+        return RaceMemory(self.state, karts, *track, laps, self.given, heats, self._put_in)
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -774,6 +766,7 @@ class Race:
             self.track_open = last_run is LastRun.ENDED_OPEN
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
+        self._put_in = '' if memory is None else memory.heat
         gone: list[Kart] = []
         for number, before in ({} if memory is None else memory.karts).items():
             kart = self.karts.get(number)
@@ -1536,7 +1529,7 @@ class Race:
         for each in self.karts.values():
             each.in_race = each.number in heat.karts
             self._redirect(each, now)
-        self.heat = heat.name
+        self._put_in = heat.name
         chosen = list(self.racing())
         text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
         absent = [each for each in chosen if not each.connected]
@@ -1927,9 +1920,23 @@ class Race:
             results = self.laps.standings(Format(source)) if source else ()
         return [each.kart for each in results]
 
+    @property
+    def heat(self) -> str:
+        """Return the name of the heat in the race; empty: none is."""
+        return self._heat().name
+
     def _heat(self) -> Heat:
-        """Return the heat that was last put into the race; without a name: none was."""
-        return next((heat for heat in self.heats if heat.name == self.heat), Heat('', ()))
+        """
+        Return the heat in the race; without a name: none is.
+
+        It is the one that was last put in, or at the start the only one with the roster's karts.
+        Karts may leave it; with a kart of another heat, or without any, it is in the race no more.
+        """
+        racing = {each.number for each in self.racing()}
+        for heat in self.heats:
+            if heat.name == self._put_in and racing and racing <= {*heat.karts}:
+                return heat
+        return Heat('', ())
 
     def _laps_from(self, green: float) -> Laps:
         """Return the laps of a race that begins at this time, with the karts that are in it."""

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 The record: every event of race control, and what a race must find again after a crash (§3.E).
@@ -83,7 +72,7 @@ CREATE TABLE event (
     alert TEXT, -- of an alert, a name of AlertKind
     hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
     race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
-    heat TEXT NOT NULL, -- the heat that was last put into the race; empty: none
+    heat TEXT NOT NULL, -- the heat in the race; empty: none
     after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel,
         -- of LAP, its time, s
     grade TEXT, -- of LINK_GRADE, a name of Grade

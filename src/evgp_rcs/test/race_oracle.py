@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 An oracle for the rules of the race, and an exhaustive search that puts every question to it.
@@ -132,6 +121,7 @@ PROPERTIES = {
     'finish-put-off': 'S: the RED_FLAG of a finish comes in time, unless it was taken back before',
     'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
     'uninspected': 'where an inspection is required, no kart without one joins or starts',
+    'heat': 'the heat put in last is in the race, until a kart of another one is, or none at all',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
     'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
@@ -384,7 +374,8 @@ class Facts(NamedTuple):
     :param grid_last: GRID_ACTIVE was the last button.
     :param paused: until when what loosens is refused.
     :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
-    :param wanted: the laps of the heat that is in the race.
+    :param heat: the heat that was last put into the race, or at first the only one with its karts;
+        None: not looked at.
     :param owner: whose the transponder is; 0: nobody's.
     :param seen: the numbers of all passings; ``struck``: of those after a restart, which no lap is
         counted by, the numbers of those that are struck out.
@@ -396,7 +387,7 @@ class Facts(NamedTuple):
     paused: float
     karts: tuple[KartFacts, ...]
     outlived: bool = False
-    wanted: int = 0
+    heat: str | None = ''
     owner: int = 0
     seen: frozenset[int] = frozenset()
     struck: frozenset[int] = frozenset()
@@ -512,11 +503,18 @@ def look(race: Any) -> View:
 
 def remember(view: View) -> Facts:
     """Return the memory with which the oracle begins, before anything has happened."""
-    return Facts(False, view.paused, tuple(KartFacts() for _ in view.karts))
+    racing = [kart.number for kart in view.karts if kart.in_race]
+    alike = [heat.name for heat in view.heats if sorted(heat.karts) == sorted(racing)]
+    heat = alike[0] if len(alike) == 1 else ''
+    return Facts(False, view.paused, tuple(KartFacts() for _ in view.karts), heat=heat)
 
 
-def recall(view: View, now: float) -> Facts:
-    """Return the memory with which the oracle begins after a restart."""
+def recall(view: View, now: float, heat: str | None = '') -> Facts:
+    """
+    Return the memory with which the oracle begins after a restart.
+
+    :param heat: that had been put into the race, if race control can know it.
+    """
     return Facts(
         False,
         view.paused,
@@ -524,6 +522,7 @@ def recall(view: View, now: float) -> Facts:
             KartFacts(lost=True, phase=0, missing=now if kart.doubt else None)
             for kart in view.karts
         ),
+        heat=heat,
     )
 
 
@@ -748,6 +747,13 @@ def fate(
     if given.kind == 'COUNT_PASSING' and _finishes(view, facts, given, now):
         return 'finishes'
     return 'waits' if waits else 'accepted'
+
+
+def _heat_in_race(view: View, facts: Facts) -> Any:
+    """Return the heat in the race; None: none is."""
+    racing = {kart.number for kart in view.karts if kart.in_race}
+    put_in = (heat for heat in view.heats if heat.name == facts.heat)
+    return next((heat for heat in put_in if racing and racing <= {*heat.karts}), None)
 
 
 def _heat_exists(view: View, given: Input) -> bool:
@@ -1211,14 +1217,14 @@ def _learn_laps(
     elif given.what == 'command' and becomes != 'accepted':
         return facts
     if kind == 'SET_HEAT':
-        (wanted,) = (heat.laps for heat in before.heats if heat.name == given.heat)
-        return facts._replace(wanted=wanted)
+        return facts if facts.heat is None else facts._replace(heat=given.heat)
     if kind == 'GIVE_TRANSPONDER':
         return facts._replace(owner=kart)
     if kind == 'GRID_ACTIVE' and before.state is IN_GARAGE:
         return facts._replace(laps=None)
     if kind == 'GREEN_GREEN':
-        return facts._replace(laps=LapFacts(now, facts.wanted, after.timed, times))
+        heat = _heat_in_race(after, facts)
+        return facts._replace(laps=LapFacts(now, heat.laps if heat else 0, after.timed, times))
     laps = facts.laps
     if laps is None:
         if kind == 'STRIKE_PASSING':
@@ -1731,7 +1737,7 @@ def check_recovery(
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
-    check_state(again, after, recall(after, now), now)
+    check_state(again, after, recall(after, now, None), now)
 
 
 def _in_force(view: View, kind: str, number: int) -> bool:
@@ -1843,6 +1849,9 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         raise RuleBrokenError('track-access', f'{access} in {view}')
     if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
         raise RuleBrokenError('track-access', f'{access} in {view}')
+    heat = _heat_in_race(view, facts)
+    if facts.heat is not None and race.heat != (heat.name if heat else ''):
+        raise RuleBrokenError('heat', f'{race.heat!r} in {view}, after {facts.heat!r}')
     told = race.alerts(now)
     alerts = {(alert.kind.name, alert.kart) for alert in told}
     expected = expect_alerts(view, facts, now, race.times)
@@ -2122,7 +2131,7 @@ class Search:
         laps = facts.laps
         since = laps is not None and (now - laps.green, laps.passings, laps.struck, laps.out)
         known = facts.seen if laps is None else len(facts.seen)
-        return facts.wanted, facts.owner, known, facts.struck, view.timed, view.penalties, since
+        return facts.heat, facts.owner, known, facts.struck, view.timed, view.penalties, since
 
     def _kart_key(
         self,
@@ -2196,10 +2205,12 @@ class Search:
             memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
-            return recall(look(self.race), 0.0), 0.0
+            return recall(look(self.race), 0.0, '' if self.laps else None), 0.0
         if self.begin == 'first':
             self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
+        if not self.laps:
+            facts = facts._replace(heat=None)
         way = []
         if self.laps:
             chosen = tuple(n for n in self.numbers if self.race.karts[n].in_race)

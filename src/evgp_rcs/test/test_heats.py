@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """Standings over heats, and the order of start that follows from results."""
 
@@ -34,7 +23,7 @@ from evgp_rcs.laps import (
     MOST_OF_HEATS,
     overall,
 )
-from evgp_rcs.race import Answer, Command, Heat, LastRun, Race, RaceMemory
+from evgp_rcs.race import Answer, Command, Heat, Kart, LastRun, Race, RaceMemory
 from evgp_rcs.rcs_record import main
 from evgp_rcs.snapshot import snapshot_of, standings_of
 from hypothesis import given
@@ -207,6 +196,56 @@ def test_after_a_restart_the_standing_and_the_order_of_start_are_as_before(
     assert again.laps.grid == before.laps.grid
     assert again.laps.standings(Format.TIME_TRIAL) == before.laps.standings(Format.TIME_TRIAL)
     assert again.memory().heats == before.memory().heats
+
+
+FIELD = {1: 'Ohm', 2: 'Volta', 3: 'Tesla', 4: 'Watt'}
+PAIRS = (Heat('Heat 1', (1, 2), laps=3), Heat('Heat 2', (3, 4), laps=3))
+
+
+@pytest.mark.parametrize(
+    ('heats', 'in_race', 'heat'),
+    [
+        (PAIRS, (1, 2), 'Heat 1'),
+        (PAIRS, (1,), ''),
+        (PAIRS, (1, 3), ''),
+        ((*PAIRS, Heat('Final', (1, 2))), (1, 2), ''),  # nobody knows which
+    ],
+)
+def test_the_race_begins_with_the_heat_that_alone_has_its_karts(
+    heats: tuple[Heat, ...], in_race: tuple[int, ...], heat: str
+) -> None:
+    karts = [Kart(number, in_race=number in in_race) for number in FIELD]
+    assert Race(karts, heats=heats).heat == heat
+
+
+def test_a_heat_is_in_the_race_until_a_kart_of_another_one_is_or_none_at_all() -> None:
+    paper = PaperRace(FIELD, PAIRS)
+
+    def after(*given: tuple[CommandKind, int]) -> str:
+        for kind, kart in given:
+            paper.command(kind, kart)
+        assert snapshot_of(paper.race, paper.now).starts.heat == paper.race.heat
+        return paper.race.heat
+
+    join, leave = CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE
+    paper.command(CommandKind.SET_HEAT, heat='Heat 1')
+    assert after((leave, 2)) == 'Heat 1'  # it broke down
+    assert after((join, 3)) == ''
+    assert after((leave, 3)) == 'Heat 1'
+    assert after((leave, 1)) == ''
+    assert after((join, 3), (join, 4)) == ''
+    paper.command(CommandKind.GRID_ACTIVE)
+    assert paper.race.laps.heat == ''
+
+
+def test_the_heat_in_the_race_outlives_a_crash_before_grid_active() -> None:
+    paper = PaperRace(FIELD, PAIRS)
+    paper.command(CommandKind.SET_HEAT, heat='Heat 2')
+    again = PaperRace(FIELD, PAIRS).race
+
+    again.recover(read(RaceMemory, written(paper.race.memory())), LastRun.UNKNOWN, 5000.0)
+
+    assert again.heat == 'Heat 2'
 
 
 def test_what_a_green_writes_has_the_results_too(paper: PaperRace) -> None:

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The rules of the race by example: what officials, karts and time do, and what comes of it."""
 
@@ -1052,8 +1041,8 @@ def test_passings_from_before_green_that_are_said_again_count_for_nothing(
 def test_a_finish_that_race_control_gives_names_itself_as_the_cause() -> None:
     times = dataclasses.replace(NO_PAUSE, auto_finish=True)
     officials = Officials(times)
-    officials.race.heats = (Heat('final', HEATS[0].karts, laps=1),)
-    officials.race.heat = 'final'
+    officials.race.heats = (dataclasses.replace(HEATS[0], laps=1),)
+    officials.command('SET_HEAT')
     officials.to_green()
     crossing(officials, 1, 1)
     officials.wait(10.0)

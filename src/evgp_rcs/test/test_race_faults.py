@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 Faults put into the rules of the race on purpose: the oracle's search must find every one.
@@ -96,6 +85,7 @@ WORLDS = {
     'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
     'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
     'laps of two': world(40, 2, 0, 'green', laps=True, then=(SEEN,)),
+    'laps in the garage': world(60, 1, 1, laps=True),
     'laps outside': world(5, 1, 1, 'green', laps=True),
     'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
     'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
@@ -661,6 +651,9 @@ a kart is penalised that did not start: availability [laps outside]
     _not_started: if kart.number in self.laps.of_heat(heat).karts => if True
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
+a heat stays in the race with karts of another one: heat [laps in the garage]
+    _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
+        heat.name == self._put_in and racing
 a restart forgets the laps: restart [laps by hand]
     recover: self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats)) => pass
 a race that nobody can stop goes on: nobody-there, effect [people in green]

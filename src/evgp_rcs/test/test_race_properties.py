@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The rules of the race along random histories of up to eight karts, against the oracle."""
 
@@ -351,7 +340,7 @@ class Races(RuleBasedStateMachine):
     @rule(known=st.sampled_from((True, True, False)), last_run=st.sampled_from(rules.LastRun))
     def race_control_is_restarted(self, known: bool, last_run: rules.LastRun) -> None:
         """Nothing moves after it; unless all was home, every kart is held."""
-        left, owner = self.race, self.facts.owner
+        left, owner, heat = self.race, self.facts.owner, self.facts.heat
         before = oracle.look(left)
         # Of a race that crashed while a start waited, it knows what was written for the start.
         started = left.start.command.karts if left.start is not None else frozenset()
@@ -373,7 +362,7 @@ class Races(RuleBasedStateMachine):
             for kart in view.karts:
                 assert kart.hold is kart.sent is RaceState.RED_RED
                 assert kart.moving or not known or kart.number not in started
-            self.facts = oracle.recall(view, self.now)
+            self.facts = oracle.recall(view, self.now, heat if known else '')
         if known:
             self.facts = self.facts._replace(owner=owner)
         oracle.check_state(self.race, view, self.facts, self.now)

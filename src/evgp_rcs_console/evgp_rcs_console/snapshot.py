@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 What `~/race`, `~/events` and `~/results` say, as an official's screen needs it, without ROS.
@@ -181,7 +170,7 @@ class Race:
     :param state_clock: when, by race control's wall clock, as hours:minutes:seconds.
     :param banner: what every screen says at its top; empty: nothing.
     :param laps: how many laps the race that was started last has; 0: no number is set.
-    :param heat: the name of the heat that was last put into the race; empty: none.
+    :param heat: the name of the heat in the race; empty: none.
     :param next_heat: the name of the heat whose turn is next; empty: nobody's.
     :param able_to_stop: from how many programs officials can stop it; ``who_can_stop``: which.
     """
@@ -205,10 +194,8 @@ class Race:
 
     @property
     def heat_in_race(self) -> Heat | None:
-        """Return the heat of the karts in the race; of several, the one that was put into it."""
-        racing = tuple(kart.number for kart in self.karts if kart.in_race)
-        named = [heat for heat in self.heats if heat.karts == racing]
-        return next((heat for heat in named if heat.name == self.heat), (*named, None)[0])
+        """Return the heat in the race."""
+        return next((heat for heat in self.heats if heat.name == self.heat), None)
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """From a snapshot to what is shown."""
 
@@ -277,7 +266,8 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
 def with_heats() -> Race:
     """Return a race of kart 7, with a heat of it and another one."""
     karts = (replace(KART, number=3, in_race=False), KART)
-    return replace(RACE, karts=karts, heats=(Heat('Heat A', (3,)), Heat('Final', (7,))))
+    heats = (Heat('Heat A', (3,)), Heat('Final', (7,)))
+    return replace(RACE, karts=karts, heats=heats, heat='Final')
 
 
 def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
@@ -296,7 +286,8 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
         Heat('Consolation', (3, 7, 9), 'Final'),
     )
     karts = (replace(KART, number=3), KART)
-    race = replace(RACE, karts=karts, heats=heats, next_heat='TT 3', state=State.IN_GARAGE)
+    named = {'heats': heats, 'heat': 'Final', 'next_heat': 'TT 3'}
+    race = replace(RACE, karts=karts, state=State.IN_GARAGE, **named)
 
     screen = show(race, 0.0, {})
 
@@ -808,9 +799,9 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
     assert not show(race, 0.0, {}, SILENT).reminder
 
 
-def test_of_heats_with_the_same_karts_the_one_that_was_put_into_the_race_is_named() -> None:
+def test_the_heat_in_the_race_is_what_race_control_says_and_not_what_the_karts_suggest() -> None:
     karts = tuple(kart.number for kart in RACE.karts if kart.in_race)
     heats = tuple(Heat(name, karts) for name in ('Practice', 'Final'))
 
     assert replace(RACE, heats=heats, heat='Final').heat_in_race == heats[1]
-    assert replace(RACE, heats=heats).heat_in_race == heats[0]
+    assert replace(RACE, heats=heats).heat_in_race is None
