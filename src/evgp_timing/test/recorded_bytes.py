@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-
 from evgp_timing.kinds import DECODERS
 from evgp_timing.passings import Decoder, Event, Passing, Sign
 
