@@ -77,6 +77,8 @@ def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
 
     program = [f'{deb.HOME}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60']
     with subprocess.Popen(program, executable=shutil.which('sleep')) as running:
+        while not pathlib.Path(f'/proc/{running.pid}/cmdline').read_bytes():
+            pass  # the kernel has not put it there yet
         assert upgrade() == 1
         running.kill()
     assert upgrade() == 0

@@ -160,12 +160,16 @@ def test_where_events_are_missing_nobody_is_said_to_have_not_finished(paper: Pap
 # ----- heats ----------------------------------------------------------------------------------
 
 
-def test_a_heat_keeps_its_name_with_karts_put_in_and_out(paper: PaperRace) -> None:
+@pytest.mark.parametrize(('joins', 'heat'), [((), 'Heat A'), ((9,), '')])
+def test_a_heat_keeps_its_name_without_a_kart_and_not_with_one_of_another_heat(
+    paper: PaperRace, joins: tuple[int, ...], heat: str
+) -> None:
     paper.command(CommandKind.SET_HEAT, heat='Heat A')
     paper.command(CommandKind.LEAVE_RACE, 8)
-    paper.command(CommandKind.JOIN_RACE, 9)
+    for kart in joins:
+        paper.command(CommandKind.JOIN_RACE, kart)
     paper.drive()
-    assert heats(paper) == ['Heat A']
+    assert heats(paper) == [heat]
 
 
 def test_a_race_without_a_heat_has_no_name_although_its_karts_are_those_of_one(
