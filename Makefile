@@ -34,7 +34,7 @@ RECORD :=
 INTERFACE :=
 
 # Who commands from the window or by ctl; empty: the name that is kept, or else asked for.
-OFFICIAL :=
+OFFICIAL ?=
 OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
@@ -143,7 +143,7 @@ takeover:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover '$(ADDRESS)' '$(INTERFACE)' $(ARGS)
 
 roster:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
+	@$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
 
 record:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)

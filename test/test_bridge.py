@@ -1143,7 +1143,7 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_i
 ) -> None:
     driven.go()
     driven.race.bridge.signal(signal.SIGSTOP)
-    driven.driver.wait_for_line('nothing for 0.5 s: stops')
+    driven.driver.wait_for_line('nothing on kart_bridge/state for 0.5 s: stops')
     driven.base.wait_for_speed(lambda speed: speed == 0.0)
     driven.race.bridge.signal(signal.SIGCONT)
     driven.race.team.wait_for_state(RED_RED)

@@ -56,7 +56,7 @@ class Driver(Node):
         self.armed = self.armed and not silent
         text = self.state
         if silent:
-            self.wanted, text = 0.0, f'nothing for {LEASE} s: stops'
+            self.wanted, text = 0.0, f'nothing on kart_bridge/state for {LEASE} s: stops'
         elif self.state == 'GREEN_GREEN' and self.armed:
             self.wanted = 6.0
         elif self.state == 'RED_FLAG':  # gently: 10 s from 6 m/s

@@ -167,8 +167,9 @@ class _Parser:
         foreign, missing = as_roster(text)
         if foreign:
             error = RosterError(
-                f"{self._source}: is a list of another program, not a roster; 'rcs_roster check' "
-                f"('make roster') prints it as one: save that, and fill in each {missing}"
+                f"{self._source}: is a list of another program, not a roster. 'make -s roster "
+                f"ROSTER={self._source} > new.yaml' makes one of it (rcs_roster check): fill in "
+                f'each {missing}, and check it again'
             )
             error.as_roster = foreign
             raise error

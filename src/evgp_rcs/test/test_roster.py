@@ -303,7 +303,7 @@ def test_a_comment_makes_no_foreign_list_of_a_roster(comment: str) -> None:
 def test_a_race_control_that_is_given_a_foreign_list_says_what_makes_a_roster_of_it() -> None:
     for text in (OLD_SOFTWARE, ENTRY_LIST):
         assert fault_of(text).startswith('karts.yaml: is a list of another program, ')
-        assert 'make roster' in fault_of(text)
+        assert 'roster ROSTER=karts.yaml > new.yaml' in fault_of(text)
 
 
 def test_a_hint_shows_what_cannot_be_printed_as_python_writes_it() -> None:
