@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import contextlib
 import itertools
 import os
@@ -17,7 +17,6 @@ import sys
 import time
 from typing import Any
 
-from ament_index_python.packages import get_package_prefix
 from evgp_kart_bridge.example_stack import COMMANDS
 from evgp_kart_bridge.lamp import BLUE, YELLOW
 from evgp_kart_bridge.node import UNREAD
@@ -508,11 +507,13 @@ def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
     assert 'Nobody has acknowledged IN_GARAGE' not in race.bridge.output
 
 
-@pytest.mark.parametrize('program', ['kart_bridge_node', 'shortest_stack'])
-def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: str) -> None:
+def refused(
+    package: str, program: str, arguments: Sequence[str], **environment: str
+) -> subprocess.CompletedProcess[str]:
+    """Return how a program ended that refuses to start in this environment."""
     done = subprocess.run(
-        [executable('evgp_kart_bridge', program), '--ros-args', '-p', 'host:=127.0.0.1'],
-        env={**os.environ, 'RMW_IMPLEMENTATION': 'rmw_none_cpp'},
+        [executable(package, program), *arguments],
+        env={**os.environ, **environment},
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -520,6 +521,13 @@ def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: 
         check=False,
     )
     assert done.returncode == 2, done.stderr
+    return done
+
+
+@pytest.mark.parametrize('program', ['kart_bridge_node', 'shortest_stack'])
+def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: str) -> None:
+    arguments = '--ros-args', '-p', 'host:=127.0.0.1'
+    done = refused('evgp_kart_bridge', program, arguments, RMW_IMPLEMENTATION='rmw_none_cpp')
     assert 'RMW_IMPLEMENTATION is rmw_none_cpp, which is not installed here' in done.stderr
     assert len(done.stderr.splitlines()) == 1, done.stderr
 
@@ -1022,16 +1030,7 @@ def test_a_wrong_setting_is_refused_in_one_sentence(
 def test_a_ros_domain_that_does_not_exist_is_refused_in_one_sentence(
     package: str, program: str, arguments: tuple[str, ...], domain: int
 ) -> None:
-    done = subprocess.run(
-        [pathlib.Path(get_package_prefix(package), 'lib', package, program), *arguments],
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=False,
-    )
-    assert done.returncode == 2, done.stderr
+    done = refused(package, program, arguments, ROS_DOMAIN_ID=str(domain))
     said = (done.stdout + done.stderr).strip()
     assert str(domain) in said
     assert len(said.splitlines()) == 1, said

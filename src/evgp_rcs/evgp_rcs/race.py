@@ -697,8 +697,8 @@ class Race:
         """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
         self.race_since: float | None = None
         """When the last race of this run began (s); None: none did, as far as this run knows."""
-        racing = tuple(sorted(each.number for each in self.racing()))
-        alike = [heat.name for heat in self.heats if tuple(sorted(heat.karts)) == racing]
+        racing = {each.number for each in self.racing()}
+        alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
         self.msr_used = False
