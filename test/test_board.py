@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable, Iterator
 import contextlib
-import itertools
 import os
 import pathlib
 import signal
@@ -16,15 +15,17 @@ import socket
 import threading
 from typing import Any
 
-from builtin_interfaces.msg import Time
-from evgp_board import node, view
+from evgp_board import node
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard, Line
 from evgp_protocol import clock
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import read_race
-from evgp_rcs_console.view import show
-from evgp_rcs_msgs import msg
+from evgp_protocol.states import RaceState as S
+from evgp_rcs.laps import KartResult, Status
+from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.race import Kart, Race
+from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of, Standings
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
@@ -36,7 +37,6 @@ from rig.browser import Browser
 from rig.needs import cannot_run
 from test_security import allowed
 
-S = msg.RaceState
 HOSTILE = '<img src=x onerror=document.title="hacked">'
 
 StartBoard = Callable[[int], tuple[Process, str]]
@@ -163,33 +163,20 @@ def test_a_board_that_may_not_listen_there_says_why_in_one_sentence(
     assert len(board.lines) == 1
 
 
+def seen(number: int, **fields: Any) -> KartSnapshot:
+    (kart,) = snapshot_of(Race([Kart(number, '', True)]), 0.0).karts
+    return kart._replace(connected=True, **fields)
+
+
 def test_a_board_on_the_network_of_the_karts_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     networks = {'10.0.0.5': '10.0.0.0/24', '10.2.0.5': '10.2.0.0/24', '127.0.0.1': '127.0.0.0/8'}
     monkeypatch.setattr(node, 'network_of', lambda at: node.ipaddress.IPv4Network(networks[at]))
-    karts = [msg.KartStatus(number=7, address=each) for each in ('10.0.0.107', '127.0.0.8')]
-    race = msg.Race(karts=karts)
+    karts = tuple(seen(7, address=each) for each in ('10.0.0.107', '127.0.0.8'))
+    race = NOTHING._replace(karts=karts)
     for allowed_at in ('10.2.0.5', '127.0.0.1'):
         node.refuse_karts_network(allowed_at, race)
     with pytest.raises(node.PlaceError):
         node.refuse_karts_network('10.0.0.5', race)
-
-
-def test_the_board_says_of_the_race_what_the_window_says() -> None:
-    def kart(number: int, sent: int | None, in_race: bool) -> msg.KartStatus:
-        state = S(state=S.RED_RED if sent is None else sent)
-        return msg.KartStatus(
-            number=number, sent=state, connected=sent is not None, in_race=in_race
-        )
-
-    states = range(S.IN_GARAGE, S.RED_RED + 1)
-    for state, one, other, in_race in itertools.product(
-        states, (None, *states), (None, *states), (True, False)
-    ):
-        race = msg.Race(state=S(state=state), karts=[kart(1, one, in_race), kart(2, other, True)])
-        said = show(read_race(race), 0.0, {}).state
-        page = view.board(Heard(race))
-        assert page['head'] == said.text
-        assert page['tone'] == said.tone.value
 
 
 @contextlib.contextmanager
@@ -212,58 +199,56 @@ TEAMS = ('Purdue', 'Georgia Tech', 'UC Berkeley', 'Toledo', 'Michigan', 'Kennesa
 
 def made_up(count: int) -> Heard:
     """Return a race of so many karts, with everything that a page can show of them."""
-    now = 1_774_000_000
+    now = 1_774_000_000.0
     numbers = [7, 3, 12, 23, 11, 21, *range(30, 24 + count)][:count]
     teams = [TEAMS[at] if at < 6 else f'University {HOSTILE}' for at in range(count)]
-    link = msg.LinkQuality(
-        grade=1,
-        round_trip=0.019,
-        worst_answer=0.12,
-        delivered_after=0.006,
-        acknowledged_after=0.31,
-    )
+    link = NOT_MEASURED._replace(grade=Grade.GOOD, round_trip=0.019, worst_answer=0.12)
     sent = {7: S.RED_FLAG, 21: S.RED_RED}
-    karts = [
-        msg.KartStatus(
-            number=number,
+    karts = tuple(
+        seen(
+            number,
             team=team,
-            in_race=True,
-            connected=number != 23,
-            sent=S(state=sent.get(number, S.GREEN_GREEN)),
-            sent_since=Time(sec=now - 252, nanosec=118_000_000),
+            sent=sent.get(number, S.GREEN_GREEN),
+            sent_since=now - 251.882,
             acknowledged=True,
+            delivered_after=0.006,
+            acknowledged_after=0.31,
             link=link,
             place=int(number == 7),
             laps=5,
             last_lap=44.9,
             best_lap=43.66,
-        )
+        )._replace(connected=number != 23)
         for number, team in zip(numbers, teams, strict=True)
-    ]
-    heats = [msg.Heat(name='Heat 2', karts=numbers, format='race', laps=6)]
-    heats += [msg.Heat(name='Heat 3', karts=[5, 8, 42, 64], format='race', laps=6)]
-    race = msg.Race(
-        stamp=Time(sec=now),
-        state=S(state=S.GREEN_GREEN),
-        state_since=Time(sec=now - 252),
+    )
+    heats = (
+        HeatSnapshot('Heat 2', tuple(numbers), laps=6),
+        HeatSnapshot('Heat 3', (5, 8, 42, 64), laps=6),
+    )
+    race = NOTHING._replace(
+        stamp=now,
+        state=S.GREEN_GREEN,
+        state_since=now - 252,
         karts=karts,
         laps=6,
         heats=heats,
     )
-    results = msg.Results(heat='Heat 2', format='race', laps=6)
-    for place, kart in enumerate(karts, 1):
-        laps, best = 6 - place // 4, 39.4 + 0.7 * place
-        results.karts.append(
-            msg.KartResult(
-                kart=kart.number,
-                team=kart.team,
-                place=place,
-                laps=laps,
-                total=241.9 + 3.4 * place,
-                best=best,
-                lap_times=[best + 0.3 * lap for lap in range(laps)],
+    results = Standings(
+        heat='Heat 2',
+        laps=6,
+        karts=tuple(
+            KartResult(
+                kart.number,
+                place,
+                Status.RUNNING,
+                6 - place // 4,
+                241.9 + 3.4 * place,
+                tuple(39.4 + 0.7 * place + 0.3 * lap for lap in range(6 - place // 4)),
+                (),
             )
-        )
+            for place, kart in enumerate(karts, 1)
+        ),
+    )
     said = ['Connected', 'GRID ACTIVE sent', 'GRID ACTIVE answered', 'GREEN GREEN sent']
     log = tuple(Line(text, f'14:2{at}:11.6') for at, text in enumerate(said))
     return Heard(race, results, log={11: log})

@@ -25,7 +25,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.messages import race_message
+from evgp_rcs.messages import message_of
 from evgp_rcs.official import UNNAMED
 from evgp_rcs.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
@@ -1009,7 +1009,9 @@ def race_with_links() -> msg.Race:
     for number, link in LINKS.items():
         paper.take(paper.race.measured(number, link, paper.now))
     paper.wait(1.0)
-    return race_message(snapshot_of(paper.race, paper.now), time.time_ns(), {})
+    clock_ns = time.time_ns() - round(paper.now * 1e9)
+    race: msg.Race = message_of(snapshot_of(paper.race, paper.now), msg.Race, clock_ns)
+    return race
 
 
 @pytest.mark.long

@@ -19,7 +19,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.messages import race_message
+from evgp_rcs.messages import message_of, value_of
 from evgp_rcs.race import (
     Command,
     Doubt,
@@ -31,13 +31,11 @@ from evgp_rcs.race import (
     RaceTimes,
     StartPhase,
 )
-from evgp_rcs.snapshot import snapshot_of
-from evgp_rcs_console.client import read_race
+from evgp_rcs.snapshot import KartSnapshot, Snapshot, snapshot_of
+from evgp_rcs_console.client import spoken
 from evgp_rcs_console.commands import asks, Effects, effects
-from evgp_rcs_console.snapshot import Available, State
-from evgp_rcs_console.snapshot import Kart as ShownKart
-from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
+from evgp_rcs_msgs import msg
 import pytest
 from rig.seed import dice_of
 
@@ -64,9 +62,9 @@ LETS_HUMANS_NEAR = (
 )
 
 
-def published(race: Race, now: float) -> ShownRace:
+def published(race: Race, now: float) -> Snapshot:
     """Return the race as a console reads it."""
-    return read_race(race_message(snapshot_of(race, now), round(now * 1e9), {}))
+    return value_of(message_of(snapshot_of(race, now), msg.Race), Snapshot, spoken)
 
 
 def given(button: Button) -> Command:
@@ -77,7 +75,7 @@ def given(button: Button) -> Command:
         seen.kart,
         seen.stated,
         frozenset(seen.karts),
-        None if seen.hold is State.UNKNOWN else RaceState(seen.hold.value),
+        seen.hold,
     )
 
 
@@ -90,7 +88,7 @@ class Question(NamedTuple):
 
     button: Button
     said: Effects
-    shown: ShownRace
+    shown: Snapshot
     race: Race
     now: float
 
@@ -170,20 +168,18 @@ class Walk:
         shown = published(race, self.now)
         screen = show(shown, 0.0, {})
         for command in ASKING:
-            karts: tuple[ShownKart | None, ...] = (
+            karts: tuple[KartSnapshot | None, ...] = (
                 shown.karts if CATALOGUE[command].to_one_kart else (None,)
             )
             for kart in karts:
                 button = screen.button(command, kart.number if kart else 0)
                 if button is None or not button.enabled:
                     continue
-                commands = kart.commands if kart else shown.commands
-                offered = commands.get(command, Available(False))
-                said = effects(command, shown, offered, kart)
+                said = effects(command, shown, (kart or shown).offered(command), kart)
                 yield Question(button, said, shown, race, self.now)
 
 
-def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
+def numbers(karts: tuple[KartSnapshot, ...]) -> set[int]:
     """Return the numbers of karts."""
     return {kart.number for kart in karts}
 
@@ -268,7 +264,7 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
     for button, _, shown, _, _ in questions:
         if button.command not in LETS_HUMANS_NEAR:
             continue
-        if shown.state in (State.GRID_ACTIVE, State.GREEN_GREEN):
+        if shown.state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
             continue  # that a race is under way is nothing wrong
         if not shown.track.allowed:
             against += 1

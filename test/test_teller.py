@@ -79,13 +79,13 @@ def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) ->
     telling.teller.start()
     telling.teller.race(race)
     first = telling.official.wait_for_race(lambda race: True, 'the race')
-    telling.teller.race(race._replace(at=race.at + 1.0))
+    telling.teller.race(race._replace(stamp=race.stamp + 1.0))
     again = telling.official.wait_for_race(
         lambda told: told.stamp != first.stamp, 'the race a second later'
     )
     assert str(again.karts) == str(first.karts)  # not ==: what is not known of a link is NaN
     assert again.stamp.sec - first.stamp.sec in (1, 2)
-    telling.teller.race(race._replace(at=race.at + 2.0, over=True))
+    telling.teller.race(race._replace(stamp=race.stamp + 2.0, over=True))
     telling.official.wait_for_race(lambda told: told.over, 'the change')
 
 

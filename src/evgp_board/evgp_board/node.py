@@ -10,6 +10,7 @@ A thread of its own runs the web server; ROS's only keeps what came last.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import ipaddress
 import os
@@ -19,12 +20,14 @@ import threading
 from typing import Any
 
 from evgp_board.server import Now, Server
-from evgp_board.view import Heard, Line, line_of, seconds_of
+from evgp_board.view import Heard, Line, line_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_protocol import clock
+from evgp_rcs.messages import event_of, value_of
+from evgp_rcs.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
@@ -80,9 +83,9 @@ class BoardNode(StrictNode):
         self._on_failure = on_failure
         # Each is replaced as a whole, in ROS's thread, and read in the server's.
         self._race: tuple[bytes, float] | None = None
-        self._results = msg.Results()
+        self._results = Standings()
         self._log: dict[int, tuple[Line, ...]] = {}
-        self._last_event = (0, 0.0)
+        self._last_event = (0, 0)
         self._shown: tuple[object, ...] = ()
         self._heard = Heard()
         self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
@@ -106,17 +109,22 @@ class BoardNode(StrictNode):
         self._race = message, clock.now()
 
     def _hear_results(self, message: msg.Results) -> None:
-        self._results = message
+        with contextlib.suppress(ValueError):  # it is not of this race control
+            self._results = value_of(message, Standings)
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         log = dict(self._log)
-        for event in message.events:
-            last, this = self._last_event, (event.sequence, seconds_of(event.stamp))
-            line = line_of(event)
+        for each in message.events:
+            try:
+                stamped = event_of(each)
+            except ValueError:
+                continue  # it is not of this race control
+            last, this = self._last_event, (stamped.sequence, stamped.wall_ns)
+            line, kart = line_of(stamped), stamped.event.kart
             # The last ones come again after the network was away.
             if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
                 self._last_event = this
-                log[event.kart] = (*log.get(event.kart, ()), line)[-MOST_LOGGED:]
+                log[kart] = (*log.get(kart, ()), line)[-MOST_LOGGED:]
         self._log = log
 
     # ----- in the server's thread ---------------------------------------------------------
@@ -142,8 +150,10 @@ class BoardNode(StrictNode):
         gone = at - came >= GONE_AFTER
         shown = message, results, log, gone
         if [*map(id, shown)] != [*map(id, self._shown)]:
-            race = deserialize_message(message, msg.Race)
-            refuse_karts_network(self._address, race)
+            race = None
+            with contextlib.suppress(ValueError):  # it is not of this race control
+                race = value_of(deserialize_message(message, msg.Race), Snapshot)
+                refuse_karts_network(self._address, race)
             self._shown, self._heard = shown, Heard(race, results, gone, log)
         return Now(self._heard, at - came)
 
@@ -177,7 +187,7 @@ def listen(address: str, port: int) -> socket.socket:
     return listening
 
 
-def refuse_karts_network(address: str, race: msg.Race) -> None:
+def refuse_karts_network(address: str, race: Snapshot) -> None:
     """
     Refuse to be where karts are.
 

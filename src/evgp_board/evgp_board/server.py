@@ -133,7 +133,7 @@ class _Stream:
         """Return what the page shows now, as an event of a stream."""
         self.is_due(now, at)
         race, age = now.heard.race, now.age or 0.0
-        of_day, green = view.time_of_day(race), view.green_for(race)
+        of_day, green = view.time_of_today(race), view.green_for(race)
         running = None if now.heard.gone or green is None else round(green + age, 2)
         times = {
             't': round(at, 3),

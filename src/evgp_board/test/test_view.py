@@ -9,42 +9,42 @@ import json
 import math
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from evgp_board import view
 from evgp_board.view import Heard
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState as S
+from evgp_rcs.laps import Format, KartResult, Penalty, Status
+from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.messages import value_of
+from evgp_rcs.race import Alert, AlertKind, Kart, Race, TrackAccess
+from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot, snapshot_of, Standings
 from evgp_rcs_msgs import msg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-S = msg.RaceState
 NAN = math.nan
 
 
-def state(number: int) -> msg.RaceState:
-    return msg.RaceState(state=number)
+def kart(number: int, sent: S = S.GREEN_GREEN, **fields: Any) -> KartSnapshot:
+    (seen,) = snapshot_of(Race([Kart(number, f'Team {number}', True)]), 0.0).karts
+    given = {'connected': True, 'acknowledged': True, 'address': '10.0.0.1', **fields}
+    return seen._replace(sent=sent, **given)
 
 
-def kart(number: int, sent: int = S.GREEN_GREEN, **fields: Any) -> msg.KartStatus:
-    given = {'in_race': True, 'connected': True, 'acknowledged': True, **fields}
-    return msg.KartStatus(
-        number=number, team=f'Team {number}', sent=state(sent), address='10.0.0.1', **given
-    )
+def race(*karts: KartSnapshot, is_in: S = S.GREEN_GREEN, **fields: Any) -> Snapshot:
+    return NOTHING._replace(state=is_in, karts=karts, stamp=1000.0, **fields)
 
 
-def race(*karts: msg.KartStatus, is_in: int = S.GREEN_GREEN, **fields: Any) -> msg.Race:
-    return msg.Race(state=state(is_in), karts=list(karts), stamp=Time(sec=1000), **fields)
+def result(
+    number: int, place: int, laps: int = 0, total: float | None = None, **fields: Any
+) -> KartResult:
+    plain = KartResult(number, place, Status.RUNNING, laps, total, (), ())
+    return plain._replace(**fields)
 
 
-def result(number: int, place: int, laps: int = 0, total: float = NAN, **fields: Any) -> Any:
-    given = {'best': NAN, 'last': NAN, **fields}
-    return msg.KartResult(
-        kart=number, team=f'Team {number}', place=place, laps=laps, total=total, **given
-    )
-
-
-def results(*karts: msg.KartResult, kind: str = 'race', heat: str = '') -> msg.Results:
-    return msg.Results(karts=list(karts), format=kind, heat=heat)
+def results(*karts: KartResult, kind: Format = Format.RACE, heat: str = '') -> Standings:
+    return Standings(karts=karts, format=kind, heat=heat)
 
 
 def shown(heard: Heard) -> list[tuple[Any, ...]]:
@@ -66,15 +66,15 @@ def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
 
 
 def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
-    found = results(result(7, 1, 2, 100.0, best=49.0, last=51.0), kind='practice')
+    found = results(result(7, 1, 2, 100.0, lap_times=(49.0, 51.0)), kind=Format.PRACTICE)
     assert shown(Heard(race(kart(7)), found)) == [(1, 7, '0:51.000')]
 
 
 def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
-    heats = [
-        msg.Heat(name='Heat 1', karts=[3, 7], format='race', laps=6),
-        msg.Heat(name='Heat 2', karts=[9], format='time_trial', laps=5),
-    ]
+    heats = (
+        HeatSnapshot('Heat 1', (3, 7), Format.RACE, 6),
+        HeatSnapshot('Heat 2', (9,), Format.TIME_TRIAL, 5),
+    )
     before = results(result(7, 1, 6, 245.0), heat='Heat 1')
     karts = kart(3), kart(7), kart(9, in_race=False)
     first = Heard(race(*karts, heats=heats, heat='Heat 1'), before)
@@ -104,16 +104,16 @@ def test_a_kart_has_stopped_only_if_race_control_counts_it_as_standing(
 
 
 def test_no_page_shows_an_official_an_address_or_that_humans_may_enter() -> None:
-    penalty = msg.Penalty(seconds=5, reason='Anna said so', official='Anna')
+    penalty = Penalty(7, 5, 0, False, 'Anna said so', 'Anna')
     heard = Heard(
         race(
-            kart(7, S.RED_RED, hold=state(S.RED_RED), hold_reason='RED_RED by Anna'),
+            kart(7, S.RED_RED, hold=S.RED_RED, hold_reason='RED_RED by Anna'),
             is_in=S.RED_RED,
             state_cause='ALL_KILL by Anna',
-            alerts=[msg.Alert(kind=msg.Alert.PART_FAILED - 1, kart=7, text='10.0.0.1, Anna')],
-            track=msg.TrackAccess(open=True, allowed=True, reason='humans may enter'),
+            alerts=(Alert(AlertKind.KART_LOST, 7, 0.0, '10.0.0.1, Anna', False),),
+            track=TrackAccess(True, True, 'humans may enter', False),
         ),
-        results(result(7, 1, 3, 100.0, penalties=[penalty])),
+        results(result(7, 1, 3, 100.0, penalties=(penalty,))),
         log={7: [view.Line('RED RED sent', '12:00:00.0')]},
     )
     text = json.dumps([view.board(heard), view.results(heard), view.kart(heard, 7)])
@@ -132,16 +132,17 @@ def test_a_silent_race_control_is_gone_whatever_it_said_last() -> None:
 
 
 def test_a_team_sees_when_its_kart_answered() -> None:
-    link = msg.LinkQuality(
-        grade=msg.LinkQuality.GOOD,
-        round_trip=0.0181,
-        worst_answer=NAN,
+    link = NOT_MEASURED._replace(grade=Grade.GOOD, round_trip=0.0181)
+    seen = kart(
+        7,
+        link=link,
+        laps=5,
+        last_lap=44.9,
+        best_lap=43.7,
         delivered_after=0.006,
         acknowledged_after=0.314,
     )
-    page = view.kart(
-        Heard(race(kart(7, link=link, laps=5, last_lap=44.9, best_lap=43.7), laps=6)), 7
-    )
+    page = view.kart(Heard(race(seen, laps=6)), 7)
     assert page['head'] == '▶ GREEN GREEN'
     assert 'arrived after 6 ms · answered after 0.31 s' in page['detail']
     assert ['Laps', '5 of 6'] in page['cells']
@@ -150,21 +151,45 @@ def test_a_team_sees_when_its_kart_answered() -> None:
 
 numbers = st.sampled_from([NAN, math.inf, -math.inf, -1.0, 0.0, 1e300]) | st.floats()
 few, many = st.integers(0, 5), st.integers(0, 255)
-fields = ('round_trip', 'worst_answer', 'delivered_after', 'acknowledged_after')
-links = st.builds(msg.LinkQuality, **dict.fromkeys(fields, numbers))
-of_kart = {'laps': many, 'place': few, 'last_lap': numbers, 'best_lap': numbers, 'link': links}
-karts = st.builds(kart, few, many, connected=st.booleans(), **of_kart)
-of_result = {'best': numbers, 'last': numbers, 'status': many, 'lap_times': st.lists(numbers)}
-placed = st.builds(result, few, few, many, numbers, **of_result)
+states = st.builds(msg.RaceState, state=few)
+links = st.builds(msg.LinkQuality, grade=few, round_trip=numbers, worst_answer=numbers)
+of_kart = dict.fromkeys(('last_lap', 'best_lap', 'delivered_after', 'acknowledged_after'), numbers)
+karts = st.builds(
+    msg.KartStatus,
+    number=few,
+    in_race=st.booleans(),
+    connected=st.booleans(),
+    laps=many,
+    place=few,
+    sent=states,
+    link=links,
+    **of_kart,
+)
+placed = st.builds(
+    msg.KartResult,
+    kart=few,
+    place=few,
+    laps=many,
+    total=numbers,
+    status=few,
+    lap_times=st.lists(numbers),
+)
 text = st.sampled_from(['', 'race', 'practice', '<b>'])
 
 
-@settings(max_examples=50)
-@given(st.lists(karts, max_size=4), st.integers(0, 255), st.lists(placed, max_size=4), text)
-def test_whatever_a_message_says_can_be_shown(
-    there: list[msg.KartStatus], is_in: int, ranked: list[msg.KartResult], name: str
+@settings(max_examples=200)
+@given(st.lists(karts, max_size=4), states, st.lists(placed, max_size=4), text)
+def test_whatever_a_message_says_is_shown_or_no_message_of_race_control(
+    there: list[msg.KartStatus], is_in: msg.RaceState, ranked: list[msg.KartResult], name: str
 ) -> None:
     heats = [msg.Heat(name=name, karts=[1, 2], format=name)]
-    heard = Heard(race(*there, is_in=is_in, heats=heats), results(*ranked, kind=name, heat=name))
+    race = msg.Race(state=is_in, karts=there, heats=heats, heat=name)
+    try:
+        heard = Heard(
+            value_of(race, Snapshot),
+            value_of(msg.Results(karts=ranked, format=name, heat=name), Standings),
+        )
+    except ValueError:
+        return
     pages = [view.board(heard), view.results(heard), *(view.kart(heard, each) for each in (0, 1))]
     json.dumps(pages, allow_nan=False)

@@ -47,10 +47,11 @@ class LinkQuality(NamedTuple):
 
     :param worst_answer: the longest that a frame waited for the answer of the kart's kernel in the
         last ``GRADE_WINDOW``, or has been waiting, s; the grade goes by it.
-    :param round_trip: there and back, smoothed by the kernel, s; `variation`: of it, s.
+    :param round_trip: there and back, smoothed by the kernel, s; its mean deviation is
+        ``round_trip_variation``, s.
     :param retransmitted: segments sent again, on this connection.
-    :param retransmitted_lately: those of them since the measurement before this one.
-    :param unanswered: bytes that the kart's kernel has not answered.
+    :param retransmitted_last_second: those of them since the measurement before this one.
+    :param unanswered_bytes: bytes that the kart's kernel has not answered.
     :param answered_ago: time since anything came from it, s.
     :param worst_gap: the longest time between two frames since the measurement before, s.
     :param behind: how far the kart's program may be behind in reading what it is sent, s; 0:
@@ -58,18 +59,18 @@ class LinkQuality(NamedTuple):
     """
 
     grade: Grade
-    worst_answer: float
+    worst_answer: float | None
     round_trip: float | None
-    variation: float | None
+    round_trip_variation: float | None
     retransmitted: int
-    retransmitted_lately: int
-    unanswered: int
+    retransmitted_last_second: int
+    unanswered_bytes: int
     answered_ago: float | None
-    worst_gap: float
+    worst_gap: float | None
     behind: float = 0.0
 
 
-NOT_MEASURED = LinkQuality(Grade.UNKNOWN, math.nan, None, None, 0, 0, 0, None, math.nan)
+NOT_MEASURED = LinkQuality(Grade.UNKNOWN, None, None, None, 0, 0, 0, None, None)
 
 
 class LinkMeter:

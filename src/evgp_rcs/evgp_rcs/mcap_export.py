@@ -126,15 +126,17 @@ class _Bagged:
 
     def _races(self) -> Iterator[Message]:
         """Yield the race as often as it was published, and diagnostics."""
-        from evgp_rcs.messages import diagnostics_message, race_message
+        from evgp_rcs.messages import diagnostics_message, message_of
+        from evgp_rcs_msgs import msg
 
         told = -math.inf
         for race in self._shown():
-            in_bag, wall_ns = self._in_bag(race.at), self._wall_ns(race.at)
-            yield f'/{NODE}/race', in_bag, race_message(race, wall_ns, {})
-            if race.at - told >= DIAGNOSTICS_EVERY:
-                told = race.at
-                yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE, {})
+            at, in_bag, wall_ns = race.stamp, self._in_bag(race.stamp), self._wall_ns(race.stamp)
+            clock_ns = wall_ns - round(at * NS)
+            yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, clock_ns)
+            if at - told >= DIAGNOSTICS_EVERY:
+                told = at
+                yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE)
 
     def _shown(self) -> Iterator[Snapshot]:
         """Yield every snapshot that the ROS half was sent, up to the first gap or damage."""

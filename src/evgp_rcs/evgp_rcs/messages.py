@@ -2,30 +2,35 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The race in ROS messages: what the rules say, in the words of ``evgp_rcs_msgs``.
+The race in ROS messages, and back: a message of ``evgp_rcs_msgs`` is the image of a type here.
 
-Nothing is decided here. A snapshot goes in, a message comes out.
+Nothing is decided here, and no field is named: the types say it all, those of the message and
+those of the value. A field of the value is the field of that name of the message; ``stamp_ns`` is
+its `stamp`. Where a message has no None, it has for it: of a state UNKNOWN, of a time 0, of
+another number NaN, of a constant 0. An enum is the constant of its name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 import enum
+import functools
+import importlib
 import math
-from typing import Any
+import types
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.stamps import stamp_of
-from evgp_node.states import state_message
+from evgp_node.states import state_message, state_of
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.laps import BY_HAND, Judged, KartResult, Mark, Passing, Penalty, Status
-from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.laps import BY_HAND, Mark, Passing, Status
 from evgp_rcs.official import tidy
-from evgp_rcs.race import AlertKind, EventKind, StampedEvent
-from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot, Standings
+from evgp_rcs.race import AlertKind, Event, EventKind, StampedEvent
+from evgp_rcs.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
@@ -36,150 +41,167 @@ MOST_STRENGTH = 1e9
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
 """Alerts without the MSR that are errors in the diagnostics."""
 
+CONSTANTS: dict[type[enum.Enum], Any] = {
+    CommandKind: msg.CommandAvailability,
+    EventKind: msg.RaceEvent,
+    AlertKind: msg.Alert,
+    Grade: msg.LinkQuality,
+    Mark: msg.JudgedPassing,
+    Status: msg.KartResult,
+}
+"""The message that has the constants of each enum."""
 
-def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
-    return {kind: int(getattr(message, kind.name)) for kind in kinds}
-
-
-_COMMAND = _constants(CommandKind, msg.CommandAvailability)
-_EVENT = _constants(EventKind, msg.RaceEvent)
-_ALERT = _constants(AlertKind, msg.Alert)
-_GRADE = _constants(Grade, msg.LinkQuality)
-_MARK = _constants(Mark, msg.JudgedPassing)
-_STATUS = _constants(Status, msg.KartResult)
-_STATE = {state: state_message(state) for state in (None, *RaceState)}
-
-
-def _known(value: float | None) -> float:
-    return math.nan if value is None else value
+_Value = TypeVar('_Value')
+_TIME = 'builtin_interfaces/Time'
 
 
-def failure_alert(text: str, since_ns: int) -> msg.Alert:
-    """Return the alert that a part of race control failed, at a wall time (ns since the epoch)."""
-    return msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=stamp_of(since_ns))
-
-
-def graph_alert(text: str, since_ns: int) -> msg.Alert:
-    """Return the alert that consoles may not reach race control, likewise."""
-    return msg.Alert(kind=msg.Alert.GRAPH_TROUBLE, text=text, since=stamp_of(since_ns))
-
-
-def race_message(
-    race: Snapshot, wall_ns: int, addresses: Mapping[int, str], banner: str = ''
-) -> msg.Race:
+def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
     """
-    Return the whole race as one message.
+    Return a value as a message of this type.
 
-    :param wall_ns: the wall time of the snapshot (ns since the epoch).
-    :param addresses: the address of each kart of the roster.
-    :param banner: what every screen says at its top.
+    :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
     """
+    message = kind()
+    for slot, name, write, _ in _fields(type(value), kind):
+        setattr(message, slot, write(getattr(value, name), wall_ns))
+    return message
 
-    def wall(monotonic: float | None) -> Time:
-        if monotonic is None:
-            return Time()
-        return stamp_of(wall_ns + round((monotonic - race.at) * NS))
 
-    def availability(offer: Offer) -> msg.CommandAvailability:
-        kind, _, reason, statement, karts, available_from = offer
-        return msg.CommandAvailability(
-            command=_COMMAND[kind],
-            available=not reason,
-            reason=reason,
-            statement=statement,
-            karts=karts,
-            available_from=wall(available_from),
-        )
+def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
+    """
+    Return the value of this type that a message is the image of; its times are wall times, in s.
 
-    def quality(kart: KartSnapshot) -> msg.LinkQuality:
-        link = kart.link or NOT_MEASURED
-        return msg.LinkQuality(
-            grade=_GRADE[link.grade],
-            poor_lately=kart.poor_lately,
-            worst_answer=_known(link.worst_answer),
-            round_trip=_known(link.round_trip),
-            round_trip_variation=_known(link.variation),
-            retransmitted=link.retransmitted,
-            retransmitted_last_second=link.retransmitted_lately,
-            unanswered_bytes=link.unanswered,
-            answered_ago=_known(link.answered_ago),
-            worst_gap=_known(link.worst_gap),
-            behind=link.behind,
-            delivered_after=_known(kart.delivered_at) - kart.ordered_at,
-            acknowledged_after=_known(kart.acknowledged_at) - kart.ordered_at,
-        )
-
-    def status(kart: KartSnapshot) -> msg.KartStatus:
-        return msg.KartStatus(
-            number=kart.number,
-            team=kart.team,
-            address=addresses.get(kart.number, ''),
-            in_race=kart.in_race,
-            connected=kart.connected,
-            link=quality(kart),
-            sent=_STATE[kart.sent],
-            sent_since=wall(kart.sent_since),
-            acknowledged=kart.acknowledged,
-            reported=_STATE[kart.reported],
-            counts_at=wall(kart.counts_at),
-            hold=_STATE[kart.hold],
-            hold_reason=kart.hold_reason,
-            may_be_moving=kart.may_be_moving,
-            settles_at=wall(kart.settles_at),
-            place=kart.place,
-            flag_at=wall(kart.finish_due),
-            inspected=kart.inspected,
-            laps=kart.laps,
-            last_lap=_known(kart.last_lap),
-            best_lap=_known(kart.best_lap),
-            last_lap_done=kart.last_lap_done,
-            commands=[availability(each) for each in kart.commands],
-        )
-
-    return msg.Race(
-        stamp=stamp_of(wall_ns),
-        state=state_message(race.state),
-        state_since=wall(race.state_since),
-        state_cause=race.state_cause,
-        over=race.over,
-        karts=[status(kart) for kart in race.karts],
-        commands=[availability(each) for each in race.commands],
-        track=msg.TrackAccess(
-            open=race.track.is_open,
-            allowed=race.track.allowed,
-            reason=race.track.reason,
-            msr_used=race.track.msr_used,
-        ),
-        alerts=[
-            msg.Alert(
-                kind=_ALERT[alert.kind],
-                kart=alert.kart,
-                use_msr=alert.use_msr,
-                text=alert.text,
-                since=wall(alert.since),
-            )
-            for alert in race.alerts
-        ],
-        race_since=wall(race.race_since),
-        laps=race.laps,
-        heats=[
-            msg.Heat(
-                name=heat.name,
-                karts=heat.karts,
-                format=heat.format.value,
-                laps=heat.laps,
-                grid_from=heat.grid_from,
-                grid=grid,
-            )
-            for heat, grid in zip(race.heats, race.starts.grids, strict=True)
-        ],
-        heat=race.starts.heat,
-        next_heat=race.starts.next_heat,
-        banner=banner,
-        able_to_stop=race.there.able,
-        who_can_stop=race.there.who,
-        button_fault=race.there.button_fault,
+    :param said: what to do with each text.
+    :raises ValueError: if the message has a constant, or lacks a state, that no value has.
+    """
+    return kind(
+        **{
+            name: read(getattr(message, slot), said)
+            for slot, name, _, read in _fields(kind, type(message))
+        }
     )
+
+
+_Write = Callable[[Any, int], Any]
+_Read = Callable[[Any, Callable[[str], str]], Any]
+
+
+def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
+    """Return each field that a message and its type share: its names, how to write and read it."""
+    hints = get_type_hints(kind)
+    return [
+        (slot, name, *_both(hints[name], slot_type))
+        for slot, slot_type in message.get_fields_and_field_types().items()
+        for name in (slot, f'{slot}_ns')
+        if name in hints
+    ]
+
+
+_fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.cache(_find_fields)
+
+
+def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
+    """Return how to write, and how to read, a field of these types."""
+    optional = get_origin(hint) is types.UnionType
+    kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
+    if slot == _TIME and kind is int:
+        return lambda ns, _: stamp_of(ns), lambda time, _: time.sec * NS + time.nanosec
+    if slot == _TIME:
+        return _write_time, _read_optional_time if optional else _read_time
+    if kind is RaceState:
+        return lambda state, _: state_message(state), _read_state if optional else _read_some_state
+    if slot.startswith('sequence<') and '/' in slot:
+        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
+        return (
+            lambda values, wall: [message_of(each, one, wall) for each in values],
+            lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
+        )
+    if slot.startswith('sequence<'):
+        return lambda values, _: list(values), lambda values, _: tuple(values)
+    if '/' in slot:
+        one = _class_of(slot)
+        return (
+            lambda value, wall: message_of(value, one, wall),
+            lambda message, said: value_of(message, kind, said),
+        )
+    if kind in CONSTANTS:
+        number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
+        value = {at: each for each, at in number.items()}
+        number, value = ({None: 0, **number}, {0: None, **value}) if optional else (number, value)
+        return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
+    if issubclass(kind, enum.Enum):
+        return lambda each, _: each.value, lambda each, _: kind(each)
+    if optional and kind is float:
+        return (
+            lambda number, _: math.nan if number is None else number,
+            lambda number, _: None if math.isnan(number) else number,
+        )
+    if kind is str:
+        return lambda text, _: text, lambda text, said: said(text)
+    return lambda value, _: value, lambda value, _: value
+
+
+def _class_of(slot: str) -> type[Any]:
+    package, name = slot.split('/')
+    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
+    return found
+
+
+def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
+    if number not in values:
+        raise ValueError(f'{number} is no {kind.__name__}')
+    return values[number]
+
+
+def _write_time(time: float | None, wall_ns: int) -> Time:
+    return Time() if time is None else stamp_of(wall_ns + round(time * NS))
+
+
+def _read_time(time: Time, _: Callable[[str], str]) -> float:
+    return float(time.sec) + float(time.nanosec) / NS
+
+
+def _read_optional_time(time: Time, said: Callable[[str], str]) -> float | None:
+    return _read_time(time, said) or None
+
+
+def _read_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState | None:
+    return state_of(message)
+
+
+def _read_some_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState:
+    state = state_of(message)
+    if state is None:
+        raise ValueError(f'{message.state} is no race state')
+    return state
+
+
+# ----- what is not field by field -------------------------------------------------------------
+
+
+def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
+    """Return events as a message."""
+    return msg.RaceEvents(events=list(map(_event, events)))
+
+
+def _event(stamped: StampedEvent) -> msg.RaceEvent:
+    message: msg.RaceEvent = message_of(stamped.event, msg.RaceEvent)
+    monotonic_ns = round(stamped.monotonic * NS)
+    message.sequence = stamped.sequence
+    message.stamp = stamp_of(stamped.wall_ns)
+    message.monotonic = Duration(sec=monotonic_ns // NS, nanosec=monotonic_ns % NS)
+    return message
+
+
+def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> StampedEvent:
+    """
+    Return the event of a message; ``said`` as for ``value_of``.
+
+    :raises ValueError: if it is none.
+    """
+    wall_ns = message.stamp.sec * NS + message.stamp.nanosec
+    monotonic = message.monotonic.sec + message.monotonic.nanosec / NS
+    return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
 
 
 def passing_of(message: msg.Passing) -> Passing:
@@ -190,124 +212,24 @@ def passing_of(message: msg.Passing) -> Passing:
     number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
     but officials is called as they are.
     """
-    return Passing(
-        '' if (source := tidy(message.source)) == BY_HAND else source,
-        tidy(message.session),
-        message.number,
-        message.kart,
-        tidy(message.transponder),
-        max(0, message.stamp.sec * NS + message.stamp.nanosec),
-        message.clock,
-        message.hits,
-        message.strength if abs(message.strength) < MOST_STRENGTH else None,
+    passing = value_of(message, Passing, tidy)
+    strength = passing.strength
+    return passing._replace(
+        source='' if passing.source == BY_HAND else passing.source,
+        stamp_ns=max(0, passing.stamp_ns),
+        strength=strength if strength is not None and abs(strength) < MOST_STRENGTH else None,
     )
 
 
-def _passing_message(passing: Passing) -> msg.Passing:
-    return msg.Passing(
-        source=passing.source,
-        session=passing.session,
-        number=passing.number,
-        kart=passing.kart,
-        transponder=passing.transponder,
-        stamp=stamp_of(passing.stamp_ns),
-        clock=passing.clock,
-        hits=passing.hits,
-        strength=_known(passing.strength),
-    )
-
-
-def results_message(standings: Standings, wall_ns: int, teams: Mapping[int, str]) -> msg.Results:
-    """
-    Return the results as a message.
-
-    :param wall_ns: the wall time of them (ns since the epoch).
-    :param teams: the team of each kart of the roster.
-    """
-
-    def penalty(each: Penalty) -> msg.Penalty:
-        return msg.Penalty(
-            seconds=each.seconds,
-            laps=each.laps,
-            disqualified=each.disqualified,
-            reason=each.reason,
-            official=each.official,
-        )
-
-    def result(each: KartResult) -> msg.KartResult:
-        return msg.KartResult(
-            kart=each.kart,
-            team=teams.get(each.kart, ''),
-            place=each.place,
-            status=_STATUS[each.status],
-            laps=each.laps,
-            total=_known(each.total),
-            best=_known(each.best),
-            last=_known(each.lap_times[-1] if each.lap_times else None),
-            lap_times=each.lap_times,
-            penalties=[penalty(one) for one in each.penalties],
-        )
-
-    def judged(each: Judged) -> msg.JudgedPassing:
-        return msg.JudgedPassing(
-            passing=_passing_message(each.passing),
-            kart=each.kart,
-            mark=_MARK[each.mark],
-            at=each.at,
-            struck=each.struck,
-        )
-
-    return msg.Results(
-        stamp=stamp_of(wall_ns),
-        heat=standings.heat,
-        format=standings.format.value,
-        laps=standings.wanted,
-        grid=standings.grid,
-        karts=[result(each) for each in standings.results],
-        overall=[result(each) for each in standings.overall],
-        passings=[judged(each) for each in standings.passings],
-        older=standings.older,
-    )
-
-
-def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
-    """Return events as a message."""
-    return msg.RaceEvents(events=list(map(_event, events)))
-
-
-def _event(stamped: StampedEvent) -> msg.RaceEvent:
-    event = stamped.event
-    monotonic_ns = round(stamped.monotonic * NS)
-    return msg.RaceEvent(
-        sequence=stamped.sequence,
-        stamp=stamp_of(stamped.wall_ns),
-        monotonic=Duration(sec=monotonic_ns // NS, nanosec=monotonic_ns % NS),
-        kind=_EVENT[event.kind],
-        kart=event.kart,
-        command=_COMMAND[event.command] if event.command is not None else 0,
-        success=event.success,
-        state=_STATE[event.state],
-        text=event.text,
-        official=event.official,
-        alert=_ALERT[event.alert] if event.alert is not None else 0,
-        after=event.after,
-        lap=event.lap,
-        grade=_GRADE[event.grade] if event.grade is not None else 0,
-    )
-
-
-def diagnostics_message(
-    race: Snapshot, wall_ns: int, name: str, addresses: Mapping[int, str]
-) -> DiagnosticArray:
+def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:
     """
     Return race control's diagnostics: the race, and each kart.
 
     :param wall_ns: the wall time of the message (ns since the epoch).
     :param name: the node's, with its namespace.
-    :param addresses: the address of each kart of the roster.
     """
-    alerts = race.alerts
-    level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
+    alerts, state = race.alerts, race.state.value if race.state else 'UNKNOWN'
+    level, summary = DiagnosticStatus.OK, f'The race is in {state}'
     if alerts:
         level, summary = DiagnosticStatus.WARN, alerts[0].text
     severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
@@ -323,30 +245,34 @@ def diagnostics_message(
             message=summary,
             hardware_id='rcs',
             values=[
-                KeyValue(key='race state', value=race.state.value),
+                KeyValue(key='race state', value=state),
                 KeyValue(key='alerts', value=str(len(alerts))),
             ],
         ),
-        *(_kart_diagnostic(name, kart, addresses.get(kart.number, '')) for kart in race.karts),
+        *(_kart_diagnostic(name, kart) for kart in race.karts),
     ]
     return array
 
 
-def _kart_diagnostic(name: str, kart: KartSnapshot, address: str) -> DiagnosticStatus:
-    link = kart.link or NOT_MEASURED
+def _kart_diagnostic(name: str, kart: KartSnapshot) -> DiagnosticStatus:
+    link = kart.link
     bad = not kart.connected or link.grade is Grade.POOR
     return DiagnosticStatus(
         level=DiagnosticStatus.WARN if kart.in_race and bad else DiagnosticStatus.OK,
         name=f'{name}: kart {kart.number}',
         message='connected' if kart.connected else 'not connected',
-        hardware_id=address,
+        hardware_id=kart.address,
         values=[
             KeyValue(key='team', value=kart.team),
             KeyValue(key='sent', value=kart.sent.value),
             KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
             KeyValue(key='link', value=link.grade.value),
-            KeyValue(key='worst answer (s)', value=f'{link.worst_answer:.3f}'),
-            KeyValue(key='round trip (s)', value=f'{_known(link.round_trip):.4f}'),
+            KeyValue(key='worst answer (s)', value=_figure(link.worst_answer, 3)),
+            KeyValue(key='round trip (s)', value=_figure(link.round_trip, 4)),
             KeyValue(key='retransmitted', value=str(link.retransmitted)),
         ],
     )
+
+
+def _figure(number: float | None, digits: int) -> str:
+    return 'nan' if number is None else f'{number:.{digits}f}'

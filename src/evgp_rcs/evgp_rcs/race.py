@@ -132,6 +132,9 @@ class AlertKind(enum.Enum):
     LAPS_SOURCE = 'LAPS_SOURCE'
     NOBODY_THERE = 'NOBODY_THERE'
     BUTTON_FAULT = 'BUTTON_FAULT'
+    # Of these two no rule knows: the ROS half raises them.
+    PART_FAILED = 'PART_FAILED'
+    GRAPH_TROUBLE = 'GRAPH_TROUBLE'
 
 
 MSR_ALERTS = frozenset(
@@ -359,33 +362,28 @@ class Alert:
 
 class Availability(NamedTuple):
     """
-    Whether a command would be accepted now.
+    Whether a command would be accepted now, if the statement is made.
 
     :param reason: why it would be refused; empty if it would be accepted.
     :param statement: what the official must state with it; empty if nothing.
-    :param karts: the karts it would start or release; the command must name the same ones.
     :param available_from: when the pause that refuses it ends, in seconds; None if it is not a
         pause that refuses it.
+    :param karts: the karts it would start or release; the command must name the same ones.
     """
 
-    kind: CommandKind
-    kart: int
-    reason: str
-    statement: str
-    karts: tuple[int, ...] = ()
+    command: CommandKind
+    available: bool
+    reason: str = ''
+    statement: str = ''
     available_from: float | None = None
-
-    @property
-    def available(self) -> bool:
-        """Return whether the command would be accepted, its statement being made."""
-        return not self.reason
+    karts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class TrackAccess:
     """Whether officials have opened the track, and whether humans may be on it (§3.A)."""
 
-    is_open: bool
+    open: bool  # noqa: A003 - the message's name
     allowed: bool
     reason: str
     msr_used: bool
@@ -1222,12 +1220,12 @@ class Race:
         rule, command = COMMANDS[kind], Command(kind, number)
         reason = self._refusal(command)
         if reason:
-            return Availability(kind, number, reason, '')
+            return Availability(kind, False, reason)
         paused = self._paused(kind, now)
         if paused:
-            return Availability(kind, number, paused, '', available_from=self.paused_until)
+            return Availability(kind, False, paused, available_from=self.paused_until)
         karts = tuple(sorted(each.number for each in rule.karts(self, command)))
-        return Availability(kind, number, '', rule.statement(self, command), karts)
+        return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
         """Return what officials must act on at this time, newest first."""

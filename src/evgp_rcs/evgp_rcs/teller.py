@@ -26,18 +26,11 @@ from evgp_node.qos import latched
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.messages import (
-    diagnostics_message,
-    events_message,
-    failure_alert,
-    graph_alert,
-    race_message,
-    results_message,
-)
+from evgp_rcs.messages import diagnostics_message, events_message, message_of
 from evgp_rcs.official import said_by
-from evgp_rcs.race import Event, EventKind, StampedEvent
+from evgp_rcs.race import Alert, AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
-from evgp_rcs.snapshot import Snapshot, Standings
+from evgp_rcs.snapshot import NOTHING, Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from std_msgs.msg import String
@@ -92,7 +85,6 @@ class Teller:
         self._node = node
         self._on_failure = on_failure
         self._banner = banner
-        self._teams = {entry.number: entry.team for entry in roster.entries}
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
@@ -101,11 +93,11 @@ class Teller:
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | Standings | str | None]
         self._happened = queue.SimpleQueue()
-        self._graph_alerts: list[msg.Alert] = []
+        self._graph_alerts: tuple[Alert, ...] = ()
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
         self._told_diagnostics = 0.0
+        self._shown = NOTHING
         self._published = msg.Race()
-        self._shown: tuple[object, ...] = ()
         self._newest: Snapshot | None = None
         self._stated: RaceState | None = None
         self._stated_at = -math.inf
@@ -141,12 +133,12 @@ class Teller:
         It goes on top of the last race that could be published, and waits until subscribers have
         it.
         """
-        wall_ns = time.time_ns()
-        alert = failure_alert(text, wall_ns)
-        self._published.alerts = [alert, *self._published.alerts]
-        self._race.publish(self._published)
+        now, wall_ns = clock.now(), time.time_ns()
+        alert = Alert(AlertKind.PART_FAILED, 0, now, text, use_msr=True)
+        race = self._shown._replace(alerts=(alert, *self._shown.alerts))
+        self._race.publish(message_of(race, msg.Race, wall_ns - round(now * 1e9)))
         event = Event(EventKind.ALERT_RAISED, text, success=False)
-        stamped = StampedEvent(self._sequence + 1, wall_ns, clock.now(), event)
+        stamped = StampedEvent(self._sequence + 1, wall_ns, now, event)
         self._events.publish(events_message([stamped]))
         wait_until_heard(self._race, self._events)
 
@@ -187,13 +179,13 @@ class Teller:
                 self._tell_race(newest)
             self._say_state(clock.now())
             if results is not None:
-                wall_ns = time.time_ns() - round((clock.now() - results.at) * 1e9)
-                self._results.publish(results_message(results, wall_ns, self._teams))
+                clock_ns = time.time_ns() - round(clock.now() * 1e9)
+                self._results.publish(message_of(results, msg.Results, clock_ns))
 
     def _say_state(self, now: float) -> None:
         """Publish the race's state by its name, if that is due and known."""
         race = self._newest
-        state = race.state if race is not None and now - race.at <= STATE_AGE else None
+        state = race.state if race is not None and now - race.stamp <= STATE_AGE else None
         if state is self._stated and now < self._stated_at + STATE_EVERY:
             return
         self._stated, self._stated_at = state, now
@@ -201,8 +193,8 @@ class Teller:
             self._state.publish(String(data=state.value))
 
     def _take_graph_trouble(self, text: str) -> None:
-        self._shown = ()
-        self._graph_alerts = [graph_alert(text, time.time_ns())] if text else []
+        alert = Alert(AlertKind.GRAPH_TROUBLE, 0, clock.now(), text, use_msr=False)
+        self._graph_alerts = (alert,) if text else ()
         log = self._node.get_logger()
         if text:
             log.warning(text)
@@ -222,17 +214,20 @@ class Teller:
 
     def _tell_race(self, race: Snapshot) -> None:
         clock_ns = time.time_ns() - round(clock.now() * 1e9)
-        wall_ns = clock_ns + round(race.at * 1e9)
-        if race[1:] != self._shown or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
-            message = race_message(race, wall_ns, self._addresses, self._banner)
-            message.alerts = [*message.alerts, *self._graph_alerts]
-            self._published, self._shown, self._clock_ns = message, race[1:], clock_ns
+        race = race._replace(
+            karts=tuple(
+                kart._replace(address=self._addresses.get(kart.number, '')) for kart in race.karts
+            ),
+            alerts=(*race.alerts, *self._graph_alerts),
+            banner=self._banner,
+        )
+        if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
+            self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns
         # At rest, nothing but this changes; to make the message takes longer than to publish it.
-        self._published.stamp = stamp_of(wall_ns)
+        self._published.stamp = stamp_of(clock_ns + round(race.stamp * 1e9))
+        self._shown = race
         self._race.publish(self._published)
-        if race.at - self._told_diagnostics >= 1.0:
-            self._told_diagnostics = race.at
+        if race.stamp - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = race.stamp
             name = self._node.get_fully_qualified_name().lstrip('/')
-            self._diagnostics.publish(
-                diagnostics_message(race, time.time_ns(), name, self._addresses)
-            )
+            self._diagnostics.publish(diagnostics_message(race, time.time_ns(), name))

@@ -1841,7 +1841,7 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
     allowed = allowed and (view.msr_used or not view.unstated)
-    if (access.is_open, access.allowed, access.msr_used) != (
+    if (access.open, access.allowed, access.msr_used) != (
         view.track_open,
         allowed,
         view.msr_used,

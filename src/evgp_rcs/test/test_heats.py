@@ -61,7 +61,7 @@ def standing(race: Race) -> list[tuple[int, int]]:
 
 
 def grids(race: Race) -> dict[str, tuple[int, ...]]:
-    found = snapshot_of(race, 0.0).starts.grids
+    found = [heat.grid for heat in snapshot_of(race, 0.0).heats]
     return {heat.name: grid for heat, grid in zip(race.heats, found, strict=True)}
 
 
@@ -84,11 +84,11 @@ def test_a_time_trial_is_driven_in_the_order_of_practice(paper: PaperRace) -> No
     assert grids(paper.race)['Final'] == ()  # nobody has driven its time trial
     turns = []
     for _ in range(3):
-        turns.append(snapshot_of(paper.race, 0.0).starts.next_heat)
+        turns.append(snapshot_of(paper.race, 0.0).next_heat)
         drives(paper, turns[-1], {int(turns[-1][-1]): 10.0 + len(turns)})
 
     assert turns == ['TT 3', 'TT 1', 'TT 2']
-    assert snapshot_of(paper.race, 0.0).starts.next_heat == ''
+    assert snapshot_of(paper.race, 0.0).next_heat == ''
     assert standing(paper.race) == [(1, 3), (2, 1), (3, 2)]
 
 
@@ -96,13 +96,13 @@ def test_the_heat_in_the_race_is_not_next_and_one_without_a_lap_is_next_again(
     paper: PaperRace,
 ) -> None:
     begins(paper, 'TT 3')
-    assert snapshot_of(paper.race, 0.0).starts.next_heat == 'TT 1'
+    assert snapshot_of(paper.race, 0.0).next_heat == 'TT 1'
 
     paper.command(CommandKind.ALL_KILL)
     paper.go_home()
     begins(paper, 'TT 1')
 
-    assert snapshot_of(paper.race, 0.0).starts.next_heat == 'TT 3'
+    assert snapshot_of(paper.race, 0.0).next_heat == 'TT 3'
 
 
 def test_the_grid_is_the_order_of_the_results_and_behind_it_who_has_none(paper: PaperRace) -> None:
@@ -224,7 +224,7 @@ def test_a_heat_is_in_the_race_until_a_kart_of_another_one_is_or_none_at_all() -
     def after(*given: tuple[CommandKind, int]) -> str:
         for kind, kart in given:
             paper.command(kind, kart)
-        assert snapshot_of(paper.race, paper.now).starts.heat == paper.race.heat
+        assert snapshot_of(paper.race, paper.now).heat == paper.race.heat
         return paper.race.heat
 
     join, leave = CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE

@@ -91,7 +91,7 @@ def test_each_segment_that_is_sent_again_is_counted_in_one_measurement(counts: l
     lately = 0
     for second, count in enumerate(counts, 1):
         quality = meter.measure(0.0, 0, info(count), float(second))
-        lately += quality.retransmitted_lately
+        lately += quality.retransmitted_last_second
         assert quality.retransmitted == count == lately
 
 
@@ -123,10 +123,14 @@ def test_a_kernel_that_tells_nothing_makes_no_figure_up() -> None:
     meter = LinkMeter(0.0)
     meter.answered(FAIR, 1.0)
     quality = meter.measure(0.0, 9, None, 1.0)
-    assert (quality.round_trip, quality.variation, quality.answered_ago) == (None, None, None)
-    assert (quality.retransmitted, quality.retransmitted_lately) == (0, 0)
+    assert (quality.round_trip, quality.round_trip_variation, quality.answered_ago) == (
+        None,
+        None,
+        None,
+    )
+    assert (quality.retransmitted, quality.retransmitted_last_second) == (0, 0)
     # What race control counts itself is known all the same.
-    assert (quality.grade, quality.unanswered) == (Grade.FAIR, 9)
+    assert (quality.grade, quality.unanswered_bytes) == (Grade.FAIR, 9)
 
 
 def test_the_worst_gap_between_our_frames_is_told_once() -> None:

@@ -19,13 +19,14 @@ import tempfile
 import wave
 
 from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.snapshot import Race, State
 from evgp_rcs_console.style import look, SMALL, TEXT
-from evgp_rcs_console.view import Cell, Tone
 from evgp_rcs_console.widgets import Card, Painted, Pen, Push, Text, TOP
 
 PLACES = 3
@@ -63,7 +64,7 @@ class AlertPlace(Painted):
 
     @property
     def _kart(self) -> str:
-        kart = self._notice.alert.kart if self._notice else 0
+        kart = self._notice.kart if self._notice else 0
         return texts.FIELD_KART.format(number=kart) if kart else ''
 
     def show_notice(self, notice: Notice | None, key: str) -> None:
@@ -231,12 +232,12 @@ class Alarm:
         self._sound = Sound()
         self._muted = False
         self._sounded_at = 0.0
-        self._state = State.UNKNOWN
+        self._state: RaceState | None = None
         area.show_sound(muted=False)
 
-    def take_race(self, race: Race, two: bool) -> None:
+    def take_race(self, race: Snapshot, two: bool) -> None:
         """Take the alerts of a snapshot; a new one sounds soon."""
-        if race.state is State.GRID_ACTIVE and self._state is not State.GRID_ACTIVE:
+        if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state
         if self._book.update(race.alerts, two):

@@ -18,16 +18,13 @@ Whoever listens is called in these threads, and must hand over to its own at onc
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import contextlib
-from dataclasses import fields
-from functools import lru_cache
+import functools
 import ipaddress
-import math
 import queue
 import re
 import threading
-import time
 from typing import Any, Protocol, TypeVar
 import uuid
 
@@ -36,11 +33,15 @@ from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
+from evgp_node.states import state_message
 from evgp_protocol.clock import duration, now
-from evgp_protocol.link import Grade, GRADES
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.messages import event_of, value_of
 from evgp_rcs.official import MOST_OF_NAME
+from evgp_rcs.race import Answer, StampedEvent
+from evgp_rcs.snapshot import Snapshot, Standings
+from evgp_rcs.words import STATES
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import (
     Given,
@@ -49,20 +50,6 @@ from evgp_rcs_console.commands import (
     request,
     Standing,
     StandingStops,
-)
-from evgp_rcs_console.snapshot import (
-    Alert,
-    Answer,
-    Availability,
-    Available,
-    Event,
-    Heat,
-    Kart,
-    Link,
-    Race,
-    Results,
-    State,
-    Track,
 )
 from evgp_rcs_msgs import msg
 import rclpy
@@ -81,168 +68,17 @@ from rclpy.qos import (
 )
 from rclpy.signals import SignalHandlerOptions
 
-_STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
-_GRADES = {int(getattr(msg.LinkQuality, each.name)): each for each in Grade}
-_COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in CommandKind}
-_ALERTS = {
-    value: name
-    for name in dir(msg.Alert)
-    if name.isupper() and isinstance(value := getattr(msg.Alert, name), int)
-}
+_Read = TypeVar('_Read')
 
-_STATUS = {int(getattr(msg.KartResult, each.name)): each for each in Status}
-_MARKS = {int(getattr(msg.JudgedPassing, each.name)): each for each in Mark}
-
-Said = TypeVar('Said', Race, Kart, Link, Track, Alert, Event, Results)
-
-_NAMES = {each.name: each.name.replace('_', ' ') for each in State}
+_NAMES = {each.name: STATES[each] for each in RaceState}
 _NAMES |= {each.name: entry.label for each, entry in CATALOGUE.items()}
 _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 
-@lru_cache(maxsize=1000)
+@functools.lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
     """Return a sentence of race control with each name as buttons and rows have it."""
     return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
-
-
-def read_race(race: msg.Race) -> Race:
-    """Return the race of a message."""
-    stamp = _seconds(race.stamp)
-    return _read(
-        Race,
-        race,
-        state_for=stamp - _seconds(race.state_since),
-        state_clock=_clock(race.state_since),
-        karts=tuple(_kart(kart, stamp) for kart in race.karts),
-        commands=_availability(race.commands, stamp),
-        track=_read(Track, race.track, is_open=race.track.open),
-        alerts=tuple(
-            _read(Alert, alert, kind=_ALERTS.get(alert.kind, 'UNKNOWN')) for alert in race.alerts
-        ),
-        heats=tuple(
-            Heat(heat.name, tuple(heat.karts), heat.grid_from, tuple(heat.grid))
-            for heat in race.heats
-        ),
-        heat=race.heat,
-        next_heat=race.next_heat,
-    )
-
-
-def read_event(event: msg.RaceEvent) -> Event:
-    """Return the event of a message."""
-    return _read(
-        Event,
-        event,
-        clock=_clock(event.stamp),
-        official=event.official,
-        is_command=event.kind == msg.RaceEvent.COMMAND,
-        prompt=event.kind == msg.RaceEvent.DELIVERED and event.after < GRADES[Grade.FAIR],
-    )
-
-
-def read_results(results: msg.Results) -> Results:
-    """Return the results of a message."""
-    return _read(
-        Results,
-        results,
-        grid=tuple(results.grid),
-        karts=tuple(_result(each) for each in results.karts),
-        overall=tuple(_result(each) for each in results.overall),
-        passings=tuple(
-            Judged(
-                _passing(each.passing),
-                each.kart,
-                _MARKS.get(each.mark, Mark.NOT_COUNTED),
-                each.at,
-                each.struck,
-            )
-            for each in results.passings
-        ),
-    )
-
-
-def _passing(passing: msg.Passing) -> Passing:
-    """Return what officials see of a passing."""
-    which = passing.source, passing.session, passing.number
-    return Passing(*which, passing.kart, passing.transponder)
-
-
-def _result(result: msg.KartResult) -> KartResult:
-    return KartResult(
-        result.kart,
-        result.place,
-        _STATUS.get(result.status, Status.RUNNING),
-        result.laps,
-        None if math.isnan(result.total) else result.total,
-        tuple(result.lap_times),
-        tuple(
-            Penalty(result.kart, one.seconds, one.laps, one.disqualified, one.reason, one.official)
-            for one in result.penalties
-        ),
-    )
-
-
-def _read(kind: type[Said], message: Any, /, **others: Any) -> Said:
-    """
-    Return a part of the race from a message: each field from the message's field of that name.
-
-    :param others: the fields that the message does not have so.
-    """
-    names = {field.name for field in fields(kind)} - set(others)
-    return kind(**{name: _plain(getattr(message, name)) for name in names}, **others)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, msg.RaceState):
-        return _state(value)
-    return spoken(value) if isinstance(value, str) else value
-
-
-def state_message(state: State) -> msg.RaceState:
-    """Return a state as a message."""
-    return msg.RaceState(state=getattr(msg.RaceState, state.name))
-
-
-def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
-    return _read(
-        Kart,
-        kart,
-        sent_for=stamp - _seconds(kart.sent_since),
-        settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
-        counts_in=max(0.0, _seconds(kart.counts_at) - stamp) if kart.counts_at.sec else None,
-        flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
-        last_lap=kart.last_lap if kart.laps else None,
-        best_lap=kart.best_lap if kart.laps else None,
-        link=_read(Link, kart.link, grade=_GRADES.get(kart.link.grade, Grade.UNKNOWN)),
-        commands=_availability(kart.commands, stamp),
-    )
-
-
-def _availability(commands: Iterable[msg.CommandAvailability], stamp: float) -> Availability:
-    return {
-        _COMMANDS[each.command]: Available(
-            each.available,
-            spoken(each.reason),
-            spoken(each.statement),
-            tuple(each.karts),
-            max(0.0, _seconds(each.available_from) - stamp),
-        )
-        for each in commands
-        if each.command in _COMMANDS
-    }
-
-
-def _state(message: msg.RaceState) -> State:
-    return _STATES.get(message.state, State.UNKNOWN)
-
-
-def _clock(stamp: Any) -> str:
-    return time.strftime('%H:%M:%S', time.localtime(stamp.sec))
-
-
-def _seconds(message: Any) -> float:
-    return float(message.sec) + float(message.nanosec) / 1e9
 
 
 WITHIN = 4.0
@@ -313,7 +149,7 @@ class Listener(Protocol):
     Called in the client's threads, with its lock held at times: it must not call the client.
     """
 
-    def on_race(self, race: Race, at: float, two: bool) -> None:
+    def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """
         Take a snapshot.
 
@@ -321,10 +157,10 @@ class Listener(Protocol):
         :param two: snapshots come from two race controls.
         """
 
-    def on_event(self, event: Event) -> None:
+    def on_event(self, event: StampedEvent) -> None:
         """Take an event."""
 
-    def on_results(self, results: Results) -> None:
+    def on_results(self, results: Standings) -> None:
         """Take the results as they stand now."""
 
     def on_answer(self, given: Given, answer: Answer) -> None:
@@ -535,9 +371,12 @@ class Client:
         if number is not None:
             self._sources.hear(number, at)
         two = self._sources.are_two(at)
-        began = self._began.hear(_seconds(message.stamp), _seconds(message.race_since), at)
+        race = self._read(lambda: value_of(message, Snapshot, spoken))
+        if race is None:
+            return
+        began = self._began.hear(race.stamp, race.race_since, at)
         with self._lock:
-            self._karts = frozenset(kart.number for kart in message.karts)
+            self._karts = frozenset(kart.number for kart in race.karts)
             # Of two race controls nobody knows of which race the press was.
             ended = [] if two else self._standing.outlived(began, at)
             if ended:
@@ -545,14 +384,27 @@ class Client:
         for given in ended:
             self._listener.on_dropped(given, texts.dropped(given, at))
         if self._hears:
-            self._listener.on_race(read_race(message), at, two)
+            self._listener.on_race(race, at, two)
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
-        for event in message.events:
-            self._listener.on_event(read_event(event))
+        for each in message.events:
+            event = self._read(functools.partial(event_of, each, spoken))
+            if event is not None:
+                self._listener.on_event(event)
 
     def _hear_results(self, message: msg.Results) -> None:
-        self._listener.on_results(read_results(message))
+        results = self._read(lambda: value_of(message, Standings, spoken))
+        if results is not None:
+            self._listener.on_results(results)
+
+    def _read(self, read: Callable[[], _Read]) -> _Read | None:
+        """Return what a message says; None: it is not race control's, and is not shown."""
+        try:
+            return read()
+        except ValueError as error:
+            said = f'A message is left out that is not of this race control: {error}'
+            self.node.get_logger().warning(said, throttle_duration_sec=10.0)
+            return None
 
     def _fail(self, error: BaseException) -> None:
         # Nothing is heard from now on: the screen says so, and stops are pressed on.
@@ -573,7 +425,7 @@ def join_graph(program: str, arguments: Sequence[str]) -> None:
 def request_message(given: Given) -> Any:
     """Return the request of a command."""
     fields = {
-        name: state_message(value) if isinstance(value, State) else value
+        name: state_message(given.hold) if name == 'hold' else value
         for name, value in request(given, now()).items()
     }
     return service_class(CATALOGUE[given.command].service_type).Request(**fields)

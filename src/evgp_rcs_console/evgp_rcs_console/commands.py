@@ -25,7 +25,8 @@ import math
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
-from evgp_rcs_console.snapshot import Available, Kart, Race, State
+from evgp_rcs.race import Availability
+from evgp_rcs.snapshot import KartSnapshot, Snapshot
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ class Given:
     kart: int = 0
     stated: bool = False
     karts: tuple[int, ...] = ()
-    hold: State = State.UNKNOWN
+    hold: RaceState | None = None
     heat: str = ''
     official: str = ''
     taken: Mapping[str, int | bool | str] = field(default_factory=dict)
@@ -63,7 +64,9 @@ def asks(command: CommandKind) -> bool:
     return entry.loosens or entry.call_is_statement
 
 
-def request(given: Given, at: float) -> dict[str, float | bool | str | list[int] | State]:
+def request(
+    given: Given, at: float
+) -> dict[str, float | bool | str | list[int] | RaceState | None]:
     """
     Return the fields of the request of a command.
 
@@ -71,7 +74,7 @@ def request(given: Given, at: float) -> dict[str, float | bool | str | list[int]
         a request that DDS delivers late is older than it says, by that delay, and no younger.
     """
     entry = CATALOGUE[given.command]
-    fields: dict[str, float | bool | str | list[int] | State] = {
+    fields: dict[str, float | bool | str | list[int] | RaceState | None] = {
         'official': given.official,
         **entry.fixed,
         **given.taken,
@@ -92,11 +95,11 @@ def request(given: Given, at: float) -> dict[str, float | bool | str | list[int]
 
 
 SENDS = {
-    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
-    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
-    CommandKind.IN_GARAGE: State.IN_GARAGE,
-    CommandKind.RECORD_MSR: State.RED_RED,
-    CommandKind.KART_IN_GARAGE: State.IN_GARAGE,
+    CommandKind.GRID_ACTIVE: RaceState.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN: RaceState.GREEN_GREEN,
+    CommandKind.IN_GARAGE: RaceState.IN_GARAGE,
+    CommandKind.RECORD_MSR: RaceState.RED_RED,
+    CommandKind.KART_IN_GARAGE: RaceState.IN_GARAGE,
 }
 """The state that each command sends that asks first; OPEN_TRACK sends none."""
 
@@ -106,21 +109,23 @@ class Effects:
     """
     What a command would do; each kart of the roster is in one of these groups.
 
-    :param state: the state that it sends; UNKNOWN if it sends nothing.
+    :param state: the state that it sends; None if it sends nothing.
     :param now: karts that are sent the state at once.
     :param later: karts without a connection, which are sent the state when they connect.
     :param held: other karts, which stay held.
     :param rest: karts to which nothing happens.
     """
 
-    state: State
-    now: tuple[Kart, ...] = ()
-    later: tuple[Kart, ...] = ()
-    held: tuple[Kart, ...] = ()
-    rest: tuple[Kart, ...] = ()
+    state: RaceState | None
+    now: tuple[KartSnapshot, ...] = ()
+    later: tuple[KartSnapshot, ...] = ()
+    held: tuple[KartSnapshot, ...] = ()
+    rest: tuple[KartSnapshot, ...] = ()
 
 
-def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> Effects:
+def effects(
+    command: CommandKind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
+) -> Effects:
     """
     Return what a command would do.
 
@@ -140,27 +145,21 @@ def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | N
             each.number for each in race.karts if each.number in named and each.sent is not sends
         }
 
-    def those(wanted: bool, part: bool) -> tuple[Kart, ...]:
+    def those(wanted: bool, part: bool) -> tuple[KartSnapshot, ...]:
         return tuple(
             each
             for each in race.karts
             if (each.number in concerned) is wanted
-            and (each.connected if wanted else each.hold is not State.UNKNOWN) is part
+            and (each.connected if wanted else each.hold is not None) is part
         )
 
     return Effects(
-        SENDS.get(command, State.UNKNOWN),
+        SENDS.get(command),
         now=those(True, True),
         later=those(True, False),
         held=those(False, True),
         rest=those(False, False),
     )
-
-
-def nobody_is_heard(race: Race) -> bool:
-    """Return whether humans are allowed on the track only because no kart is connected."""
-    connected = any(kart.connected for kart in race.karts)
-    return race.track.allowed and not race.track.msr_used and not connected
 
 
 SETTLED = 1.0
@@ -181,7 +180,7 @@ class Outcome:
         self._at = at
         self._seen: object = None
 
-    def stands(self, race: Race, at: float) -> bool:
+    def stands(self, race: Snapshot, at: float) -> bool:
         """
         Return whether a snapshot, like every one before it, agrees with the answer.
 
@@ -194,11 +193,11 @@ class Outcome:
             return at - self._at < SETTLED  # it may be older than the answer
         return shown == self._seen
 
-    def _shown(self, race: Race) -> object:
+    def _shown(self, race: Snapshot) -> object:
         """Return the part of a snapshot that the command can change."""
         entry = CATALOGUE[self.given.command]
         if entry.result.track_open is not None:
-            return race.track.is_open
+            return race.track.open
         if entry.names_heat:
             return race.state, _racing(race)
         kart = race.kart(self.given.kart)
@@ -206,7 +205,7 @@ class Outcome:
             return (race.state,)
         return kart.sent, kart.hold, kart.in_race, kart.place
 
-    def _is_done(self, race: Race) -> bool:
+    def _is_done(self, race: Snapshot) -> bool:
         given = self.given
         entry = CATALOGUE[given.command]
         if entry.names_heat:
@@ -216,7 +215,7 @@ class Outcome:
         return is_so(entry.result, race, race.kart(given.kart))
 
 
-def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
+def is_so(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
     """
     Return whether a snapshot shows the result of a command.
 
@@ -224,11 +223,11 @@ def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
     """
     shown = []
     if result.race:
-        shown.append(race.state in map(_state, result.race))
+        shown.append(race.state in result.race)
     if result.track_open is not None:
-        shown.append(race.track.is_open is result.track_open)
+        shown.append(race.track.open is result.track_open)
     if kart is not None and result.hold:
-        shown.append(kart.hold in map(_state, result.hold))
+        shown.append(kart.hold in result.hold)
     if kart is not None and result.in_race is not None:
         shown.append(kart.in_race is result.in_race)
     if kart is not None and result.placed is not None:
@@ -236,11 +235,7 @@ def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
     return bool(shown) and all(shown)
 
 
-def _state(each: RaceState | None) -> State:
-    return State.UNKNOWN if each is None else State[each.name]
-
-
-def _racing(race: Race) -> tuple[int, ...]:
+def _racing(race: Snapshot) -> tuple[int, ...]:
     return tuple(kart.number for kart in race.karts if kart.in_race)
 
 
@@ -284,16 +279,16 @@ class RaceBegan:
         """Begin with no snapshot heard."""
         self._difference = math.inf
 
-    def hear(self, stamp: float, since: float, now: float) -> float:
+    def hear(self, stamp: float, since: float | None, now: float) -> float:
         """
         Take a snapshot and return when its race began, at the earliest, in seconds.
 
         :param stamp: when it was taken; ``since``: when its race began, by the clock of race
-            control; 0: none has begun in this run.
+            control; None: none has begun in this run.
         :param now: when it came.
         """
         self._difference = min(self._difference, now - stamp)
-        return since + self._difference if since else -math.inf
+        return -math.inf if since is None else since + self._difference
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,10 @@ from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged
-from evgp_rcs.official import tidy
+from evgp_rcs.official import said_by, tidy
+from evgp_rcs.race import Answer, Availability, StampedEvent
+from evgp_rcs.snapshot import KartSnapshot, Snapshot, Standings
+from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
@@ -28,9 +31,8 @@ from evgp_rcs_console.command_line import (
     STARTING,
     STATEMENTS,
 )
-from evgp_rcs_console.commands import effects, Given, nobody_is_heard, Standing
+from evgp_rcs_console.commands import effects, Given, Standing
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, Results, State
 from evgp_rcs_console.view import aligned, danger, is_gone, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -47,28 +49,28 @@ class Hearing:
     def __init__(self) -> None:
         """Begin with nothing heard."""
         self.news = threading.Condition()
-        self.race: Race | None = None
+        self.race: Snapshot | None = None
         self.two = False
         self.heard_at = 0.0
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.dropped: tuple[Given, str] | None = None
-        self.events: list[Event] = []
-        self.results: Results | None = None
+        self.events: list[StampedEvent] = []
+        self.results: Standings | None = None
 
-    def on_race(self, race: Race, at: float, two: bool) -> None:
+    def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """Keep the newest snapshot."""
         with self.news:
             self.race, self.heard_at, self.two = race, at, two
             self.news.notify_all()
 
-    def on_event(self, event: Event) -> None:
+    def on_event(self, event: StampedEvent) -> None:
         """Keep an event."""
         with self.news:
             self.events.append(event)
             self.news.notify_all()
 
-    def on_results(self, results: Results) -> None:
+    def on_results(self, results: Standings) -> None:
         """Keep the results."""
         with self.news:
             self.results = results
@@ -159,21 +161,21 @@ def _give(
         error = f'{said} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
-    hold = State.UNKNOWN
+    hold = None
     released = ''
     if (entry.names_karts and not karts) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
-        concerned = hearing.race.commands.get(command, Available(False))
+        concerned = hearing.race.offered(command)
         # IN GARAGE may be for no kart; then there is none to name.
-        if entry.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
+        if entry.names_karts and (concerned.karts or not concerned.available or not wanted.stated):
             return _name_them(wanted, hearing.race)
         kart = hearing.race.kart(wanted.kart) if entry.names_hold else None
         if kart is not None:
             hold = kart.hold
-            offered = kart.commands.get(command, Available(False))
-            released = '\n'.join(said_of(command, hearing.race, offered, kart))
+            told = said_of(command, hearing.race, kart.offered(command), kart)
+            released = '\n'.join(told)
     given = Given(
         command,
         getattr(wanted, 'kart', 0),
@@ -205,7 +207,7 @@ def _give(
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
-def _under_banner(told: Told, race: Race | None) -> Told:
+def _under_banner(told: Told, race: Snapshot | None) -> Told:
     """Put race control's banner above what is said, if its answer does not have it."""
     banner = race.banner if race is not None else ''
     return {
@@ -216,14 +218,14 @@ def _under_banner(told: Told, race: Race | None) -> Told:
     }
 
 
-def _next_step(wanted: argparse.Namespace, given: Given, race: Race) -> list[str]:
+def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list[str]:
     """Return what to type in place of a refused command, if it lacked karts or a statement."""
     form = CATALOGUE[given.command]
     kart = race.kart(given.kart) if form.to_one_kart else None
     if form.to_one_kart and kart is None:
         return []
-    offered = (kart.commands if kart else race.commands).get(given.command, Available(False))
-    if not offered.yes:
+    offered = (kart or race).offered(given.command)
+    if not offered.available:
         return []
     karts = offered.karts if form.names_karts else ()
     others = set(karts) != set(given.karts)
@@ -236,16 +238,16 @@ def _next_step(wanted: argparse.Namespace, given: Given, race: Race) -> list[str
     return [*said, f'{condition}, type: {again}']
 
 
-def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
+def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
     """Say which karts a command would start or release, and send nothing."""
     command = COMMANDS[wanted.command]
-    offered = race.commands.get(command)
+    offered = race.offered(command)
     label = CATALOGUE[command].label
-    if offered is None or not offered.yes:
-        reason = offered.reason if offered else 'race control does not offer it'
+    if not offered.available:
+        reason = offered.reason or 'race control does not offer it'
         said = f'{label}: nothing was sent. It is not possible now: {reason}.'
         return {'code': Exit.USAGE, 'error': said}
-    names = ', '.join(_name(race.karts, number) for number in offered.karts) or 'no kart'
+    names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
     return {
         'code': Exit.USAGE,
         'error': '\n'.join(
@@ -273,17 +275,15 @@ def as_called(arguments: str) -> str:
     return called.replace('%s', arguments)
 
 
-def said_of(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> list[str]:
+def said_of(
+    command: CommandKind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
+) -> list[str]:
     """Return what a command would do, and why not to confirm it, as sentences."""
     said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
-    warning = texts.warning(command, race, nobody_is_heard(race))
+    warning = texts.warning(command, race)
     said += [texts.ASK_WARNING.format(warning=warning)] if warning else []
     caution = texts.caution(command, race, offered.karts)
     return [*said, caution] if caution else said
-
-
-def _name(karts: tuple[Kart, ...], number: int) -> str:
-    return next((texts.kart_name(kart) for kart in karts if kart.number == number), str(number))
 
 
 def _watch(
@@ -301,7 +301,7 @@ def _watch(
             race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
         at = now()
         silent_for = at - heard_at if race is not None else None
-        state = race.state if race else State.UNKNOWN
+        state = race.state if race else None
         shown = silence(silent_for, at - began, looking(client.topic), state)
         if shown is None and race is not None:
             shown = danger(race, two)
@@ -377,8 +377,9 @@ def _watch_events(
             error = f'{texts.NOT_YET}: {texts.USE_MSR} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
-            f'{event.clock} {" " if event.success else "!"} {event.told}'
-            for event in fresh
+            f'{time_of_day(wall_ns // 1_000_000_000)} {" " if event.success else "!"} '
+            f'{said_by(event.text, event.official)}'
+            for _, wall_ns, _, event in fresh
             if not wanted.kart or event.kart in (0, wanted.kart)
         ]
         if banner != said and banner:

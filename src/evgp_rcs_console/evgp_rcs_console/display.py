@@ -18,7 +18,11 @@ import time
 from typing import NamedTuple
 
 from evgp_protocol import clock
+from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import Answer, EventKind, StampedEvent
+from evgp_rcs.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
 from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
@@ -41,20 +45,16 @@ from evgp_rcs_console.panels import (
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.sheets import Heats, Help, Question, ResultsSheet, Sheet, WhyStruck, YourName
-from evgp_rcs_console.snapshot import Answer, Event, Race, Results
 from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
-    Cell,
     Danger,
     danger,
     KILL_NOTES,
-    NOTHING,
     Row,
     Screen,
     show,
     silence,
-    Tone,
 )
 from evgp_rcs_console.widgets import Area, Card, CENTER, CommandButton, Painted, Text
 
@@ -275,7 +275,7 @@ class Areas(Area):
 class Heard(NamedTuple):
     """A snapshot; the fields are the parameters of ``Listener.on_race``."""
 
-    race: Race
+    race: Snapshot
     at: float
     two: bool
 
@@ -303,16 +303,16 @@ class Inbox(QtCore.QObject):
         super().__init__()
         self.waiting: deque[Heard] = deque()
 
-    def on_race(self, race: Race, at: float, two: bool) -> None:
+    def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """Hand over a snapshot."""
         self.waiting.append(Heard(race, at, two))
         self.came.emit()
 
-    def on_event(self, event: Event) -> None:
+    def on_event(self, event: StampedEvent) -> None:
         """Hand over an event."""
         self.event.emit(event)
 
-    def on_results(self, results: Results) -> None:
+    def on_results(self, results: Standings) -> None:
         """Hand over the results."""
         self.results.emit(results)
 
@@ -396,7 +396,7 @@ class BottomLine:
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Say, with the time, what has just happened, in place of what was said before."""
-        at = texts.time_of_day(time.time())
+        at = time_of_day(time.time())
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
         self._changed = None
@@ -415,7 +415,7 @@ class BottomLine:
         if answer.success and not CATALOGUE[given.command].of_laps:  # no snapshot tells of those
             self._outcome = Outcome(given, clock.now())
 
-    def take_race(self, race: Race, at: float) -> None:
+    def take_race(self, race: Snapshot, at: float) -> None:
         """Take a snapshot and when it came (s): what the last answer said may have changed."""
         if self._outcome is not None and not self._outcome.stands(race, at):
             self._say_changed(self._outcome.given, texts.now_so(self._outcome.given, race))
@@ -498,8 +498,8 @@ class Display(QtCore.QObject):
         self._officials = areas.events.log.officials
         self._looking = looking
         self._began = clock.now()
-        self._race: Race | None = None
-        self._results = Results()
+        self._race: Snapshot | None = None
+        self._results = Standings()
         self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
@@ -518,12 +518,13 @@ class Display(QtCore.QObject):
             self.bottom.take_race(self._race, self._heard_at)
         self.refresh()
 
-    def take_event(self, event: Event) -> None:
+    def take_event(self, stamped: StampedEvent) -> None:
         """Show an event; that an order arrived in time would only hide others."""
-        if not event.prompt:
-            self.areas.events.add(event)
+        event = stamped.event
+        if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
+            self.areas.events.add(stamped)
 
-    def take_results(self, results: Results) -> None:
+    def take_results(self, results: Standings) -> None:
         """Show the results as they stand now."""
         self._results = results
         self._show_results()

@@ -16,6 +16,7 @@ import time
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged
+from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Display
@@ -25,7 +26,7 @@ from evgp_rcs_console.keys import Act, Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.results import is_struck
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen, Tone
+from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
 
 Give = Callable[[Given], None]
@@ -245,7 +246,7 @@ class LateInput:
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
-        pressed = texts.time_of_day(time.time() - age)
+        pressed = time_of_day(time.time() - age)
         self._bottom.say(texts.TOO_OLD.format(name=names, clock=pressed), Tone.BAD)
         return True
 

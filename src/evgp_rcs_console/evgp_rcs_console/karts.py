@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
-from evgp_rcs_console.view import Cell, COLUMNS, MOST_BARS, Row, Tone
+from evgp_rcs_console.view import COLUMNS, MOST_BARS, Row
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,

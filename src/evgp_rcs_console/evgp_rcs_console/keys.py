@@ -15,9 +15,10 @@ import enum
 import string
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import asks
-from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, LETTER_COMMANDS, Tone
+from evgp_rcs_console.view import CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, LETTER_COMMANDS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})

@@ -12,12 +12,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from evgp_rcs.official import UNNAMED
+from evgp_rcs.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.words import numbered, time_of_day
 from evgp_rcs_console import texts
-from evgp_rcs_console.snapshot import Alert, Availability, Event, Race
 
-Key = tuple[str, int]
+Key = tuple[AlertKind, int]
 
 
 @dataclass(frozen=True)
@@ -26,36 +29,44 @@ class Notice:
     An alert as it is shown to the official.
 
     :param number: the alert's number; a higher one is newer.
+    :param alert: None: it is this console's own, not race control's, and stays until it is seen.
     :param seen: the official has marked it as seen.
     :param standing: its cause still exists.
-    :param own: it is this console's, not race control's: it stays until it is seen.
+    :param said: what is said instead of the alert's sentence; empty: that.
     """
 
     number: int
-    alert: Alert
+    alert: Alert | None
     seen: bool = False
     standing: bool = True
-    own: bool = False
+    said: str = ''
 
     @property
     def use_msr(self) -> bool:
         """Return whether to use the Master Safety Remote; never once the cause is gone."""
-        return self.standing and self.alert.use_msr
+        return self.standing and self.alert is not None and self.alert.use_msr
+
+    @property
+    def kart(self) -> int:
+        """Return the kart that it concerns; 0: no single one."""
+        return self.alert.kart if self.alert else 0
 
     @property
     def heading(self) -> str:
         """Return what to do, in a word or two."""
         if not self.standing:
             return texts.ALERT_ENDED
-        return texts.ALERT_MSR if self.alert.use_msr else texts.ALERT_OTHER
+        return texts.ALERT_MSR if self.use_msr else texts.ALERT_OTHER
 
     @property
     def text(self) -> str:
         """Return the alert's sentence, without what the heading says; ended, its name only."""
         # Its sentence says what to do, which is over. Several that ended have one of their own.
-        if not self.standing and self.alert.kind:
-            name = self.alert.kind.replace('_', ' ')
-            return f'{name}, kart {self.alert.kart}' if self.alert.kart else name
+        if self.said or self.alert is None:
+            return self.said
+        if not self.standing:
+            name = self.alert.kind.value.replace('_', ' ')
+            return f'{name}, kart {self.kart}' if self.kart else name
         # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(texts.MSR_PREFIX)
         return text[:1].upper() + text[1:]
@@ -93,10 +104,11 @@ class AlertBook:
         kept: list[Notice] = []
         known: set[Key] = set()
         for notice in self._notices:
-            key = notice.alert.kind, notice.alert.kart
-            if notice.own or not notice.standing:
+            if notice.alert is None or not notice.standing:
                 kept.append(notice)
-            elif key in now:
+                continue
+            key = notice.alert.kind, notice.alert.kart
+            if key in now:
                 if two or notice.alert.use_msr or not now[key].use_msr:
                     known.add(key)
                     kept.append(replace(notice, alert=now[key]))
@@ -114,7 +126,7 @@ class AlertBook:
     def add_own(self, text: str) -> None:
         """Take an alert of this console: it stays until it is seen."""
         self._count += 1
-        self._notices.append(Notice(self._count, Alert('', 0, False, text), own=True))
+        self._notices.append(Notice(self._count, None, said=text))
 
     def see(self, number: int) -> None:
         """Mark an alert as seen; one that has ended with all that have."""
@@ -123,7 +135,7 @@ class AlertBook:
         self._notices = [
             replace(notice, seen=True) if notice.number == number else notice
             for notice in self._notices
-            if notice.number != number or (notice.standing and not notice.own)
+            if notice.number != number or (notice.standing and notice.alert)
         ]
 
     def see_all(self) -> None:
@@ -150,11 +162,11 @@ class AlertBook:
 
         ended = [notice for notice in self._notices if not notice.standing]
         if len(ended) > 1:
-            karts = sorted({notice.alert.kart for notice in ended if notice.alert.kart})
+            karts = sorted({notice.kart for notice in ended if notice.kart})
             told = texts.SEVERAL_ENDED.format(
-                count=len(ended), karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART
+                count=len(ended), karts=numbered(karts) or texts.NO_SINGLE_KART
             )
-            ended = [replace(ended[-1], alert=Alert('', 0, False, told))]
+            ended = [replace(ended[-1], said=told)]
         standing = [notice for notice in self._notices if notice.standing]
         return sorted([*standing, *ended], key=rank)
 
@@ -175,9 +187,9 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     more = notices[places:]
     for msr, text in ((True, texts.MORE_MSR), (False, texts.MORE_OTHER)):
         those = [notice for notice in more if notice.use_msr is msr and notice.standing]
-        karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
+        karts = sorted({notice.kart for notice in those if notice.kart})
         if those:
-            told.append(text.format(karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART))
+            told.append(text.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
     return '; '.join(told)
 
 
@@ -210,25 +222,37 @@ class Officials:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
 
-    def in_race(self, race: Race) -> Race:
+    def in_race(self, race: Snapshot) -> Snapshot:
         """Return a snapshot with each official as they are called."""
 
-        def offered(commands: Availability) -> Availability:
-            return {
-                kind: replace(each, reason=self.in_text(each.reason))
-                for kind, each in commands.items()
-            }
+        def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
+            return tuple(each._replace(reason=self.in_text(each.reason)) for each in commands)
 
-        karts = tuple(
-            replace(
-                kart,
-                hold_reason=self.in_text(kart.hold_reason),
-                commands=offered(kart.commands),
-            )
-            for kart in race.karts
+        return race._replace(
+            state_cause=self.in_text(race.state_cause),
+            karts=tuple(
+                kart._replace(
+                    hold_reason=self.in_text(kart.hold_reason), commands=offered(kart.commands)
+                )
+                for kart in race.karts
+            ),
+            commands=offered(race.commands),
         )
-        cause = self.in_text(race.state_cause)
-        return replace(race, state_cause=cause, karts=karts, commands=offered(race.commands))
+
+
+class Line(NamedTuple):
+    """
+    A line of the event log.
+
+    :param clock: race control's wall time, as hours:minutes:seconds.
+    :param is_command: it is an official's command and its answer.
+    """
+
+    clock: str
+    kart: int
+    success: bool
+    text: str
+    is_command: bool = False
 
 
 class EventLog:
@@ -241,18 +265,20 @@ class EventLog:
 
     def __init__(self, most: int = 2000) -> None:
         """Begin with none."""
-        self._lines: deque[Event] = deque(maxlen=most)
+        self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
         self.officials = Officials()
 
-    def add(self, event: Event) -> list[Event]:
+    def add(self, stamped: StampedEvent) -> list[Line]:
         """Take an event and return the lines it adds."""
         added = []
-        if event.sequence <= self._last:
-            added.append(Event(0, '', 0, True, texts.NEW_RUN))
-        self._last = event.sequence
-        refused = '' if event.success else texts.REFUSED
-        added.append(replace(event, text=f'{refused}{self._told(event)}'))
+        if stamped.sequence <= self._last:
+            added.append(Line('', 0, True, texts.NEW_RUN))
+        self._last, event = stamped.sequence, stamped.event
+        at = time_of_day(stamped.wall_ns // 1_000_000_000)
+        told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
+        is_command = event.kind is EventKind.COMMAND
+        added.append(Line(at, event.kart, event.success, told, is_command))
         self._lines.extend(added)
         return added
 
@@ -262,11 +288,11 @@ class EventLog:
         text = self.officials.in_text(event.text)
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
-    def lines(self, kart: int = 0) -> list[Event]:
+    def lines(self, kart: int = 0) -> list[Line]:
         """Return the lines that concern one kart (0: all lines), oldest first."""
         return [line for line in self._lines if concerns(line, kart)]
 
 
-def concerns(line: Event, kart: int) -> bool:
+def concerns(line: Line, kart: int) -> bool:
     """Return whether a line concerns a kart; lines without a kart concern every one."""
     return not kart or line.kart in (0, kart)

@@ -8,12 +8,13 @@ from __future__ import annotations
 import time
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import StampedEvent
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import concerns, EventLog
+from evgp_rcs_console.notices import concerns, EventLog, Line
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.snapshot import Event
 from evgp_rcs_console.style import BLACK, FILLS, GAP, HUGE, LARGE, look, SMALL, TEXT, WHITE, YELLOW
-from evgp_rcs_console.view import Cell, Danger, Row, Screen, Tone
+from evgp_rcs_console.view import Danger, Row, Screen
 from evgp_rcs_console.widgets import (
     Area,
     Card,
@@ -346,13 +347,13 @@ class EventPanel(Card):
         self._view.document().setDocumentMargin(look.px(3))
         self._show_one(self._kart)
 
-    def add(self, event: Event) -> None:
+    def add(self, event: StampedEvent) -> None:
         """Take an event."""
         for line in self.log.add(event):
             if concerns(line, self._kart):
                 self._append(line)
 
-    def _append(self, line: Event) -> None:
+    def _append(self, line: Line) -> None:
         bar = self._view.verticalScrollBar()
         at_end = bar.value() == bar.maximum()
         cursor = QtGui.QTextCursor(self._view.document())

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-import math
 
-from evgp_rcs.laps import Judged, KartResult, Mark, Status
+from evgp_rcs.laps import Judged, KartResult, Mark
+from evgp_rcs.snapshot import Standings
+from evgp_rcs.words import lap_time, STATUS
 from evgp_rcs_console import texts
-from evgp_rcs_console.snapshot import Results
 
 
 @dataclass(frozen=True)
@@ -39,28 +39,12 @@ RESULT_COLUMNS = (
     ResultColumn('Status, penalties', 150, lambda kart, team: '; '.join(_notes(kart))),
 )
 
-STATUS = {
-    Status.RUNNING: '',
-    Status.CLASSIFIED: 'classified',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: 'disqualified',
-}
-
 
 def _notes(kart: KartResult) -> list[str]:
     return [*filter(None, [STATUS[kart.status]]), *map(str, kart.penalties)]
 
 
-def lap_time(seconds: float | None) -> str:
-    """Return a time as minutes:seconds and thousandths; empty if there is none."""
-    if seconds is None or not math.isfinite(seconds):
-        return ''
-    minutes, thousandths = divmod(round(1000 * seconds), 60_000)
-    return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
-
-
-def title(results: Results) -> str:
+def title(results: Standings) -> str:
     """Return what the results are of."""
     if not (results.karts or results.overall):
         return texts.NO_RESULTS
@@ -68,11 +52,11 @@ def title(results: Results) -> str:
     return ', '.join(filter(None, (results.heat or texts.RESULTS_TITLE, _kind(results), laps)))
 
 
-def _kind(results: Results) -> str:
-    return results.format.replace('_', ' ')
+def _kind(results: Standings) -> str:
+    return results.format.value.replace('_', ' ')
 
 
-def table(results: Results, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
+def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
     """
     Return the table, a row for each kart, best first; then those of all heats of its format.
 

@@ -17,13 +17,14 @@ from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.laps import Judged
 from evgp_rcs.official import MOST_OF_NAME
+from evgp_rcs.snapshot import Standings
+from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.freshness import AIM, SEEN
 from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.snapshot import Results
 from evgp_rcs_console.style import GAP, LARGE, LEAST, look, SMALL, TEXT
-from evgp_rcs_console.view import Button, Cell, Tone
+from evgp_rcs_console.view import Button
 from evgp_rcs_console.widgets import (
     Area,
     CommandButton,
@@ -190,7 +191,7 @@ class Question(Sheet):
             if button is not None:
                 self._show_texts(button)
         elif button is None or button.reason or not button.asks_the_same(self.button):
-            self._spoilt_at = self._spoilt_at or texts.time_of_day(time.time())
+            self._spoilt_at = self._spoilt_at or time_of_day(time.time())
             what = button.differs_from(self.button) if button is not None else texts.ASK_GONE
             self._problem_text = texts.ASK_CHANGED.format(clock=self._spoilt_at, what=what)
         self._show_problem()
@@ -358,7 +359,7 @@ class ResultsSheet(Sheet):
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         """Have no results yet."""
         super().__init__(parent, 'results')
-        self._shown_results: tuple[Results, Mapping[int, str], bool] = Results(), {}, False
+        self._shown_results: tuple[Standings, Mapping[int, str], bool] = Standings(), {}, False
         self._page, self._pages = 0, 1
         self._listed: list[Judged] = []
         self._end = 0
@@ -395,7 +396,7 @@ class ResultsSheet(Sheet):
     def _shows_passings(self) -> bool:
         return not self._crossings.isHidden()
 
-    def show_results(self, found: Results, teams: Mapping[int, str], stale: bool) -> None:
+    def show_results(self, found: Standings, teams: Mapping[int, str], stale: bool) -> None:
         """Show the results as they stand, with the team of each kart of the roster."""
         self._shown_results = found, teams, stale
         if _count(found) < self._end:  # another race
@@ -420,7 +421,7 @@ class ResultsSheet(Sheet):
         self._newest.show_words(texts.NEWEST.format(count=_count(found) - self._end))
 
     @property
-    def _results(self) -> Results:
+    def _results(self) -> Standings:
         return self._shown_results[0]
 
     def _again(self) -> None:
@@ -456,7 +457,7 @@ class ResultsSheet(Sheet):
         self._listed = list(reversed(self._results.passings[begin:end]))
 
 
-def _count(found: Results) -> int:
+def _count(found: Standings) -> int:
     """Return how many passings there are, also those that the results do not have any more."""
     return found.older + len(found.passings)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from evgp_rcs_console.view import Tone
+from evgp_rcs.words import Tone
 
 FAMILIES = ('Inter', 'Noto Sans', 'DejaVu Sans')
 """Fonts, the preferred one first; the last one has every sign, and is wide."""

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 import math
-import time
 
-from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.words import numbered, STATES
 from evgp_rcs_console.commands import Effects, Given
-from evgp_rcs_console.snapshot import Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
 
@@ -48,24 +48,10 @@ BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
 
-STATES = {state: state.name.replace('_', ' ') for state in State} | {State.UNKNOWN: ''}
-
-SYMBOLS = {
-    State.UNKNOWN: '?',
-    State.IN_GARAGE: '⌂',
-    State.GRID_ACTIVE: '▦',
-    State.GREEN_GREEN: '▶',
-    State.RED_FLAG: '⚑',
-    State.RED_RED: '■',
-}
-"""The symbol of each state: with it and a word, no state is shown by its colour alone."""
-
 SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO', CommandKind.COUNT_PASSING: 'LAP'}
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
 NOT_LINKED = '✗ NO LINK'
-LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
-MILLISECONDS = '{count} ms'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
@@ -83,10 +69,10 @@ STOPPED_ITSELF = '! stopped itself'
 SETTLING = '… wait {seconds} s'
 NO_ANSWER_YET = '! no answer'
 ANSWERS = {
-    State.GRID_ACTIVE: '✓ ready',
-    State.GREEN_GREEN: '✓ driving',
-    State.RED_FLAG: '✓ stopped',
-    State.RED_RED: '✓ stopped',
+    RaceState.GRID_ACTIVE: '✓ ready',
+    RaceState.GREEN_GREEN: '✓ driving',
+    RaceState.RED_FLAG: '✓ stopped',
+    RaceState.RED_RED: '✓ stopped',
 }
 """What the screen says of a kart that has acknowledged what it is sent."""
 
@@ -119,18 +105,6 @@ NOBODY_CAN_STOP = '0 can stop: no screen or button is heard'
 COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
 IS_OVER = 'the race is over'
-ALL_LOST = '✗ ALL KARTS LOST'
-NONE_CONNECTED = '? NO KART CONNECTED'
-OTHERWISE = {
-    State.IN_GARAGE: '… ALL KARTS HELD',
-    State.GRID_ACTIVE: '… NO KART ON THE GRID',
-    State.GREEN_GREEN: '… NO KART IS RACING',
-    State.RED_FLAG: '… NO KART IN RED FLAG',
-    State.RED_RED: '… NO KART IN RED RED',
-    State.UNKNOWN: '',
-}
-"""What the screen says instead of the state of the race, if no kart of the race is sent it."""
-
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED ON THE TRACK'
 HUMANS_MAY_ENTER = '… Humans may enter once you open the track'
 HUMANS_MAY_ENTER_BY_MSR = '… Open the track once every kart stands'
@@ -346,17 +320,12 @@ def again_in(reason: str, seconds: float) -> str:
     return AGAIN_IN.format(reason=reason, seconds=left(seconds))
 
 
-def kart_name(kart: Kart) -> str:
-    """Return how officials call a kart."""
-    return f'kart {kart.number} ({kart.team})' if kart.team else f'kart {kart.number}'
-
-
-def inspected(kart: Kart) -> str:
+def inspected(kart: KartSnapshot) -> str:
     """Return when a kart was inspected; empty if the roster has no date."""
     return f'inspected {kart.inspected}' if kart.inspected else ''
 
 
-def laps(kart: Kart, wanted: int) -> str:
+def laps(kart: KartSnapshot, wanted: int) -> str:
     """Return how many laps a kart has driven, of those of the race; empty: it has none."""
     if kart.last_lap is None or kart.best_lap is None:
         return ''
@@ -380,7 +349,7 @@ def dropped(given: Given, at: float) -> str:
     return DROPPED.format(command=full_name(given), age=round(at - given.at))
 
 
-def heat(each: Heat, in_race: bool = False, is_next: bool = False) -> str:
+def heat(each: HeatSnapshot, in_race: bool = False, is_next: bool = False) -> str:
     """Return a heat with its karts, in the order in which they start."""
     text = HEAT.format(name=each.name, karts=_numbers(each.grid or each.karts))
     notes = [(GRID_FROM if each.grid else NO_GRID).format(source=each.grid_from)]
@@ -389,10 +358,10 @@ def heat(each: Heat, in_race: bool = False, is_next: bool = False) -> str:
     return f'{text}  ({", ".join(notes)})' if notes else text
 
 
-def order_of_start(race: Race) -> str:
+def order_of_start(race: Snapshot) -> str:
     """Return in which order the karts of the race start, and who is next; empty: nothing says."""
     said = []
-    if race.state in (State.IN_GARAGE, State.GRID_ACTIVE):
+    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE):
         heat = race.heat_in_race
         if heat is not None and heat.grid_from and len(heat.karts) > 1:
             text = GRID if heat.grid else NO_GRID
@@ -409,7 +378,9 @@ def _numbers(karts: Iterable[int]) -> str:
     return ', '.join(map(str, karts))
 
 
-def condition(command: CommandKind, kart: Kart | None, race: Race, statement: str) -> str:
+def condition(
+    command: CommandKind, kart: KartSnapshot | None, race: Snapshot, statement: str
+) -> str:
     """
     Return what an official confirms.
 
@@ -424,18 +395,18 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
     if command is CommandKind.OPEN_TRACK:
         return 'teams may go onto the track'
     if command is CommandKind.KART_IN_GARAGE and kart is not None:
-        return f'{kart_name(kart)} stands still and may go to its team'
+        return f'{kart} stands still and may go to its team'
     if command is CommandKind.KART_UNDO_FINISH and kart is not None:
-        return f'{kart_name(kart)} has not finished'
+        return f'{kart} has not finished'
     return f'{CATALOGUE[command].label} is right'
 
 
-def in_doubt(race: Race) -> str:
+def in_doubt(race: Snapshot) -> str:
     """Return the karts that may be moving but should not be; empty if there is none."""
-    return kart_numbers([kart for kart in race.karts if kart.in_doubt])
+    return numbered([kart for kart in race.karts if kart.in_doubt])
 
 
-def against_humans(race: Race) -> str:
+def against_humans(race: Snapshot) -> str:
     """Return what keeps humans off the track in every state of the race; empty if nothing does."""
     told = next((alert.text for alert in race.alerts if alert.use_msr), '')
     if told or race.track.msr_used:
@@ -444,21 +415,19 @@ def against_humans(race: Race) -> str:
     return f'{doubtful} may be moving' if doubtful else ''
 
 
-def under_way(race: Race) -> str:
+def under_way(race: Snapshot) -> str:
     """Return that the race is under way, or a kart is sent onto the track; empty if neither is."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
-    return f'{kart_name(sent[0])} is sent {STATES[sent[0].sent]}' if sent else ''
+    return f'{sent[0]} is sent {STATES[sent[0].sent]}' if sent else ''
 
 
-def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
+def warning(command: CommandKind, race: Snapshot) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
     A race that is under way is normal, and no reason for a warning.
-
-    :param nobody_heard: humans are allowed on the track only because no kart is connected.
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
@@ -469,11 +438,11 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
         doubtful = in_doubt(race)
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
             return f'only the MSR stops {doubtful}: leave it on'
-        return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
+        return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
 
 
-def caution(command: CommandKind, race: Race, karts: Sequence[int]) -> str:
+def caution(command: CommandKind, race: Snapshot, karts: Sequence[int]) -> str:
     """
     Return what an official should know before a command, and which is no reason to refuse it.
 
@@ -481,26 +450,19 @@ def caution(command: CommandKind, race: Race, karts: Sequence[int]) -> str:
     """
     if command is CommandKind.GREEN_GREEN:
         return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
-    poor = [kart for kart in race.karts if kart.number in karts and kart.link.poor_lately]
+    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
     if command is not CommandKind.GRID_ACTIVE or not poor:
         return ''
-    return ASK_CAUTION.format(karts=kart_numbers(poor))
+    return ASK_CAUTION.format(karts=numbered(poor))
 
 
-def can_stop(race: Race) -> str:
+def can_stop(race: Snapshot) -> str:
     """Return how many programs there are from which officials can stop the race, and which."""
     count, who = race.able_to_stop, race.who_can_stop
     return CAN_STOP.format(count=count, who=who) if count else NOBODY_CAN_STOP
 
 
-def kart_numbers(karts: Sequence[Kart | int]) -> str:
-    """Return karts by their numbers, empty if there are none."""
-    numbers = [each.number if isinstance(each, Kart) else each for each in karts]
-    name = 'kart' if len(numbers) == 1 else 'karts'
-    return f'{name} {", ".join(map(str, numbers))}' if numbers else ''
-
-
-def kart_list(karts: tuple[Kart, ...]) -> str:
+def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
     """Return karts by their numbers."""
     if not karts:
         return 'no kart'
@@ -508,7 +470,9 @@ def kart_list(karts: tuple[Kart, ...]) -> str:
     return f'kart {numbers}' if len(karts) == 1 else f'{len(karts)} karts: {numbers}'
 
 
-def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | None) -> list[str]:
+def consequences(
+    command: CommandKind, does: Effects, race: Snapshot, kart: KartSnapshot | None
+) -> list[str]:
     """
     Return what a command does, as sentences.
 
@@ -518,17 +482,17 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     said = [entry.note] if entry.note else []
     if command is CommandKind.RECORD_MSR and race.banner:
         said.append(MSR_IN_REHEARSAL.format(banner=race.banner))
-    if entry.names_hold and kart is not None and kart.hold is not State.UNKNOWN:
+    if entry.names_hold and kart is not None and kart.hold is not None:
         said.append(f'Ends the hold of {held(kart)}.')
-    if does.state is not State.UNKNOWN and (does.now or kart is None):
+    if does.state is not None and (does.now or kart is None):
         one, several = _THEN.get(command, ('', ''))
         end = one if len(does.now) == 1 else several if does.now else ''
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
     if does.later:
         gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
-        said.append(f'Not connected now, {gets}: {kart_numbers(does.later)}.')
+        said.append(f'Not connected now, {gets}: {numbered(does.later)}.')
     if kart is not None:
-        if entry.names_hold and kart.in_race and race.state is not State.IN_GARAGE:
+        if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
             said.append('Takes it out of the race.')
         if entry.names_hold and (why := under_way(race)):
             said.append(f'Humans stay off the track: {why}.')
@@ -536,17 +500,17 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     if does.held:
         stays = 'Stays' if len(does.held) == 1 else 'Stay'
         few = does.held if len(does.held) <= FEW else ()
-        who = '; '.join(map(held, few)) or kart_numbers(does.held)
+        who = '; '.join(map(held, few)) or numbered(does.held)
         said.append(f'{stays} held: {who}.')
-    if does.rest and does.state is not State.UNKNOWN:
+    if does.rest and does.state is not None:
         stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
-        said.append(f'{stays}: {kart_numbers(does.rest)}.')
+        said.append(f'{stays}: {numbered(does.rest)}.')
     if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
         said.append('Clears the places of the last race.')
     return said
 
 
-UNDER_WAY = (State.GRID_ACTIVE, State.GREEN_GREEN)
+UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 """The states of the race in which no human may be on the track, as a matter of course."""
 
 FEW = 4
@@ -559,53 +523,26 @@ _THEN = {
 """What happens after a command, if it is sent to one kart, and if it is sent to several."""
 
 
-def tally(karts: Sequence[Kart]) -> str:
-    """Return how many karts of the race are driving, stopped and so on; empty if none is in it."""
-    does = [_does(kart) for kart in karts if kart.in_race]
-    return ', '.join(f'{does.count(each)} {each}' for each in _DOES if each in does)
-
-
-def _does(kart: Kart) -> str:
-    if not kart.connected:
-        return 'lost' if kart.in_doubt else 'not connected'
-    if kart.settles:
-        return 'just stopped'
-    done, not_yet = _WHEN_SENT.get(kart.sent, _STOPS)
-    if not kart.acknowledged or kart.in_doubt:
-        return not_yet
-    return 'finished' if kart.place and kart.sent in (State.RED_FLAG, State.RED_RED) else done
-
-
-_STOPS = ('stopped', 'not stopped yet')
-_WHEN_SENT = {
-    State.IN_GARAGE: ('in the garage',) * 2,
-    State.GRID_ACTIVE: ('ready', 'not ready yet'),
-    State.GREEN_GREEN: ('driving', 'not driving yet'),
-}
-_DOES = (*(each for pair in _WHEN_SENT.values() for each in dict.fromkeys(pair)), *_STOPS)
-_DOES += ('finished', 'just stopped', 'not connected', 'lost')
-
-
-def missing(karts: Sequence[Kart], counted: bool = False) -> str:
+def missing(race: Snapshot, counted: bool = False) -> str:
     """
     Return which karts of the race have not yet done what they are sent; empty if all have.
 
     :param counted: on the grid, also say how many are ready.
     """
-    racing = [kart for kart in karts if kart.in_race and kart.sent is not State.IN_GARAGE]
+    racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
         kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
     ]
     numbers = ', '.join(str(kart.number) for kart in late)
     if not late:
         return ''
-    if counted and all(kart.sent is State.GRID_ACTIVE for kart in racing):
+    if counted and all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
         ready = len(racing) - len(late)
         return READY.format(ready=ready, count=len(racing), numbers=numbers)
     return MISSING.format(numbers=numbers)
 
 
-def heat_in_race(race: Race) -> str:
+def heat_in_race(race: Snapshot) -> str:
     """Return the heat that is in the race, with the number of its karts; empty if none races."""
     racing = [kart for kart in race.karts if kart.in_race]
     chosen = race.heat_in_race
@@ -626,36 +563,24 @@ def _count(karts: Sequence[object]) -> str:
     return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 
-def time_of_day(at: float) -> str:
-    """Return a wall time (s), as an official reads it."""
-    return time.strftime('%H:%M:%S', time.localtime(at))
-
-
-def clock(seconds: float) -> str:
-    """Return a time as minutes:seconds, or hours:minutes:seconds."""
-    minutes, second = divmod(int(max(0.0, seconds)), 60)
-    hours, minute = divmod(minutes, 60)
-    return f'{hours}:{minute:02}:{second:02}' if hours else f'{minute}:{second:02}'
-
-
-def held(kart: Kart) -> str:
+def held(kart: KartSnapshot) -> str:
     """Return a held kart, with its hold and the reason for it."""
     hold = STATES[kart.hold]
     said = kart.hold_reason.startswith(f'{hold} by ')
-    return f'{kart_name(kart)}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
+    return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
 
 
-def now_so(given: Given, race: Race) -> str:
+def now_so(given: Given, race: Snapshot) -> str:
     """Return the present state of what a command has changed; it replaces the command's answer."""
     if CATALOGUE[given.command].result.track_open is not None:
-        return 'the track is open' if race.track.is_open else 'the track is closed'
+        return 'the track is open' if race.track.open else 'the track is closed'
     kart = race.kart(given.kart)
     cause = race.state_cause
     by = f' ({cause})' if cause else ''
     if kart is None:
         return f'the race is in {STATES[race.state]}{by}'
-    sent = f'{kart_name(kart)} is sent {STATES[kart.sent]}'
-    if kart.hold is not State.UNKNOWN:
+    sent = f'{kart} is sent {STATES[kart.sent]}'
+    if kart.hold is not None:
         reason = kart.hold_reason
         sent += f', held: {cause if cause.startswith(f"{reason} by ") else reason}'
     elif kart.in_race and kart.sent is race.state:

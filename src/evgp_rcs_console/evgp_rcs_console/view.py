@@ -13,27 +13,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-import enum
-import math
 import string
 
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import texts
-from evgp_rcs_console.commands import asks, effects, Given, is_so, nobody_is_heard
-from evgp_rcs_console.notices import Notice
-from evgp_rcs_console.snapshot import (
-    Alert,
-    Available,
-    Heat,
-    Kart,
-    Link,
-    Race,
-    RED,
-    State,
-    Track,
+from evgp_rcs.link_quality import LinkQuality
+from evgp_rcs.race import Alert, AlertKind, Availability
+from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.words import (
+    Cell,
+    clock,
+    headline,
+    LINKS,
+    milliseconds,
+    STATE_CELLS,
+    STATES,
+    tally,
+    time_of_day,
+    Tone,
 )
+from evgp_rcs_console import texts
+from evgp_rcs_console.commands import asks, effects, Given, is_so
+from evgp_rcs_console.notices import Notice
 
 GONE_AFTER = 0.9
 """
@@ -50,6 +53,8 @@ RACE_COMMANDS = (
     CommandKind.IN_GARAGE,
 )
 """The commands to the karts of the race, in the order of a race (§4.B)."""
+
+STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
 KART_COMMANDS = (
     CommandKind.KART_RED_RED,
@@ -84,46 +89,8 @@ BEGINS_WITHIN = 30.0
 REMINDS_FOR = 30.0
 """Time for which the screen reminds of that, or until each has acknowledged, in seconds."""
 
-PART_FAILED = 'PART_FAILED'
-TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
-"""The kinds of alert that are shown in the largest type."""
-
 Pending = Mapping[tuple[CommandKind, int], float]
 """Time that each command to each kart (0: no kart) has waited for its answer, in seconds."""
-
-
-class Tone(enum.Enum):
-    """How a text stands out: by a colour, and always also by a word or a symbol."""
-
-    PLAIN = 'plain'
-    FAINT = 'faint'
-    GOOD = 'good'
-    WAIT = 'wait'
-    BAD = 'bad'
-    GARAGE = 'garage'
-    GRID = 'grid'
-    GREEN = 'green'
-    FLAG = 'flag'
-    RED = 'red'
-    BANNER = 'banner'
-
-
-STATE_TONES = {
-    State.UNKNOWN: Tone.FAINT,
-    State.IN_GARAGE: Tone.GARAGE,
-    State.GRID_ACTIVE: Tone.GRID,
-    State.GREEN_GREEN: Tone.GREEN,
-    State.RED_FLAG: Tone.FLAG,
-    State.RED_RED: Tone.RED,
-}
-
-
-@dataclass(frozen=True)
-class Cell:
-    """A text with its tone."""
-
-    text: str
-    tone: Tone = Tone.PLAIN
 
 
 @dataclass(frozen=True)
@@ -137,7 +104,7 @@ class Button:
     :param consequence: what it would do to each kart of the roster.
     :param statement: what race control asks the official to state; empty if nothing.
     :param karts: the karts that race control says it would start or release, or those of its heat.
-    :param hold: the hold that it would end; UNKNOWN if none.
+    :param hold: the hold that it would end; None if none.
     :param warning: why not to confirm it; empty if nothing is known against it.
     :param caution: what else to know before it is confirmed; the question stays the same without.
     :param heat: the name of the heat that it puts into the race.
@@ -156,7 +123,7 @@ class Button:
     consequence: str
     statement: str = ''
     karts: tuple[int, ...] = ()
-    hold: State = State.UNKNOWN
+    hold: RaceState | None = None
     warning: str = ''
     caution: str = ''
     heat: str = ''
@@ -382,18 +349,6 @@ CHOSEN_KART_KEYS = {
 """The keys that, with Ctrl, command the chosen kart."""
 
 
-NOTHING = Race(
-    state=State.UNKNOWN,
-    state_for=0.0,
-    over=False,
-    karts=(),
-    commands={},
-    track=Track(is_open=False, allowed=False, reason='', msr_used=False),
-    alerts=(),
-)
-"""What the screen shows before it hears race control for the first time."""
-
-
 def is_gone(silent_for: float | None) -> bool:
     """Return whether race control counts as gone; None: it was never heard."""
     return silent_for is None or silent_for >= GONE_AFTER
@@ -407,7 +362,7 @@ def silence(
     silent_for: float | None,
     looking_for: float,
     looking: str,
-    state: State,
+    state: RaceState | None,
     notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
@@ -426,32 +381,32 @@ def silence(
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     else:
         title, barred, note = texts.GONE, texts.GONE_REASON, notes[1]
-        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=texts.STATES[state])
+        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[state])
     detail = f'{detail} {note}'.rstrip()
     return Danger(title, texts.USE_MSR, detail, barred, stale=True)
 
 
-def danger(race: Race, two: bool) -> Danger | None:
+def danger(race: Snapshot, two: bool) -> Danger | None:
     """
     Return what to say about a race control that is heard but must not be relied on.
 
     :param two: snapshots come from two race controls.
     """
     told = {alert.kind: alert.text for alert in race.alerts}
-    if PART_FAILED in told:
-        return Danger(texts.FAILED, texts.USE_MSR, told[PART_FAILED])
-    if two or TWO_RACE_CONTROLS in told:
-        found = told.get(TWO_RACE_CONTROLS, texts.TWO_DETAIL).removesuffix('.')
+    if AlertKind.PART_FAILED in told:
+        return Danger(texts.FAILED, texts.USE_MSR, told[AlertKind.PART_FAILED])
+    if two or AlertKind.TWO_RACE_CONTROLS in told:
+        found = told.get(AlertKind.TWO_RACE_CONTROLS, texts.TWO_DETAIL).removesuffix('.')
         detail = f'{found}. {texts.TWO_WHAT_TO_DO}'
         return Danger(texts.TWO, texts.TWO_ADVICE, detail, texts.TWO_REASON)
     return None
 
 
-STEP_STATES = {kind: State[CATALOGUE[kind].result.race[0].name] for kind in RACE_COMMANDS}
+STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
 
-def show(race: Race, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
+def show(race: Snapshot, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
     """
     Return what a screen shows of a snapshot.
 
@@ -459,22 +414,22 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
     :param pending: the commands that wait for an answer.
     :param danger: what to say if race control is gone or must not be relied on.
     """
-    barred = danger.barred if danger else ''
-    buttons = _Buttons(race, pending, age, barred)
+    barred, now = danger.barred if danger else '', race.stamp + age
+    buttons = _Buttons(race, pending, now, barred)
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
         humans, reason = Cell(texts.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
-        state=_headline(race),
-        since=_since(race, age),
-        clock=texts.clock(race.state_for + age) if race.state is State.GREEN_GREEN else '',
+        state=headline(race),
+        since=_since(race, now),
+        clock=clock(now - race.state_since) if race.state is RaceState.GREEN_GREEN else '',
         heat=texts.heat_in_race(race),
         order=texts.order_of_start(race),
-        tally=texts.tally(race.karts),
-        missing=texts.missing(race.karts),
-        reminder='' if danger is not None else _finish_now(race) or _reminder(race, age),
+        tally=tally(race),
+        missing=texts.missing(race),
+        reminder='' if danger is not None else _finish_now(race) or _reminder(race, now),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
@@ -484,60 +439,38 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
         all_karts=(buttons.race(CommandKind.RECORD_MSR),),
         track_button=replace(track_button, phrase=texts.TO_HUMANS),
-        rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
+        rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
     )
 
 
-def _headline(race: Race) -> Cell:
-    """
-    Return the text in the largest type: what is true of the karts of the race.
-
-    A kart without a link stops by itself: RED RED is true of it.
-    """
-    karts = [kart for kart in race.karts if kart.in_race] or race.karts
-    there = [kart for kart in karts if kart.connected]
-    sent = {kart.sent for kart in there}
-    if race.state in sent:
-        return _state_cell(race.state)
-    if sent:
-        if race.state in RED and len(sent) == 1:
-            return _state_cell(*sent)
-        return Cell(texts.OTHERWISE[race.state], Tone.WAIT)
-    if race.state is State.GRID_ACTIVE:
-        return Cell(texts.NONE_CONNECTED, Tone.WAIT)
-    if race.state in (State.GREEN_GREEN, State.RED_FLAG):
-        return Cell(texts.ALL_LOST, Tone.BAD)
-    return _state_cell(race.state)
-
-
-def _since(race: Race, age: float) -> str:
+def _since(race: Snapshot, now: float) -> str:
     """Return for how long the race has been in its state, by whom, and whether it is over."""
-    since = texts.clock(race.state_for + age)
+    since = clock(now - race.state_since)
     if race.state_cause:
         since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
-    if race.state_clock:
-        since = texts.STATE_AT.format(since=since, clock=race.state_clock)
-    if _headline(race) != _state_cell(race.state):
-        since = texts.STATE_OF_RACE.format(state=texts.STATES[race.state], since=since)
+    if race.state is not None:
+        since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
+    if headline(race) != STATE_CELLS[race.state]:
+        since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
     return f'{since}, {texts.OVER}' if race.over else since
 
 
-def _reminder(race: Race, age: float) -> str:
+def _reminder(race: Snapshot, now: float) -> str:
     """
     Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
 
     Whether a kart drives, only an official can see: so it is said for a while in any case.
     """
-    late = race.state_for + age - BEGINS_WITHIN
-    if race.state is not State.GREEN_GREEN or late < 0.0:
+    late = now - race.state_since - BEGINS_WITHIN
+    if race.state is not RaceState.GREEN_GREEN or late < 0.0:
         return ''
-    sent = [kart for kart in race.karts if kart.in_race and kart.sent is State.GREEN_GREEN]
+    sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
 
 
-def _humans(race: Race) -> tuple[Cell, str]:
+def _humans(race: Snapshot) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why or why not.
 
@@ -545,7 +478,7 @@ def _humans(race: Race) -> tuple[Cell, str]:
     official has opened the track. Race control begins with an open track if it does not know
     better, so that an open track does not say that anybody opened it.
     """
-    is_open = race.track.is_open
+    is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
         told = any(alert.use_msr for alert in race.alerts)
@@ -557,7 +490,7 @@ def _humans(race: Race) -> tuple[Cell, str]:
             reason = texts.HUMANS_NOT_SAFE_REASON.format(reason=reason)
             return Cell(texts.HUMANS_NOT_SAFE, Tone.BAD), reason
         return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if told or doubtful else Tone.WAIT), reason
-    if nobody_is_heard(race):
+    if race.nobody_is_heard:
         unknown = Cell(texts.HUMANS_UNKNOWN)
         unknown = Cell(texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT) if is_open else unknown
         return unknown, texts.HUMANS_UNKNOWN_REASON
@@ -570,13 +503,13 @@ def _humans(race: Race) -> tuple[Cell, str]:
     return allowed, race.track.reason
 
 
-def _finish_now(race: Race) -> str:
+def _finish_now(race: Snapshot) -> str:
     """Return which karts are to be given FINISH, with its letter in their rows."""
     done = [str(kart.number) for kart in race.karts if kart.last_lap_done]
     return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
 
 
-def _places(race: Race) -> str:
+def _places(race: Snapshot) -> str:
     """Return the places, the first one first."""
     finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
     return ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
@@ -587,22 +520,22 @@ SAYS_NO_MORE = 5.0
 says what to do, in seconds."""
 
 
-def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
+def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     race = buttons.snapshot
     use_msr = any(alert.use_msr and alert.kart == kart.number for alert in race.alerts)
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
-    if kart.counts_in is not None and kart.counts_in <= age:
-        notes.append(texts.CONNECT_AGAIN.format(state=texts.STATES[kart.sent]))
-    elif kart.says_no_more and kart.sent_for + age > SAYS_NO_MORE:
-        notes.append(texts.SAID_BEFORE.format(state=texts.STATES[kart.sent]))
-    if kart.flag_follows:
-        left = texts.left(kart.flag_in - age)
+    if kart.counts_at is not None and kart.counts_at <= now:
+        notes.append(texts.CONNECT_AGAIN.format(state=STATES[kart.sent]))
+    elif kart.says_no_more and now - kart.sent_since > SAYS_NO_MORE:
+        notes.append(texts.SAID_BEFORE.format(state=STATES[kart.sent]))
+    if kart.flag_follows and kart.flag_at is not None:
+        left = texts.left(kart.flag_at - now)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
     if kart.last_lap_done:
         notes.append(texts.LAST_LAP_DONE)
-    if kart.hold is not State.UNKNOWN:
+    if kart.hold is not None:
         notes.append(texts.HELD.format(reason=kart.hold_reason))
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
@@ -610,18 +543,18 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     # Laps and the inspection are shown only where there is nothing that an official must read.
     note = ', '.join(notes) or texts.laps(kart, race.laps) or texts.inspected(kart)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
-    if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
+    if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
     counts = race.laps_remain(kart)
     finish = buttons.kart(CommandKind.KART_FINISH, kart, '' if counts else key)
     shown = {CommandKind.KART_FINISH: buttons.lap(kart, key) if counts else finish}
-    asks = kart.sent is not State.IN_GARAGE
+    asks = kart.sent is not RaceState.IN_GARAGE
     done = kart.acknowledged and not kart.in_doubt
     says = ''
-    if kart.connected and kart.reported not in (State.UNKNOWN, kart.sent):
-        says = texts.SAYS.format(state=texts.STATES[kart.reported])
-    elif kart.counts_in is not None:
+    if kart.connected and kart.reported not in (None, kart.sent):
+        says = texts.SAYS.format(state=STATES[kart.reported])
+    elif kart.counts_at is not None:
         says = texts.SAYS_EARLIER
     return Row(
         number=kart.number,
@@ -633,9 +566,9 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         bars=BARS[kart.link.grade] * kart.connected,
         link_time=_link_time(kart.link) * kart.connected,
         # A kart without a link is sent nothing; this is what it would be sent.
-        sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
-        since=texts.clock(kart.sent_for + age),
-        answer=_answer(kart, age, missing),
+        sent=STATE_CELLS[kart.sent] if kart.connected else _faint(STATE_CELLS[kart.sent]),
+        since=clock(now - kart.sent_since),
+        answer=_answer(kart, now, missing),
         waits=kart.connected and asks and not done,
         says=says,
         place=f'P{kart.place}' if kart.place else '',
@@ -648,49 +581,48 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     )
 
 
-def _note_tone(kart: Kart, urgent: bool) -> Tone:
+def _note_tone(kart: KartSnapshot, urgent: bool) -> Tone:
     if urgent:
         return Tone.BAD
     return Tone.WAIT if kart.last_lap_done else Tone.FAINT
 
 
-def _link(kart: Kart, missing: Tone) -> Cell:
+def _link(kart: KartSnapshot, missing: Tone) -> Cell:
     """Return how good the link to a kart is, in a word."""
     if not kart.connected:
         return Cell(texts.NOT_LINKED, missing)
     poor = kart.link.grade is Grade.POOR and kart.in_race
-    return Cell(texts.LINKS[kart.link.grade], Tone.WAIT if poor else Tone.PLAIN)
+    return Cell(LINKS[kart.link.grade], Tone.WAIT if poor else Tone.PLAIN)
 
 
-def _link_time(link: Link) -> str:
+def _link_time(link: LinkQuality) -> str:
     """Return the round trip; of a link that is not good, what tells why: the longest answer."""
-    late = max(link.worst_answer, link.behind)
-    seconds = link.round_trip if link.grade is Grade.GOOD else late
-    if link.grade is Grade.UNKNOWN or math.isnan(seconds):
+    if link.grade is Grade.UNKNOWN:
         return ''
-    return texts.MILLISECONDS.format(count=math.ceil(1000 * seconds))
+    late = max(link.worst_answer or 0.0, link.behind)
+    return milliseconds(link.round_trip if link.grade is Grade.GOOD else late)
 
 
-def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
+def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
     """Return what a kart answered to what it is sent, in a word or two."""
     if not kart.connected:
         return Cell(texts.NO_ANSWER_YET, missing) if missing is Tone.BAD else Cell('')
-    if kart.sent is State.IN_GARAGE:
+    if kart.sent is RaceState.IN_GARAGE:
         return Cell('')
     if kart.acknowledged and kart.in_doubt:
-        left = texts.left(kart.settles_in - age)
+        left = texts.left((kart.settles_at or now) - now)
         return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
-    if kart.reported is State.RED_RED and kart.sent in (State.GRID_ACTIVE, State.GREEN_GREEN):
+    if kart.stopped_itself:
         return Cell(texts.STOPPED_ITSELF, Tone.BAD)
-    if kart.counts_in is not None and kart.counts_in > age:
-        left = texts.left(kart.counts_in - age)
+    if kart.counts_at is not None and kart.counts_at > now:
+        left = texts.left(kart.counts_at - now)
         return Cell(texts.COUNTS_IN.format(seconds=left), Tone.WAIT)
     return Cell(texts.WAITING, Tone.WAIT)
 
 
-def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind:
+def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) -> CommandKind:
     """Return the command that a button offers: while its result holds, the one that undoes it."""
     undone_by = UNDONE_BY.get(command)
     if undone_by is not None and is_so(CATALOGUE[command].result, race, kart):
@@ -698,36 +630,31 @@ def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind
     return command
 
 
-def _state_cell(state: State) -> Cell:
-    return Cell(f'{texts.SYMBOLS[state]} {texts.STATES[state]}'.strip(), STATE_TONES[state])
-
-
 def _faint(cell: Cell) -> Cell:
-    return replace(cell, tone=Tone.FAINT)
+    return cell._replace(tone=Tone.FAINT)
 
 
 @dataclass(frozen=True)
 class _Buttons:
     """The buttons of one snapshot."""
 
-    snapshot: Race
+    snapshot: Snapshot
     pending: Pending
-    age: float
+    now: float
     barred: str
 
     def race(self, command: CommandKind) -> Button:
-        offered = self.snapshot.commands.get(command, Available(False))
+        offered = self.snapshot.offered(command)
         button = self._button(command, None, offered, KEYS.get(command, ''))
         phrase, current = self._phrase(button, offered)
         return replace(button, phrase=phrase, current=current)
 
-    def _phrase(self, button: Button, offered: Available) -> tuple[str, bool]:
+    def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
         """Return a command's phrase, and whether the race is in the state that it leads to."""
         race, command = self.snapshot, button.command
         if command not in texts.STEPS:
             return '', False
-        state = STEP_STATES.get(command, State.UNKNOWN)
-        current = state is race.state and state is not State.UNKNOWN
+        current = command in STEP_STATES and STEP_STATES[command] is race.state
         current = current and (race.over or command is not CommandKind.RACE_OVER)
         does, follows = texts.STEPS[command]
         if self.barred and not button.enabled:
@@ -737,27 +664,28 @@ class _Buttons:
         if current and command is CommandKind.RACE_OVER:
             return texts.IS_OVER, True  # not since the race is in its state: it was before
         if current:
-            return texts.STEP_SINCE.format(clock=race.state_clock or button.reason), True
+            return texts.STEP_SINCE.format(clock=time_of_day(race.state_since)), True
         if button.enabled:
             return texts.step_does(does, offered.karts), False
-        if offered.again_in:
-            return texts.AGAIN.format(seconds=texts.left(offered.again_in - self.age)), False
-        missing = texts.missing(race.karts, counted=True)
+        if offered.available_from is not None:
+            left = texts.left(offered.available_from - self.now)
+            return texts.AGAIN.format(seconds=left), False
+        missing = texts.missing(race, counted=True)
         if offered.reason.startswith(texts.WAITS_FOR) and missing:
             return missing, False
-        if command is CommandKind.GREEN_GREEN and race.state in RED:
+        if command is CommandKind.GREEN_GREEN and race.state in STOPPED:
             return texts.NOT_RESUMED, False
         wrong_state = follows and offered.reason.startswith(texts.WRONG_STATE)
         return follows if wrong_state else button.reason, False
 
-    def kart(self, command: CommandKind, kart: Kart, key: str = '') -> Button:
-        offered = kart.commands.get(command, Available(False))
-        return self._button(command, kart, offered, key)
+    def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
+        return self._button(command, kart, kart.offered(command), key)
 
-    def lap(self, kart: Kart, key: str) -> Button:
-        return self._button(CommandKind.COUNT_PASSING, kart, Available(True), key)
+    def lap(self, kart: KartSnapshot, key: str) -> Button:
+        offered = Availability(CommandKind.COUNT_PASSING, True)
+        return self._button(CommandKind.COUNT_PASSING, kart, offered, key)
 
-    def heat(self, heat: Heat) -> Button:
+    def heat(self, heat: HeatSnapshot) -> Button:
         """Return the button that puts a heat into the race."""
         is_next = heat.name == self.snapshot.next_heat
         label = texts.heat(heat, heat == self.snapshot.heat_in_race, is_next)
@@ -768,15 +696,15 @@ class _Buttons:
     def _button(
         self,
         command: CommandKind,
-        kart: Kart | None,
-        offered: Available,
+        kart: KartSnapshot | None,
+        offered: Availability,
         key: str,
     ) -> Button:
         entry = CATALOGUE[command]
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
-        if reason and offered.again_in:
-            reason = texts.again_in(reason, offered.again_in - self.age)
+        if reason and offered.available_from is not None:
+            reason = texts.again_in(reason, offered.available_from - self.now)
         # A stop can always be pressed, even while one waits or nobody answers: it does no harm.
         if not entry.stop and self.barred:
             reason = self.barred
@@ -788,19 +716,19 @@ class _Buttons:
             does = effects(command, race, offered, kart)
             condition = texts.condition(command, kart, race, offered.statement)
             consequence = '\n'.join(texts.consequences(command, does, race, kart))
-            warning = texts.warning(command, race, nobody_is_heard(race))
+            warning = texts.warning(command, race)
             caution = texts.caution(command, race, offered.karts)
         return Button(
             command=command,
             kart=kart.number if kart else 0,
             label=entry.label,
-            enabled=entry.stop or (offered.yes and not reason),
+            enabled=entry.stop or (offered.available and not reason),
             reason=reason,
             condition=condition,
             consequence=consequence,
             statement=offered.statement,
             karts=offered.karts,
-            hold=kart.hold if kart and entry.names_hold else State.UNKNOWN,
+            hold=kart.hold if kart and entry.names_hold else None,
             warning=warning,
             caution=caution,
             key=key,

@@ -10,10 +10,11 @@ import functools
 from typing import NamedTuple, TypeVar
 
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.words import Cell, STATE_CELLS, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
-from evgp_rcs_console.view import Button, Cell, STATE_TONES, STEP_STATES, Tone
+from evgp_rcs_console.view import Button, STEP_STATES
 
 Part = TypeVar('Part', bound=QtWidgets.QWidget)
 
@@ -464,7 +465,7 @@ class StepButton(CommandButton):
             return
         ink, ground, frame = self.colours()
         if button.current:
-            tone = STATE_TONES[STEP_STATES[button.command]]
+            tone = STATE_CELLS[STEP_STATES[button.command]].tone
             frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
             ink = look.palette.ink if not button.is_stop else ink
             pen.box(self.rect(), ground or look.palette.card, frame, 3)

@@ -11,13 +11,13 @@ which Qt queues; commands go out through ``give``, which returns at once.
 from __future__ import annotations
 
 from evgp_protocol import clock
+from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import Give, Keyboard, LateInput, Mouse, Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import is_night, keep_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
-from evgp_rcs_console.view import Tone
 from evgp_rcs_console.widgets import CommandButton, Painted
 
 LOOK = 100

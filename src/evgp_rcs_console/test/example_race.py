@@ -5,33 +5,47 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any, TypeVar
+
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs_console.snapshot import Available, Kart, Race, State, Track
+from evgp_rcs.race import Availability, Kart, Race, TrackAccess
+from evgp_rcs.snapshot import NOTHING, snapshot_of
 
-EVERYTHING = {command: Available(True) for command in CommandKind}
-"""Race control offers every command."""
+_Value = TypeVar('_Value')
 
-KART = Kart(
-    number=7,
-    team='Purdue',
-    in_race=True,
-    connected=True,
-    sent=State.GRID_ACTIVE,
-    sent_for=40.0,
-    acknowledged=False,
-    reported=State.IN_GARAGE,
-    hold=State.UNKNOWN,
-    hold_reason='',
-    may_be_moving=False,
-    place=0,
-    commands=EVERYTHING,
+
+def replace(value: _Value, **changes: Any) -> _Value:
+    """Return a named tuple or a dataclass with other fields."""
+    changed: _Value = getattr(value, '_replace', dataclasses.replace)(
+        *([] if hasattr(value, '_replace') else [value]), **changes
+    )
+    return changed
+
+
+def offers(*others: Availability) -> tuple[Availability, ...]:
+    """Return that race control offers every command, but these as they are here."""
+    by_kind = {each: Availability(each, True) for each in CommandKind}
+    return tuple((by_kind | {each.command: each for each in others}).values())
+
+
+EVERYTHING = offers()
+
+KART = (
+    snapshot_of(Race([Kart(7, 'Purdue', True)]), 0.0)
+    .karts[0]
+    ._replace(
+        connected=True,
+        sent=RaceState.GRID_ACTIVE,
+        reported=RaceState.IN_GARAGE,
+        commands=EVERYTHING,
+    )
 )
-RACE = Race(
-    state=State.GRID_ACTIVE,
-    state_for=40.0,
-    over=False,
+RACE = NOTHING._replace(
+    stamp=40.0,
+    state=RaceState.GRID_ACTIVE,
     karts=(KART,),
     commands=EVERYTHING,
-    track=Track(is_open=False, allowed=False, reason='the race is in GRID_ACTIVE', msr_used=False),
-    alerts=(),
+    track=TrackAccess(False, False, 'the race is in GRID_ACTIVE', False),
 )

@@ -10,20 +10,22 @@ way only, too careful.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.race import Alert, AlertKind, TrackAccess
+from evgp_rcs.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.snapshot import Alert, Kart, Link, Race, RED, State, Track
-from evgp_rcs_console.view import Cell, Danger, danger, Screen, show, silence, table, Tone
-from example_race import EVERYTHING, KART, RACE
+from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table
+from example_race import EVERYTHING, KART, RACE, replace
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-STATES = [state for state in State if state is not State.UNKNOWN]
+RED = (RaceState.RED_FLAG, RaceState.RED_RED)
 ALLOWED = (
     texts.HUMANS_ALLOWED,
     texts.HUMANS_BY_MSR,
@@ -31,68 +33,78 @@ ALLOWED = (
     texts.HUMANS_MAY_ENTER_BY_MSR,
 )
 many = settings(max_examples=300, deadline=None)
-MSR_KINDS = ('LOST_IN_MOTION', 'RED_UNACKNOWLEDGED', 'TRACK_UNSAFE', 'KART_LOST', 'NOT_READY')
+MSR_KINDS = (
+    AlertKind.LOST_IN_MOTION,
+    AlertKind.RED_UNACKNOWLEDGED,
+    AlertKind.TRACK_UNSAFE,
+    AlertKind.KART_LOST,
+    AlertKind.NOT_READY,
+)
 
 
 @st.composite
-def karts(draw: st.DrawFn, number: int) -> Kart:
+def karts(draw: st.DrawFn, number: int) -> KartSnapshot:
     """Return any kart."""
-    hold = draw(st.sampled_from((State.UNKNOWN, *RED)))
+    hold = draw(st.sampled_from((None, *RED)))
+    sent = hold or draw(st.sampled_from(RaceState))
+    reported = draw(st.sampled_from((None, *RaceState)))
+    grade = draw(st.sampled_from(Grade))
     return replace(
         KART,
         number=number,
         in_race=draw(st.booleans()),
         connected=draw(st.booleans()),
-        sent=hold if hold is not State.UNKNOWN else draw(st.sampled_from(STATES)),
+        sent=sent,
         acknowledged=draw(st.booleans()),
-        reported=draw(st.sampled_from(State)),
+        reported=reported,
         hold=hold,
-        hold_reason='' if hold is State.UNKNOWN else 'ALL_KILL by Anna',
+        hold_reason='' if hold is None else 'ALL_KILL by Anna',
         may_be_moving=draw(st.booleans()),
-        settles_in=draw(st.sampled_from((0.0, 2.5))),
-        counts_in=draw(st.sampled_from((None, 0.0, 2.5))),
-        flag_in=draw(st.sampled_from((0.0, 2.5))),
-        link=Link(draw(st.sampled_from(Grade)), draw(st.booleans()), 0.6, 0.01),
+        stopped_itself=draw(st.booleans()),
+        settles_at=draw(st.sampled_from((None, 42.5))),
+        counts_at=draw(st.sampled_from((None, 40.0, 42.5))),
+        flag_at=draw(st.sampled_from((None, 42.5))),
+        poor_lately=draw(st.booleans()),
+        link=NOT_MEASURED._replace(grade=grade, worst_answer=0.6, round_trip=0.01),
     )
 
 
 @st.composite
-def races(draw: st.DrawFn) -> Race:
+def races(draw: st.DrawFn) -> Snapshot:
     """Return any snapshot, with up to four karts and three alerts."""
     alert = st.builds(
         Alert,
         kind=st.sampled_from(MSR_KINDS),
         kart=st.integers(0, 4),
+        since=st.just(0.0),
         use_msr=st.booleans(),
         text=st.just('it is so'),
     )
     track = st.builds(
-        Track,
-        is_open=st.booleans(),
+        TrackAccess,
+        open=st.booleans(),
         allowed=st.booleans(),
         reason=st.just('it is so'),
         msr_used=st.booleans(),
     )
-    return Race(
-        state=draw(st.sampled_from(STATES)),
-        state_for=1.0,
+    return RACE._replace(
+        state=draw(st.sampled_from(RaceState)),
         over=draw(st.booleans()),
         karts=tuple(draw(karts(number)) for number in range(1, draw(st.integers(0, 4)) + 1)),
         commands=EVERYTHING,
         track=draw(track),
         alerts=tuple(draw(st.lists(alert, max_size=3))),
         state_cause='ALL_KILL by Anna',
-        state_clock='22:33:23',
     )
 
 
-def dangers(race: Race) -> list[Danger | None]:
+def dangers(race: Snapshot) -> list[Danger | None]:
     """Return what can be said of race control while this is the newest snapshot."""
     gone = silence(5.0, 60.0, 'here', race.state)
     return [danger(race, two=False), danger(race, two=True), gone]
 
 
-def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[str]:
+def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> list[str]:
     """Return what is said against humans on the track, anywhere on the screen."""
     book = AlertBook()
     book.update(race.alerts)
@@ -101,14 +113,14 @@ def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[
     said += [shown_danger.title] if shown_danger else []
     states = [screen.state.text, screen.since]
     states += [row.sent.text for row in screen.rows if row.connected]
-    under_way = texts.STATES[State.GRID_ACTIVE], texts.STATES[State.GREEN_GREEN]
+    under_way = STATES[RaceState.GRID_ACTIVE], STATES[RaceState.GREEN_GREEN]
     return said + [text for text in states if any(state in text for state in under_way)]
 
 
 @many
 @given(races())
 def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
-    race: Race,
+    race: Snapshot,
 ) -> None:
     for shown in dangers(race):
         screen = show(race, 0.0, {}, shown)
@@ -117,7 +129,7 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
             assert race.track.allowed
             assert not statements(race, screen, shown)
         if screen.humans.tone is Tone.GOOD:
-            assert race.track.is_open
+            assert race.track.open
             assert not any(kart.in_doubt for kart in race.karts)
         elif screen.humans.text == texts.HUMANS_NOT_ALLOWED:
             assert screen.humans.tone is Tone.BAD or not any(
@@ -127,7 +139,7 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
 
 @many
 @given(races())
-def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Race) -> None:
+def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Snapshot) -> None:
     for kart, row in zip(race.karts, show(race, 0.0, {}).rows, strict=True):
         assert row.connected is kart.connected
         if not kart.connected:
@@ -137,43 +149,43 @@ def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Rac
 
 @many
 @given(races())
-def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
+def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
     concerned = [row for row in screen.rows if row.in_race] or screen.rows
     sent = {row.sent.text for row in concerned if row.connected}
 
-    shown = {f'{texts.SYMBOLS[each]} {texts.STATES[each]}': each for each in STATES}
+    shown = {STATE_CELLS[each].text: each for each in RaceState}
     state = shown.get(screen.state.text)
-    if state in (State.RED_RED, State.IN_GARAGE) and not sent:
+    if state in (RaceState.RED_RED, RaceState.IN_GARAGE) and not sent:
         # A kart without a link stops, and in the garage it may come yet.
         assert state is race.state
     elif state is not None:
         assert screen.state.text in sent
     else:
-        assert not any(texts.STATES[race.state] in each for each in sent)
+        assert not any(STATES[race.state] in each for each in sent)
     # The state of the race is told in any case, and who brought it about.
-    assert texts.STATES[race.state] in f'{screen.state.text} {screen.since}'
+    assert STATES[race.state] in f'{screen.state.text} {screen.since}'
     assert race.state_cause in screen.since
-    assert race.state_clock in screen.since
+    assert time_of_day(race.state_since) in screen.since
 
 
 @many
 @given(races())
-def test_all_karts_are_lost_only_if_none_is_connected(race: Race) -> None:
+def test_all_karts_are_lost_only_if_none_is_connected(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
     racing = [kart for kart in race.karts if kart.in_race] or race.karts
 
-    if screen.state.text == texts.ALL_LOST:
+    if screen.state == ALL_LOST:
         assert not any(kart.connected for kart in racing)
 
 
 @many
 @given(races())
-def test_an_open_track_never_looks_like_a_closed_one(race: Race) -> None:
+def test_an_open_track_never_looks_like_a_closed_one(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
 
-    closed = show(replace(race, track=replace(race.track, is_open=False)), 0.0, {}).humans
-    if race.track.is_open:
+    closed = show(replace(race, track=replace(race.track, open=False)), 0.0, {}).humans
+    if race.track.open:
         assert screen.humans.text != closed.text
         assert (screen.humans.tone is Tone.BAD) is (screen.humans.text == texts.HUMANS_NOT_SAFE)
     else:
@@ -182,7 +194,7 @@ def test_an_open_track_never_looks_like_a_closed_one(race: Race) -> None:
 
 @many
 @given(races())
-def test_red_is_only_what_is_wrong(race: Race) -> None:
+def test_red_is_only_what_is_wrong(race: Snapshot) -> None:
     wrong = any(alert.use_msr for alert in race.alerts)
     # To be told to stop, and not to have stopped yet, is nothing wrong.
     doubtful = any(
@@ -191,23 +203,23 @@ def test_red_is_only_what_is_wrong(race: Race) -> None:
     screen = show(race, 0.0, {})
 
     if screen.humans.tone is Tone.BAD:
-        assert wrong or doubtful or race.track.is_open
+        assert wrong or doubtful or race.track.open
     for kart, row in zip(race.karts, screen.rows, strict=True):
         assert row.sent.tone is not Tone.RED or kart.connected
         if row.link.tone is Tone.BAD:
             assert not kart.connected
-            assert kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE)
+            assert kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE)
 
 
 @many
 @given(races())
-def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Race) -> None:
+def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot) -> None:
     quiet = replace(
         race,
-        state=State.GRID_ACTIVE,
+        state=RaceState.GRID_ACTIVE,
         alerts=(),
         karts=tuple(replace(kart, connected=True, may_be_moving=False) for kart in race.karts),
-        track=Track(False, False, 'the race is in GRID_ACTIVE', False),
+        track=TrackAccess(False, False, 'the race is in GRID_ACTIVE', False),
     )
 
     button = show(quiet, 0.0, {}).button(CommandKind.IN_GARAGE)
@@ -220,9 +232,9 @@ def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Race) -> None:
 @many
 @given(races(), st.sampled_from((CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK)))
 def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
-    race: Race, command: CommandKind
+    race: Snapshot, command: CommandKind
 ) -> None:
-    race = replace(race, track=replace(race.track, is_open=False))
+    race = replace(race, track=replace(race.track, open=False))
     screen = show(race, 0.0, {})
     button = screen.button(command)
 
@@ -234,7 +246,7 @@ def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
 
 @many
 @given(races())
-def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Race) -> None:
+def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
 
     for kart, row in zip(race.karts, screen.rows, strict=True):
@@ -252,7 +264,7 @@ def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Race) -> None:
 
 @many
 @given(races())
-def test_the_terminal_says_what_the_window_says(race: Race) -> None:
+def test_the_terminal_says_what_the_window_says(race: Snapshot) -> None:
     for shown in dangers(race):
         screen = show(race, 0.0, {}, shown)
 
@@ -265,7 +277,7 @@ def test_the_terminal_says_what_the_window_says(race: Race) -> None:
 
 def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None:
     book = AlertBook()
-    alert = Alert('LOST_IN_MOTION', 7, True, 'kart 7 was lost')
+    alert = Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'kart 7 was lost', True)
     book.update((alert,))
     book.see(book.shown[0].number)
     before = book.shown[0].heading
@@ -278,12 +290,12 @@ def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None
 def test_a_change_names_who_brought_it_about() -> None:
     given = Given(CommandKind.GREEN_GREEN)
     by = 'ALL_KILL by Anna'
-    race = replace(RACE, state=State.RED_RED, state_cause=by)
-    flagged = replace(RACE, state=State.RED_FLAG, state_cause='RED_FLAG by Bob')
-    kart = replace(KART, sent=State.RED_FLAG)
+    race = replace(RACE, state=RaceState.RED_RED, state_cause=by)
+    flagged = replace(RACE, state=RaceState.RED_FLAG, state_cause='RED_FLAG by Bob')
+    kart = replace(KART, sent=RaceState.RED_FLAG)
 
     assert by in texts.now_so(given, race)
     to_kart = replace(given, command=CommandKind.KART_FINISH, kart=7)
     assert 'RED_FLAG by Bob' in texts.now_so(to_kart, replace(flagged, karts=(kart,)))
-    held = replace(kart, hold=State.RED_RED, sent=State.RED_RED, hold_reason=by)
+    held = replace(kart, hold=RaceState.RED_RED, sent=RaceState.RED_RED, hold_reason=by)
     assert texts.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1

@@ -5,18 +5,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
-from evgp_rcs_console.snapshot import Alert, Available, Event
-from example_race import KART, RACE
+from example_race import KART, offers, RACE, replace
 
 
-def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
+def alert(kart: int) -> Alert:
     """Return an alert of a kart."""
-    return Alert(kind, kart, False, f'Kart {kart} lost its connection')
+    return Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
 
 
 def sentences(book: AlertBook) -> list[str]:
@@ -32,7 +31,18 @@ def told(book: AlertBook) -> list[str]:
 def msr_alert(kart: int) -> Alert:
     """Return an alert of a kart for which the MSR is to be used."""
     text = f'Use the MSR: kart {kart} has not acknowledged RED_RED'
-    return Alert('RED_UNACKNOWLEDGED', kart, True, text)
+    return Alert(AlertKind.RED_UNACKNOWLEDGED, kart, 0.0, text, True)
+
+
+def unsafe(text: str) -> Alert:
+    """Return the alert that humans are on a track that is not safe."""
+    return Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, text, True)
+
+
+def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> StampedEvent:
+    """Return an event."""
+    happened = Event(EventKind.COMMAND, text, kart, success=success)
+    return StampedEvent(sequence, 0, 0.0, happened)
 
 
 def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
@@ -79,7 +89,7 @@ def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -
     book.update([alert(5), msr_alert(4), alert(3), msr_alert(1), alert(2)])
     book.update([alert(5), msr_alert(4), msr_alert(1), alert(2)])
 
-    assert [notice.alert.kart for notice in book.shown] == [4, 5, 3, 1, 2]
+    assert [notice.kart for notice in book.shown] == [4, 5, 3, 1, 2]
 
 
 def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
@@ -100,7 +110,7 @@ def test_alerts_stand_newest_first() -> None:
     same = book.update([alert(2), alert(1)])
 
     assert (first, second, same) == (True, True, False)
-    assert [notice.alert.kart for notice in book.unseen] == [2, 1]
+    assert [notice.kart for notice in book.unseen] == [2, 1]
 
 
 def test_alerts_that_came_together_keep_the_order_of_race_control() -> None:
@@ -108,7 +118,7 @@ def test_alerts_that_came_together_keep_the_order_of_race_control() -> None:
 
     book.update([alert(2), alert(1)])
 
-    assert [notice.alert.kart for notice in book.unseen] == [2, 1]
+    assert [notice.kart for notice in book.unseen] == [2, 1]
 
 
 def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
@@ -168,9 +178,9 @@ def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
 
 def test_a_new_text_of_an_alert_is_shown() -> None:
     book = AlertBook()
-    book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 1 is not stopped')])
+    book.update([unsafe('kart 1 is not stopped')])
 
-    news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped')])
+    news = book.update([unsafe('kart 2 is not stopped')])
 
     assert not news
     assert sentences(book) == ['Kart 2 is not stopped']
@@ -179,7 +189,7 @@ def test_a_new_text_of_an_alert_is_shown() -> None:
 def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
     log = EventLog()
     for sequence, kart in enumerate((0, 1, 2), start=1):
-        log.add(Event(sequence, '12:00:00', kart, True, f'event of {kart}'))
+        log.add(event(sequence, f'event of {kart}', kart))
 
     assert [line.text for line in log.lines(2)] == ['event of 0', 'event of 2']
     assert len(log.lines()) == 3
@@ -188,17 +198,17 @@ def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
 def test_a_refusal_is_marked_in_the_log() -> None:
     log = EventLog()
 
-    (line,) = log.add(Event(1, '12:00:00', 0, False, 'GREEN_GREEN refused'))
+    (line,) = log.add(event(1, 'GREEN_GREEN refused', success=False))
 
-    assert (line.clock, line.text) == ('12:00:00', '✗ GREEN_GREEN refused')
+    assert (line.clock, line.text) == (time_of_day(0.0), '✗ GREEN_GREEN refused')
 
 
 def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
     log = EventLog()
-    log.add(Event(1, '12:00:00', 0, True, 'one'))
-    log.add(Event(2, '12:00:01', 0, True, 'two'))
+    log.add(event(1, 'one'))
+    log.add(event(2, 'two'))
 
-    log.add(Event(1, '12:05:00', 0, True, 'three'))
+    log.add(event(1, 'three'))
 
     assert [line.text for line in log.lines()][2:] == [texts.NEW_RUN, 'three']
 
@@ -206,7 +216,7 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
 def test_the_log_keeps_the_newest() -> None:
     log = EventLog(most=3)
     for sequence in range(1, 10):
-        log.add(Event(sequence, '', 0, True, str(sequence)))
+        log.add(event(sequence, str(sequence)))
 
     assert [line.text for line in log.lines()] == ['7', '8', '9']
 
@@ -214,7 +224,8 @@ def test_the_log_keeps_the_newest() -> None:
 def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
     officials = Officials()
     held = 'ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'
-    refused = {CommandKind.KART_FINISH: Available(False, f'kart 7 (Purdue) is held: {held}')}
+    why = f'kart 7 (Purdue) is held: {held}'
+    refused = offers(Availability(CommandKind.KART_FINISH, False, why))
     kart = replace(KART, hold_reason=held, commands=refused)
     race = replace(RACE, karts=(kart,), commands=refused, state_cause='ALL KILL by Anna (pc 1)')
     for claim in ('Anna (pc 1)', 'Bob (pc 2)'):
@@ -225,7 +236,9 @@ def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_ha
     told = 'ALL KILL by Anna; RED RED by Bob'
     assert (named.state_cause, named.karts[0].hold_reason) == ('ALL KILL by Anna', told)
     for commands in (named.commands, named.karts[0].commands):
-        assert commands[CommandKind.KART_FINISH].reason == f'kart 7 (Purdue) is held: {told}'
+        assert [each.reason for each in commands if each.reason] == [
+            f'kart 7 (Purdue) is held: {told}'
+        ]
     officials.take('Anna (pc 3)')
     assert officials.in_race(race).state_cause == race.state_cause
     assert officials.names == ['Anna', 'Bob']

@@ -5,26 +5,25 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.snapshot import HeatSnapshot, Snapshot
 from evgp_rcs_console.commands import Given, Outcome, SETTLED
-from evgp_rcs_console.snapshot import Heat, Race, State
-from example_race import KART, RACE
+from example_race import KART, RACE, replace
 import pytest
 
 GRID = replace(
     RACE,
     karts=(replace(KART, number=3, in_race=False), KART),
-    heats=(Heat('A', (7,)), Heat('B', (3, 7))),
+    heats=(HeatSnapshot('A', (7,)), HeatSnapshot('B', (3, 7))),
 )
-GREEN = replace(GRID, state=State.GREEN_GREEN)
-FLAG = replace(GRID, state=State.RED_FLAG)
+GREEN = replace(GRID, state=RaceState.GREEN_GREEN)
+FLAG = replace(GRID, state=RaceState.RED_FLAG)
 
 
-def with_kart(**changes: object) -> Race:
+def with_kart(**changes: object) -> Snapshot:
     """Return a race whose kart 7 is different."""
-    return replace(GRID, karts=(GRID.karts[0], replace(KART, **changes)))  # type: ignore[arg-type]
+    return replace(GRID, karts=(GRID.karts[0], replace(KART, **changes)))
 
 
 def test_it_stands_while_the_race_is_in_the_state_that_it_brought_about() -> None:
@@ -58,16 +57,16 @@ def test_a_stop_that_found_the_race_stricter_ends_when_it_becomes_stricter_still
     flag = Outcome(Given(CommandKind.RED_FLAG), at=10.0)
     flag.stands(FLAG, 10.1)
 
-    assert not flag.stands(replace(GRID, state=State.RED_RED), 10.2)
+    assert not flag.stands(replace(GRID, state=RaceState.RED_RED), 10.2)
 
 
 @pytest.mark.parametrize(
     ('command', 'done', 'undone'),
     [
-        (CommandKind.KART_RED_RED, {'hold': State.RED_RED, 'sent': State.RED_RED}, {}),
-        (CommandKind.KART_RED_FLAG, {'hold': State.RED_FLAG, 'sent': State.RED_FLAG}, {}),
-        (CommandKind.KART_IN_GARAGE, {'sent': State.IN_GARAGE}, {'hold': State.RED_RED}),
-        (CommandKind.KART_FINISH, {'place': 1}, {'place': 1, 'sent': State.RED_FLAG}),
+        (CommandKind.KART_RED_RED, {'hold': RaceState.RED_RED, 'sent': RaceState.RED_RED}, {}),
+        (CommandKind.KART_RED_FLAG, {'hold': RaceState.RED_FLAG, 'sent': RaceState.RED_FLAG}, {}),
+        (CommandKind.KART_IN_GARAGE, {'sent': RaceState.IN_GARAGE}, {'hold': RaceState.RED_RED}),
+        (CommandKind.KART_FINISH, {'place': 1}, {'place': 1, 'sent': RaceState.RED_FLAG}),
         (CommandKind.JOIN_RACE, {'in_race': True}, {'in_race': False}),
         (CommandKind.LEAVE_RACE, {'in_race': False}, {'in_race': True}),
     ],
@@ -78,13 +77,13 @@ def test_an_answer_about_a_kart_stands_until_that_kart_is_told_otherwise(
     outcome = Outcome(Given(command, 7), at=10.0)
 
     assert outcome.stands(with_kart(**done), 10.1)
-    assert outcome.stands(replace(with_kart(**done), state=State.GREEN_GREEN), 10.2)
+    assert outcome.stands(replace(with_kart(**done), state=RaceState.GREEN_GREEN), 10.2)
     assert not outcome.stands(with_kart(**undone), 10.3)
 
 
 def test_an_answer_about_the_track_stands_until_the_track_is_otherwise() -> None:
     opened = Outcome(Given(CommandKind.OPEN_TRACK), at=10.0)
-    track = replace(GRID.track, is_open=True)
+    track = replace(GRID.track, open=True)
 
     assert opened.stands(replace(GRID, track=track), 10.1)
     assert not opened.stands(GRID, 10.2)
@@ -105,12 +104,12 @@ def test_no_answer_stands_for_ever_in_a_race_that_shows_nothing_of_it(
     result = CATALOGUE[command].result
     other = replace(
         with_kart(
-            hold=State.UNKNOWN if result.hold and None not in result.hold else State.RED_FLAG,
+            hold=None if result.hold and None not in result.hold else RaceState.RED_FLAG,
             in_race=result.in_race is False,
             place=1 if result.placed is False else 0,
         ),
-        state=State.UNKNOWN,
-        track=replace(GRID.track, is_open=result.track_open is False),
+        state=None,
+        track=replace(GRID.track, open=result.track_open is False),
     )
     to_one_kart = CATALOGUE[command].to_one_kart
     outcome = Outcome(Given(command, 7 if to_one_kart else 0, heat='B'), at=10.0)

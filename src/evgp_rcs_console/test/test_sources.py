@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from evgp_rcs.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
-from evgp_rcs.messages import results_message
+from evgp_rcs.messages import message_of, value_of
 from evgp_rcs.snapshot import Standings
-from evgp_rcs_console.client import read_results, Sources, spoken, WITHIN
-from evgp_rcs_console.snapshot import Results
+from evgp_rcs_console.client import Sources, spoken, WITHIN
+from evgp_rcs_msgs import msg
 import pytest
 
 
@@ -76,8 +76,6 @@ def test_results_come_out_of_a_message_as_race_control_put_them_in() -> None:
     )
     judged = Judged(passing, 7, Mark.STRUCK, 64.5, 'nobody crossed, by Anna')
     of_race = 'Final', Format.PRACTICE, 6, (7,)
-    standings = Standings(9.0, *of_race, results, results[:1], [judged], 3)
+    standings = Standings(9.0, *of_race, results, results[:1], (judged,), 3)
 
-    read = read_results(results_message(standings, 0, {7: 'Purdue'}))
-
-    assert read == Results('Final', 'practice', 6, results, (judged,), 3, (7,), results[:1])
+    assert value_of(message_of(standings, msg.Results), Standings) == standings

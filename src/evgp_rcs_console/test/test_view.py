@@ -5,22 +5,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.link_quality import LinkQuality, NOT_MEASURED
+from evgp_rcs.race import Alert, AlertKind, Availability, TrackAccess
+from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot
+from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.snapshot import (
-    Alert,
-    Available,
-    Heat,
-    Kart,
-    Link,
-    Race,
-    State,
-    Track,
-)
 from evgp_rcs_console.view import (
     BARS,
     BEGINS_WITHIN,
@@ -30,21 +23,24 @@ from evgp_rcs_console.view import (
     FINISH_KEYS,
     GONE_AFTER,
     KART_COMMANDS,
-    NOTHING,
     RACE_COMMANDS,
     REMINDS_FOR,
     Screen,
     show,
     silence,
-    STATE_TONES,
     table,
-    Tone,
     UNDONE_BY,
 )
-from example_race import EVERYTHING, KART, RACE
+from example_race import KART, offers, RACE, replace
 import pytest
 
+OFFERED = Availability(CommandKind.GREEN_GREEN, True)
 SILENT = Danger('gone', 'MSR', 'long ago', texts.GONE_REASON, stale=True)
+
+
+def link(grade: Grade, **figures: float) -> LinkQuality:
+    """Return how good a link is."""
+    return NOT_MEASURED._replace(grade=grade, **figures)  # type: ignore[arg-type]
 
 
 def with_kart(**changes: object) -> Screen:
@@ -61,7 +57,7 @@ def test_a_command_is_enabled_if_race_control_says_so() -> None:
 
 def test_a_command_that_race_control_does_not_offer_shows_its_reason() -> None:
     why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
-    commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, why)}
+    commands = offers(Availability(CommandKind.GREEN_GREEN, False, why))
 
     button = show(replace(RACE, commands=commands), 1.0, {}).button(CommandKind.GREEN_GREEN)
 
@@ -71,7 +67,7 @@ def test_a_command_that_race_control_does_not_offer_shows_its_reason() -> None:
 
 def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible_again() -> None:
     why = 'a stop was sent just now'
-    commands = {**EVERYTHING, CommandKind.IN_GARAGE: Available(False, why, again_in=4.6)}
+    commands = offers(Availability(CommandKind.IN_GARAGE, False, why, available_from=44.6))
 
     said = []
     for age in (0.0, 1.0, 4.5, 4.7):
@@ -109,11 +105,11 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
     assert screen.track_button.condition
 
 
-def button_of(command: CommandKind, offered: Available, **changes: object) -> Button:
+def button_of(command: CommandKind, offered: Availability, **changes: object) -> Button:
     """Return the button of a command that race control offers so, to a race or a kart so."""
-    commands = {**EVERYTHING, command: offered}
+    commands = offers(offered._replace(command=command))
     kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
-    others = tuple(replace(KART, number=n, sent=State.RED_RED) for n in (1, 2, 3))
+    others = tuple(replace(KART, number=n, sent=RaceState.RED_RED) for n in (1, 2, 3))
     race = replace(RACE, commands=commands, karts=(*others, kart))
     button = show(race, 0.0, {}).button(command, 7 if CATALOGUE[command].to_one_kart else 0)
     assert button is not None
@@ -126,27 +122,27 @@ def button_of(command: CommandKind, offered: Available, **changes: object) -> Bu
 def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
     command: CommandKind,
 ) -> None:
-    button = button_of(command, Available(True, karts=(1, 2)))
+    button = button_of(command, OFFERED._replace(karts=(1, 2)))
 
     assert 'now to 2 karts: 1, 2.' in button.consequence
     assert request(button.given(), 0.0)['karts'] == [1, 2]
 
 
 def test_grid_active_that_is_given_again_is_sent_to_nobody_again() -> None:
-    button = offering(CommandKind.GRID_ACTIVE, (replace(KART, sent=State.GRID_ACTIVE),))
+    button = offering(CommandKind.GRID_ACTIVE, (replace(KART, sent=RaceState.GRID_ACTIVE),))
 
     assert 'now to no kart.' in button.consequence
     assert request(button.given(), 0.0)['karts'] == [7]
 
 
 def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
-    offered = Available(True, karts=(7,))
+    offered = OFFERED._replace(karts=(7,))
     button = button_of(
-        CommandKind.KART_IN_GARAGE, offered, hold=State.RED_RED, hold_reason='ALL_KILL'
+        CommandKind.KART_IN_GARAGE, offered, hold=RaceState.RED_RED, hold_reason='ALL_KILL'
     )
 
     assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
-    assert request(button.given(), 0.0)['hold'] is State.RED_RED
+    assert request(button.given(), 0.0)['hold'] is RaceState.RED_RED
 
 
 @pytest.mark.parametrize(
@@ -160,8 +156,8 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
 def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
     command: CommandKind, field: str
 ) -> None:
-    asked = button_of(command, Available(True, statement='something is so'))
-    not_asked = button_of(command, Available(True))
+    asked = button_of(command, OFFERED._replace(statement='something is so'))
+    not_asked = button_of(command, OFFERED)
 
     assert 'something is so' in asked.condition
     assert asked.given().stated
@@ -173,15 +169,18 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
 @pytest.mark.parametrize(
     'offered',
     [
-        Available(True, statement='one', karts=(1, 2, 3)),
-        Available(True, statement='other', karts=(1, 2)),
-        Available(True, karts=(1, 2)),
+        OFFERED._replace(statement='one', karts=(1, 2, 3)),
+        OFFERED._replace(statement='other', karts=(1, 2)),
+        OFFERED._replace(karts=(1, 2)),
     ],
 )
 def test_a_question_about_other_karts_or_another_statement_is_another_question(
-    offered: Available,
+    offered: Availability,
 ) -> None:
-    asked = button_of(CommandKind.GREEN_GREEN, Available(True, statement='one', karts=(1, 2)))
+    asked = button_of(
+        CommandKind.GREEN_GREEN,
+        OFFERED._replace(statement='one', karts=(1, 2)),
+    )
 
     assert not asked.asks_the_same(button_of(CommandKind.GREEN_GREEN, offered))
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
@@ -189,12 +188,12 @@ def test_a_question_about_other_karts_or_another_statement_is_another_question(
 
 def offering(
     command: CommandKind,
-    karts: tuple[Kart, ...],
-    track: Track = RACE.track,
-    state: State = RACE.state,
+    karts: tuple[KartSnapshot, ...],
+    track: TrackAccess = RACE.track,
+    state: RaceState = RACE.state,
 ) -> Button:
     """Return the button of a command to the race which race control offers for kart 7."""
-    commands = {**EVERYTHING, command: Available(True, karts=(7,))}
+    commands = offers(Availability(command, True, karts=(7,)))
     race = replace(RACE, state=state, commands=commands, karts=karts, track=track)
     button = show(race, 0.0, {}).button(command)
     assert button is not None
@@ -202,7 +201,7 @@ def offering(
 
 
 def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> None:
-    kart = replace(KART, sent=State.IN_GARAGE)
+    kart = replace(KART, sent=RaceState.IN_GARAGE)
     there = offering(CommandKind.GRID_ACTIVE, (kart,))
     away = offering(CommandKind.GRID_ACTIVE, (replace(kart, connected=False),))
 
@@ -213,7 +212,7 @@ def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> Non
 
 
 def test_a_question_names_the_karts_that_stay_held_and_why() -> None:
-    held = replace(KART, number=4, hold=State.RED_RED, hold_reason='lost its connection')
+    held = replace(KART, number=4, hold=RaceState.RED_RED, hold_reason='lost its connection')
 
     button = offering(CommandKind.IN_GARAGE, (held, KART))
 
@@ -225,8 +224,8 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
     fine = replace(RACE.track, allowed=True, reason='all stand')
     bad = replace(RACE.track, allowed=False, reason='kart 4 was lost in motion: use the MSR')
 
-    before = offering(CommandKind.IN_GARAGE, (KART,), fine, State.RED_RED)
-    after = offering(CommandKind.IN_GARAGE, (KART,), bad, State.RED_RED)
+    before = offering(CommandKind.IN_GARAGE, (KART,), fine, RaceState.RED_RED)
+    after = offering(CommandKind.IN_GARAGE, (KART,), bad, RaceState.RED_RED)
 
     assert (before.warning, bad.reason in after.warning) == ('', True)
     assert not before.asks_the_same(after)
@@ -250,10 +249,10 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
 def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_connected(
     is_open: bool, connected: bool, allowed: bool, msr: bool, text: str, tone: Tone
 ) -> None:
-    track = Track(is_open=is_open, allowed=allowed, reason='so it is', msr_used=msr)
+    track = TrackAccess(open=is_open, allowed=allowed, reason='so it is', msr_used=msr)
 
-    karts = (replace(KART, connected=connected, sent=State.RED_RED),)
-    screen = show(replace(RACE, state=State.RED_RED, karts=karts, track=track), 0.0, {})
+    karts = (replace(KART, connected=connected, sent=RaceState.RED_RED),)
+    screen = show(replace(RACE, state=RaceState.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
     unknown = text in (texts.HUMANS_UNKNOWN, texts.HUMANS_UNKNOWN_OPEN)
@@ -263,10 +262,10 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
 # ----- heats and places ---------------------------------------------------------------------
 
 
-def with_heats() -> Race:
+def with_heats() -> Snapshot:
     """Return a race of kart 7, with a heat of it and another one."""
     karts = (replace(KART, number=3, in_race=False), KART)
-    heats = (Heat('Heat A', (3,)), Heat('Final', (7,)))
+    heats = (HeatSnapshot('Heat A', (3,)), HeatSnapshot('Final', (7,)))
     return replace(RACE, karts=karts, heats=heats, heat='Final')
 
 
@@ -281,13 +280,13 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
 
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
     heats = (
-        Heat('Final', (3, 7), 'Practice', (7, 3)),
-        Heat('TT 3', (3,), 'Practice', (3,)),
-        Heat('Consolation', (3, 7, 9), 'Final'),
+        HeatSnapshot('Final', (3, 7), grid_from='Practice', grid=(7, 3)),
+        HeatSnapshot('TT 3', (3,), grid_from='Practice', grid=(3,)),
+        HeatSnapshot('Consolation', (3, 7, 9), grid_from='Final'),
     )
     karts = (replace(KART, number=3), KART)
     named = {'heats': heats, 'heat': 'Final', 'next_heat': 'TT 3'}
-    race = replace(RACE, karts=karts, state=State.IN_GARAGE, **named)
+    race = replace(RACE, karts=karts, state=RaceState.IN_GARAGE, **named)
 
     screen = show(race, 0.0, {})
 
@@ -296,7 +295,7 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
     assert labels[:2] == ['Final: 7, 3  (grid from Practice, in the race)', 'TT 3: 3  (next)']
     assert labels[2].startswith('Consolation: 3, 7, 9  (')  # no results of Final yet
     assert screen.order in table(screen, ())
-    driving = show(replace(race, state=State.GREEN_GREEN), 0.0, {})
+    driving = show(replace(race, state=RaceState.GREEN_GREEN), 0.0, {})
     assert driving.order == 'Next: kart 3 (TT 3)'
 
 
@@ -307,7 +306,7 @@ def test_without_heats_in_the_roster_none_is_offered() -> None:
 
 
 def test_a_heat_that_is_not_possible_says_why() -> None:
-    commands = {**EVERYTHING, CommandKind.SET_HEAT: Available(False, 'the race is in RED_RED')}
+    commands = offers(Availability(CommandKind.SET_HEAT, False, 'the race is in RED_RED'))
 
     screen = show(replace(with_heats(), commands=commands), 0.0, {})
 
@@ -320,27 +319,35 @@ def test_a_heat_that_is_not_possible_says_why() -> None:
 def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() -> None:
     karts = tuple(replace(KART, number=number, place=place) for number, place in ((1, 2), (2, 1)))
 
-    for state in State:
+    for state in RaceState:
         screen = show(replace(RACE, karts=karts, state=state), 0.0, {})
         assert screen.places == '1. kart 2, 2. kart 1'
         assert screen.places in '\n'.join(table(screen, ()))
 
 
 def test_the_release_of_another_hold_is_another_question() -> None:
-    asked = button_of(CommandKind.KART_IN_GARAGE, Available(True), hold=State.RED_FLAG)
+    asked = button_of(
+        CommandKind.KART_IN_GARAGE,
+        OFFERED,
+        hold=RaceState.RED_FLAG,
+    )
 
     assert not asked.asks_the_same(
-        button_of(CommandKind.KART_IN_GARAGE, Available(True), hold=State.RED_RED)
+        button_of(
+            CommandKind.KART_IN_GARAGE,
+            OFFERED,
+            hold=RaceState.RED_RED,
+        )
     )
 
 
-def alerting(kind: str) -> Race:
+def alerting(kind: AlertKind) -> Snapshot:
     """Return a race with an alert."""
-    return replace(RACE, alerts=(Alert(kind, 0, False, 'It is so.'),))
+    return replace(RACE, alerts=(Alert(kind, 0, 0.0, 'It is so.', False),))
 
 
 def test_two_race_controls_leave_nothing_but_stops() -> None:
-    for told in (danger(RACE, two=True), danger(alerting('TWO_RACE_CONTROLS'), two=False)):
+    for told in (danger(RACE, two=True), danger(alerting(AlertKind.TWO_RACE_CONTROLS), two=False)):
         assert told is not None
         assert told.title == texts.TWO
         screen = show(RACE, 0.0, {}, told)
@@ -349,19 +356,20 @@ def test_two_race_controls_leave_nothing_but_stops() -> None:
 
 
 def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
-    told = danger(alerting('PART_FAILED'), two=False)
+    told = danger(alerting(AlertKind.PART_FAILED), two=False)
 
     assert told is not None
     assert (told.title, told.advice, told.detail) == (texts.FAILED, texts.USE_MSR, 'It is so.')
 
 
 def test_any_other_alert_is_no_danger_of_race_control_itself() -> None:
-    assert danger(alerting('KART_LOST'), two=False) is None
+    assert danger(alerting(AlertKind.KART_LOST), two=False) is None
 
 
 def test_the_condition_is_the_statement_of_race_control_where_it_has_one() -> None:
-    wanted = Available(True, statement='the track is clear of humans')
-    commands = {**EVERYTHING, CommandKind.GRID_ACTIVE: wanted}
+    said = 'the track is clear of humans'
+    wanted = Availability(CommandKind.GRID_ACTIVE, True, statement=said)
+    commands = offers(wanted)
 
     button = show(replace(RACE, commands=commands), 0.0, {}).button(CommandKind.GRID_ACTIVE)
 
@@ -401,21 +409,21 @@ def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_
 
 
 def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure() -> None:
-    says = {'reported': State.GRID_ACTIVE}
-    waits = with_kart(counts_in=2.0, **says).rows[0]
-    over = with_kart(counts_in=0.0, **says).rows[0]
+    says = {'reported': RaceState.GRID_ACTIVE}
+    waits = with_kart(counts_at=42.0, **says).rows[0]
+    over = with_kart(counts_at=40.0, **says).rows[0]
 
     assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to the earlier one')
     assert (over.answer.text, over.says) == ('… not yet', 'perhaps to the earlier one')
     assert over.note.text.startswith('perhaps says GRID ACTIVE to the earlier one: let it connect')
-    said = with_kart(sent_for=6.0, **says).rows[0]
+    said = with_kart(sent_since=34.0, **says).rows[0]
     assert said.note.text.startswith('no GRID ACTIVE since the earlier one: if it stays silent')
-    assert 'since the earlier one' not in with_kart(sent_for=4.0, **says).rows[0].note.text
+    assert 'since the earlier one' not in with_kart(sent_since=36.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
     waiting = with_kart().rows[0]
-    done = with_kart(acknowledged=True, reported=State.GRID_ACTIVE).rows[0]
+    done = with_kart(acknowledged=True, reported=RaceState.GRID_ACTIVE).rows[0]
 
     assert (waiting.answer.text, waiting.answer.tone) == ('… not yet', Tone.WAIT)
     assert (waiting.says, waiting.waits) == ('says IN GARAGE', True)
@@ -434,7 +442,7 @@ def test_a_kart_without_link_stands_out_if_it_matters() -> None:
 def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
     told = {}
     for grade in Grade:
-        screen = with_kart(link=Link(grade, round_trip=0.0121, worst_answer=0.6201))
+        screen = with_kart(link=link(grade, round_trip=0.0121, worst_answer=0.6201))
         row = screen.rows[0]
         told[grade] = row.bars, row.link.text, row.link_time, row.link.tone
         assert f'{row.link.text} {row.link_time}'.strip() in '\n'.join(table(screen, ()))
@@ -446,14 +454,14 @@ def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
         Grade.POOR: (1, 'poor', '621 ms', Tone.WAIT),
     }
     assert len(set(BARS.values())) == len(Grade)
-    lost = with_kart(connected=False, link=Link(Grade.GOOD, round_trip=0.01)).rows[0]
+    lost = with_kart(connected=False, link=link(Grade.GOOD, round_trip=0.01)).rows[0]
     assert (lost.bars, lost.link.text, lost.link_time) == (0, '✗ NO LINK', '')
-    assert with_kart(link=Link(Grade.GOOD)).rows[0].link_time == ''
+    assert with_kart(link=link(Grade.GOOD)).rows[0].link_time == ''
 
 
 def test_links_that_were_poor_are_named_to_whoever_starts_those_karts_and_refuse_nothing() -> None:
     fine = offering(CommandKind.GRID_ACTIVE, (KART,))
-    poor = replace(KART, link=Link(Grade.GOOD, poor_lately=True))
+    poor = replace(KART, poor_lately=True)
     other = replace(poor, number=8, in_race=False)
 
     warned = offering(CommandKind.GRID_ACTIVE, (poor, other))
@@ -482,11 +490,11 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
 
 
 def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_begun() -> None:
-    driving = replace(KART, sent=State.GREEN_GREEN, acknowledged=True)
+    driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True)
 
     def reminder(green_for: float, age: float = 0.0, **changes: object) -> str:
         kart = replace(driving, **changes)  # type: ignore[arg-type]
-        race = replace(RACE, state=State.GREEN_GREEN, state_for=green_for, karts=(kart,))
+        race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=green_for, karts=(kart,))
         screen = show(race, age, {})
         assert screen.reminder in '\n'.join(table(screen, ()))
         assert not show(race, age, {}, SILENT).reminder
@@ -502,7 +510,7 @@ def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_beg
     assert '30 s' in reminder(begun - 1.0, age=1.0)
     # A kart that has not answered is not forgotten; one that is sent another state need not drive.
     assert reminder(over, acknowledged=False)
-    assert not reminder(begun, sent=State.RED_RED, acknowledged=False)
+    assert not reminder(begun, sent=RaceState.RED_RED, acknowledged=False)
     assert not reminder(begun, in_race=False)
 
 
@@ -510,29 +518,29 @@ def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() ->
     inspected = with_kart(inspected='2026-05-01')
     assert inspected.rows[0].note.text == 'inspected 2026-05-01'
     assert 'inspected 2026-05-01' in '\n'.join(table(inspected, ()))
-    held = with_kart(inspected='2026-05-01', hold=State.RED_FLAG, hold_reason='ALL_KILL')
+    held = with_kart(inspected='2026-05-01', hold=RaceState.RED_FLAG, hold_reason='ALL_KILL')
     assert held.rows[0].note.text == 'held: ALL_KILL'
     assert with_kart().rows[0].note.text == ''
 
 
 def test_a_held_kart_shows_why() -> None:
     row = with_kart(
-        sent=State.RED_RED, hold=State.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
+        sent=RaceState.RED_RED, hold=RaceState.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
     ).rows[0]
 
     assert row.note.text == 'may be moving, held: ALL_KILL'
 
 
 def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None:
-    driving = replace(KART, sent=State.GREEN_GREEN, acknowledged=True, place=1, flag_in=2.5)
+    driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, place=1, flag_at=42.5)
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
         screen = show(replace(RACE, karts=(driving,)), age, {})
         assert screen.rows[0].note.text == f'P1, flag in {seconds} s'
         assert screen.tally == '1 driving'
         assert f'Purdue P1, flag in {seconds} s' in '\n'.join(table(screen, ()))
 
-    not_due, without_link = replace(driving, flag_in=0.0), replace(driving, connected=False)
-    for kart in (not_due, without_link, replace(driving, sent=State.RED_RED)):
+    not_due, without_link = replace(driving, flag_at=None), replace(driving, connected=False)
+    for kart in (not_due, without_link, replace(driving, sent=RaceState.RED_RED)):
         row = show(replace(RACE, karts=(kart,)), 0.0, {}).rows[0]
         assert (row.place, row.note.text) == ('P1', '')
 
@@ -567,14 +575,14 @@ def test_more_karts_than_keys_are_shown_all_the_same() -> None:
 
 
 def test_no_state_is_told_by_its_colour_alone() -> None:
-    assert len(set(texts.SYMBOLS.values())) == len(State)
-    assert len(set(texts.STATES.values())) == len(State)
-    assert set(STATE_TONES) == set(State)
+    assert set(STATES) == set(STATE_CELLS) == {None, *RaceState}
+    assert len(set(STATES.values())) == len(STATES)
+    assert len({each.text[0] for each in STATE_CELLS.values()}) == len(STATE_CELLS)
 
 
 def test_the_track_button_is_the_one_that_makes_sense() -> None:
     shut = show(RACE, 0.0, {}).track_button
-    opened = show(replace(RACE, track=replace(RACE.track, is_open=True)), 0.0, {}).track_button
+    opened = show(replace(RACE, track=replace(RACE.track, open=True)), 0.0, {}).track_button
 
     assert shut is not None
     assert opened is not None
@@ -595,7 +603,7 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 def test_race_control_is_gone_within_a_second(
     silent_for: float | None, title: str, barred: str
 ) -> None:
-    said = silence(silent_for, 3.0, 'here', State.GREEN_GREEN)
+    said = silence(silent_for, 3.0, 'here', RaceState.GREEN_GREEN)
 
     assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
@@ -604,13 +612,13 @@ def test_race_control_is_gone_within_a_second(
 
 
 def test_the_terminal_shows_the_same() -> None:
-    alert = Alert('RED_UNACKNOWLEDGED', 7, True, 'Use the MSR: kart 7')
-    commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, 'waiting for kart 7')}
+    alert = Alert(AlertKind.RED_UNACKNOWLEDGED, 7, 0.0, 'Use the MSR: kart 7', True)
+    commands = offers(Availability(CommandKind.GREEN_GREEN, False, 'waiting for kart 7'))
     race = replace(RACE, commands=commands, alerts=(alert,))
 
     lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
 
-    assert 'Race: ▦ GRID ACTIVE  (0:40)' in lines
+    assert f'Race: ▦ GRID ACTIVE  (0:40, {time_of_day(RACE.state_since)})' in lines
     assert '⚠ USE THE MSR: Kart 7\n' in lines
     assert 'GREEN GREEN  waiting for kart 7\n' in lines
     assert '7     Purdue USE THE MSR  ▦ GRID ACTIVE 0:40  … not yet' in lines
@@ -629,7 +637,7 @@ def test_every_command_has_a_button() -> None:
 
 def test_a_question_speaks_of_one_kart_and_of_several() -> None:
     said = [offering(CommandKind.GREEN_GREEN, (KART,)), offering(CommandKind.IN_GARAGE, (KART,))]
-    away = button_of(CommandKind.KART_IN_GARAGE, Available(True), connected=False)
+    away = button_of(CommandKind.KART_IN_GARAGE, OFFERED, connected=False)
 
     assert [button.consequence.splitlines()[0] for button in said] == [
         'Sends GREEN GREEN now to kart 7. It drives off.',
@@ -649,7 +657,7 @@ def test_the_button_of_a_command_in_force_offers_to_take_it_back(
             in_race=in_force and bool(result.in_race),
             place=int(in_force and bool(result.placed)),
         )
-        track = replace(RACE.track, is_open=in_force and bool(result.track_open))
+        track = replace(RACE.track, open=in_force and bool(result.track_open))
         screen = show(replace(RACE, karts=(kart,), track=track), 0.0, {})
         assert screen.track_button is not None
         return {each.command for each in (*screen.rows[0].buttons, screen.track_button)}
@@ -660,7 +668,7 @@ def test_the_button_of_a_command_in_force_offers_to_take_it_back(
 
 def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
     said = 'kart 7 (Purdue) has finished already, in place 1'
-    commands = {**EVERYTHING, CommandKind.KART_FINISH: Available(False, said)}
+    commands = offers(Availability(CommandKind.KART_FINISH, False, said))
 
     screen = with_kart(place=1, commands=commands)
 
@@ -672,10 +680,10 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
 
 
 def test_the_letter_counts_a_crossing_while_laps_remain_and_is_finish_after_the_last_one() -> None:
-    green = replace(RACE, state=State.GREEN_GREEN, laps=6)
+    green = replace(RACE, state=RaceState.GREEN_GREEN, laps=6)
 
-    def letter(race: Race, **changes: object) -> list[CommandKind]:
-        driven = replace(KART, sent=State.GREEN_GREEN, laps=5)
+    def letter(race: Snapshot, **changes: object) -> list[CommandKind]:
+        driven = replace(KART, sent=RaceState.GREEN_GREEN, laps=5)
         kart = replace(driven, **changes)  # type: ignore[arg-type]
         screen = show(replace(race, karts=(kart,)), 0.0, {})
         finish = screen.button(CommandKind.KART_FINISH, 7)
@@ -686,14 +694,14 @@ def test_the_letter_counts_a_crossing_while_laps_remain_and_is_finish_after_the_
     assert letter(green) == [CommandKind.COUNT_PASSING]
     assert letter(green, laps=6) == [CommandKind.KART_FINISH]
     assert letter(replace(green, laps=0)) == [CommandKind.KART_FINISH]
-    assert letter(replace(green, state=State.RED_FLAG)) == [CommandKind.KART_FINISH]
+    assert letter(replace(green, state=RaceState.RED_FLAG)) == [CommandKind.KART_FINISH]
     assert letter(green, in_race=False) == [CommandKind.KART_FINISH]
     assert letter(green, place=1) == []  # it offers UNDO, which has no letter
 
 
 def test_no_crossing_is_counted_while_race_control_is_gone_or_has_not_answered_the_last() -> None:
-    kart = replace(KART, sent=State.GREEN_GREEN)
-    race = replace(RACE, state=State.GREEN_GREEN, laps=6, karts=(kart,))
+    kart = replace(KART, sent=RaceState.GREEN_GREEN)
+    race = replace(RACE, state=RaceState.GREEN_GREEN, laps=6, karts=(kart,))
     for pending, danger_now in (({(CommandKind.COUNT_PASSING, 7): 0.1}, None), ({}, SILENT)):
         count = show(race, 0.0, pending, danger_now).button(CommandKind.COUNT_PASSING, 7)
         assert count is not None
@@ -703,47 +711,45 @@ def test_no_crossing_is_counted_while_race_control_is_gone_or_has_not_answered_t
 # ----- the way of a race ------------------------------------------------------------------
 
 
-def phrases(race: Race) -> dict[CommandKind, str]:
+def phrases(race: Snapshot) -> dict[CommandKind, str]:
     """Return the phrase of each command to the race."""
     return {button.command: button.phrase for button in show(race, 0.0, {}).race}
 
 
 def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
-    refused = Available(False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first')
-    waiting = Available(False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet')
-    pause = Available(False, 'a stop was sent just now', again_in=2.1)
-    commands = {
-        **EVERYTHING,
-        CommandKind.GRID_ACTIVE: refused,
-        CommandKind.GREEN_GREEN: waiting,
-        CommandKind.IN_GARAGE: pause,
-    }
+    refused = Availability(
+        CommandKind.GRID_ACTIVE, False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first'
+    )
+    waiting = Availability(
+        CommandKind.GREEN_GREEN, False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet'
+    )
+    pause = Availability(
+        CommandKind.IN_GARAGE, False, 'a stop was sent just now', available_from=42.1
+    )
     ready = replace(KART, acknowledged=True)
     karts = (ready, replace(KART, number=8))
-    race = replace(RACE, commands=commands, karts=karts, state_clock='14:31:04')
+    race = replace(RACE, commands=offers(refused, waiting, pause), karts=karts)
 
     said = phrases(race)
 
-    assert said[CommandKind.GRID_ACTIVE] == 'since 14:31:04'
+    assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
     assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: waiting for 8'
     assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
-    later = {
-        **commands,
-        CommandKind.GREEN_GREEN: replace(refused, reason='the race is in IN GARAGE'),
-    }
-    assert phrases(replace(race, commands=later))[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+    waiting = replace(waiting, reason='the race is in IN GARAGE')
+    later = replace(race, commands=offers(refused, waiting, pause))
+    assert phrases(later)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
 
 
-@pytest.mark.parametrize('state', [State.RED_FLAG, State.RED_RED])
+@pytest.mark.parametrize('state', [RaceState.RED_FLAG, RaceState.RED_RED])
 def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
-    state: State,
+    state: RaceState,
 ) -> None:
-    refused = Available(False, 'the race is in RED FLAG; bring it to IN GARAGE first')
-    commands = {
-        **EVERYTHING,
-        **dict.fromkeys((CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN), refused),
-    }
-    green = replace(RACE, state=State.GREEN_GREEN, state_for=48.0)
+    why = 'the race is in RED FLAG; bring it to IN GARAGE first'
+    commands = offers(
+        Availability(CommandKind.GRID_ACTIVE, False, why),
+        Availability(CommandKind.GREEN_GREEN, False, why),
+    )
+    green = replace(RACE, state=RaceState.GREEN_GREEN, stamp=48.0)
 
     stopped = replace(green, state=state, commands=commands)
 
@@ -753,15 +759,15 @@ def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
 
 
 def test_race_over_is_not_said_to_be_as_old_as_the_state_in_which_it_was_declared() -> None:
-    over = replace(RACE, state=State.RED_RED, over=True, state_clock='10:53:48')
+    over = replace(RACE, state=RaceState.RED_RED, over=True)
 
     assert phrases(over)[CommandKind.RACE_OVER] == 'the race is over'
 
 
 def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
     lost = replace(KART, number=8, connected=False, may_be_moving=True)
-    done = replace(KART, acknowledged=True, place=1, sent=State.RED_FLAG)
-    told = Alert('LOST_IN_MOTION', 8, True, 'Use the MSR: kart 8 was lost')
+    done = replace(KART, acknowledged=True, place=1, sent=RaceState.RED_FLAG)
+    told = Alert(AlertKind.LOST_IN_MOTION, 8, 0.0, 'Use the MSR: kart 8 was lost', True)
 
     screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})
 
@@ -778,7 +784,7 @@ def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> 
 
 def test_a_row_shows_the_laps_where_nothing_is_more_urgent() -> None:
     timed = replace(KART, laps=4, last_lap=12.3456, best_lap=11.9, inspected='2026-05-01')
-    held = replace(timed, hold=State.RED_FLAG, hold_reason='RED_FLAG by Anna')
+    held = replace(timed, hold=RaceState.RED_FLAG, hold_reason='RED_FLAG by Anna')
 
     (row,) = show(replace(RACE, karts=(timed,)), 0.0, {}).rows
     assert row.note.text == texts.LAPS.format(count=4, last=12.3456, best=11.9)
@@ -788,7 +794,7 @@ def test_a_row_shows_the_laps_where_nothing_is_more_urgent() -> None:
 
 def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() -> None:
     done = replace(KART, laps=6, last_lap=12.0, best_lap=11.0, last_lap_done=True)
-    race = replace(RACE, state=State.GREEN_GREEN, state_for=90.0, karts=(done,))
+    race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=90.0, karts=(done,))
 
     screen = show(race, 0.0, {})
 
@@ -801,7 +807,7 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
 
 def test_the_heat_in_the_race_is_what_race_control_says_and_not_what_the_karts_suggest() -> None:
     karts = tuple(kart.number for kart in RACE.karts if kart.in_race)
-    heats = tuple(Heat(name, karts) for name in ('Practice', 'Final'))
+    heats = tuple(HeatSnapshot(name, karts) for name in ('Practice', 'Final'))
 
     assert replace(RACE, heats=heats, heat='Final').heat_in_race == heats[1]
     assert replace(RACE, heats=heats).heat_in_race is None

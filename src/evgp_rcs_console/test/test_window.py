@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 import importlib
 import itertools
 import os
@@ -16,8 +15,9 @@ from typing import Any
 
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
 
 try:
     from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -25,6 +25,20 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
+from evgp_rcs.link_quality import LinkQuality, NOT_MEASURED
+from evgp_rcs.race import (
+    Alert,
+    AlertKind,
+    Answer,
+    Availability,
+    Event,
+    EventKind,
+    StampedEvent,
+    TrackAccess,
+)
+from evgp_rcs.snapshot import HeatSnapshot, Snapshot, Standings
+from evgp_rcs.words import STATE_CELLS
+from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Sound
 from evgp_rcs_console.commands import asks, Given
@@ -35,23 +49,11 @@ from evgp_rcs_console.input import FORWARD, LateInput
 from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import (
-    Alert,
-    Answer,
-    Available,
-    Event,
-    Heat,
-    Link,
-    Race,
-    Results,
-    State,
-    Track,
-)
 from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import BARS, FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
 from evgp_rcs_console.window import ConsoleWindow, LOOK
-from example_race import EVERYTHING, KART, RACE
+from example_race import EVERYTHING, KART, offers, RACE, replace
 import pytest
 
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
@@ -63,7 +65,9 @@ SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
 ASKING = [kind for kind in CommandKind if asks(kind)]
-LINKS = [Link(grade, grade is Grade.POOR, 0.9994, 0.1996) for grade in Grade]
+LINKS = [
+    NOT_MEASURED._replace(grade=grade, worst_answer=0.9994, round_trip=0.1996) for grade in Grade
+]
 SENTENCES = ('status', 'strip', 'humans_reason', 'danger_detail', 'state_since', 'number_detail')
 """Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
 
@@ -101,7 +105,7 @@ class Console:
             if time.monotonic() >= ends:
                 return
 
-    def tell(self, race: Race) -> None:
+    def tell(self, race: Snapshot) -> None:
         """Tell it of a race."""
         self._race = race
         self.inbox.on_race(race, clock.now(), False)
@@ -209,28 +213,36 @@ def opened(
 
 
 def race_of(
-    count: int, state: State = State.GREEN_GREEN, reason: str = '', **changes: Any
-) -> Race:
+    count: int, state: RaceState = RaceState.GREEN_GREEN, reason: str = '', **changes: Any
+) -> Snapshot:
     """Return a race of some karts, with every command possible unless there is a reason."""
-    offered = Available(not reason, reason, '' if reason else 'the track is clear of humans')
-    silent = replace(offered, statement='')
-    commands = {kind: offered if CATALOGUE[kind].statement else silent for kind in EVERYTHING}
+    statement = '' if reason else 'the track is clear of humans'
+    commands = tuple(
+        each._replace(
+            available=not reason,
+            reason=reason,
+            statement=statement if CATALOGUE[each.command].statement else '',
+            karts=(1, 2) if each.command is CommandKind.GRID_ACTIVE else (),
+        )
+        for each in EVERYTHING
+    )
     karts = tuple(
         replace(
             KART,
             number=1000 + number if count > 20 else number,
             team=NAME,
             sent=state,
-            sent_for=3599.0,
+            sent_since=RACE.stamp - 3599.0,
             acknowledged=number % 3 > 0,
-            reported=State.GRID_ACTIVE,
-            place=number if state is State.RED_FLAG else 0,
-            hold=State.RED_RED if reason else State.UNKNOWN,
+            reported=RaceState.GRID_ACTIVE,
+            stopped_itself=False,
+            place=number if state is RaceState.RED_FLAG else 0,
+            hold=RaceState.RED_RED if reason else None,
             hold_reason='ALL KILL by Anna' if reason else '',
             connected=not reason or number % 2 > 0,
             may_be_moving=bool(reason),
             commands=commands,
-            link=LINKS[number % len(LINKS)],
+            **linked(LINKS[number % len(LINKS)]),
         )
         for number in range(1, count + 1)
     )
@@ -238,11 +250,10 @@ def race_of(
         RACE,
         state=state,
         karts=karts,
-        commands={**commands, CommandKind.GRID_ACTIVE: replace(offered, karts=(1, 2))},
-        track=Track(False, False, reason or 'the race is under way', False),
-        heats=(Heat('Heat A', (1,)), Heat('Final', (1, 2))),
+        commands=commands,
+        track=TrackAccess(False, False, reason or 'the race is under way', False),
+        heats=(HeatSnapshot('Heat A', (1,)), HeatSnapshot('Final', (1, 2))),
         state_cause='GREEN GREEN by Anna-Katharina (race-pc 4711)',
-        state_clock='14:31:24',
     )
     return replace(race, **changes)
 
@@ -250,7 +261,24 @@ def race_of(
 def alert(kart: int) -> Alert:
     """Return an alert that needs the MSR."""
     text = f'Use the MSR: kart {kart} ({NAME}) lost its connection while it may have been moving'
-    return Alert('LOST_IN_MOTION', kart, True, text)
+    return Alert(AlertKind.LOST_IN_MOTION, kart, 0.0, text, True)
+
+
+def linked(link: LinkQuality) -> dict[str, Any]:
+    """Return the fields of a kart with this link."""
+    return {'link': link, 'poor_lately': link.grade is Grade.POOR}
+
+
+def every(**fields: Any) -> tuple[Availability, ...]:
+    """Return that race control offers every command, with these fields."""
+    return tuple(each._replace(**fields) for each in EVERYTHING)
+
+
+def event(
+    sequence: int, text: str, official: str = '', kind: EventKind = EventKind.COMMAND
+) -> StampedEvent:
+    """Return an event."""
+    return StampedEvent(sequence, 0, 0.0, Event(kind, text, official=official))
 
 
 def crossed(number: int, kart: int = 1, mark: Mark = Mark.COUNTED) -> Judged:
@@ -262,26 +290,30 @@ def crossed(number: int, kart: int = 1, mark: Mark = Mark.COUNTED) -> Judged:
 
 TIMES = (61.2345, 59.8765, 62.0)
 LOST = (Penalty(1, 5, 1, False, 'cut the corner', 'Anna'), Penalty(1, 0, 0, True, 'weight', ''))
-RESULTS = Results(
-    'Heat A',
-    'time_trial',
-    6,
-    tuple(
+RESULTS = Standings(
+    heat='Heat A',
+    format=Format.TIME_TRIAL,
+    laps=6,
+    karts=tuple(
         KartResult(number, number, status, 3, 4321.5, TIMES, LOST * (number == 1))
         for number, status in zip(range(1, 21), itertools.cycle(Status), strict=False)
     ),
-    tuple(crossed(number, number % 9, [*Mark][number % len(Mark)]) for number in range(1, 31)),
+    passings=tuple(
+        crossed(number, number % 9, [*Mark][number % len(Mark)]) for number in range(1, 31)
+    ),
 )
 
 
 STATES = {
     'green': race_of(8),
-    'one': race_of(1, State.GRID_ACTIVE),
-    'sixteen': race_of(16, State.RED_FLAG),
-    'killed': race_of(16, State.RED_RED, WHY, alerts=tuple(map(alert, range(1, 7)))),
-    'thirty': race_of(30, State.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
+    'one': race_of(1, RaceState.GRID_ACTIVE),
+    'sixteen': race_of(16, RaceState.RED_FLAG),
+    'killed': race_of(16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, range(1, 7)))),
+    'thirty': race_of(30, RaceState.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
     'laps': race_of(16, laps=6),
-    'garage': race_of(9, State.IN_GARAGE, track=Track(True, True, 'all are in IN GARAGE', False)),
+    'garage': race_of(
+        9, RaceState.IN_GARAGE, track=TrackAccess(True, True, 'all are in IN GARAGE', False)
+    ),
 }
 
 
@@ -413,7 +445,7 @@ def test_a_link_is_told_by_the_number_of_its_bars(opened: Any) -> None:
     rows = race.karts
     seen = []
     for link in LINKS:
-        console.tell(replace(race, karts=tuple(replace(kart, link=link) for kart in rows)))
+        console.tell(replace(race, karts=tuple(replace(kart, **linked(link)) for kart in rows)))
         row, room = console.find('kart_1'), columns(console.find('kart_1').width(), 0)[4]
         picture = row.grab().toImage()
         line = row.height() // 2 + style.look.px(8)  # every bar begins below it
@@ -455,8 +487,8 @@ def test_every_text_and_shape_stands_out_from_its_ground(palette: style.Palette)
 
 
 def test_every_state_has_a_sign_and_a_word_of_its_own() -> None:
-    for names in (texts.STATES, texts.SYMBOLS):
-        assert len({names[state] for state in State}) == len(State)
+    for names in (NAMES, {state: cell.text[0] for state, cell in STATE_CELLS.items()}):
+        assert len({names[state] for state in RaceState}) == len(RaceState)
 
 
 def test_the_first_click_into_a_window_that_is_not_active_lands_on_no_command(
@@ -503,7 +535,7 @@ def test_that_the_keys_are_off_is_as_large_as_all_kill(opened: Any) -> None:
 
 def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) -> None:
     console = opened()
-    console.tell(race_of(8, State.IN_GARAGE))
+    console.tell(race_of(8, RaceState.IN_GARAGE))
     console.click('set_heat')
     assert console.find('heat_1').hasFocus()
 
@@ -545,7 +577,7 @@ def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(ope
 
     assert '2 alerts: karts 1, 2' in console.find('alert_0').whole
     assert not console.find('alert_1').whole
-    console.tell(race_of(8, State.GRID_ACTIVE))
+    console.tell(race_of(8, RaceState.GRID_ACTIVE))
     assert not console.find('alert_0').whole
 
 
@@ -651,7 +683,7 @@ def test_no_passing_moves_while_others_come_and_older_ones_can_be_listed(opened:
 def test_a_passing_is_struck_out_for_a_reason_and_restored_without(opened: Any) -> None:
     console = opened()
     console.tell(race_of(2))
-    struck = Results(karts=RESULTS.karts, passings=(crossed(1), crossed(2, mark=Mark.STRUCK)))
+    struck = Standings(karts=RESULTS.karts, passings=(crossed(1), crossed(2, mark=Mark.STRUCK)))
     console.inbox.on_results(struck)
     console.press('Ctrl+T')
     console.click('results_view')
@@ -676,11 +708,11 @@ def test_a_passing_is_struck_out_for_a_reason_and_restored_without(opened: Any) 
 def test_a_passing_that_another_official_has_just_struck_out_is_not_restored(opened: Any) -> None:
     console = opened()
     console.tell(race_of(2))
-    console.inbox.on_results(Results(karts=RESULTS.karts, passings=(crossed(1),)))
+    console.inbox.on_results(Standings(karts=RESULTS.karts, passings=(crossed(1),)))
     console.press('Ctrl+T')
     console.click('results_view')
     console.settle(AIM)
-    console.inbox.on_results(Results(passings=(crossed(1, mark=Mark.STRUCK),)))
+    console.inbox.on_results(Standings(passings=(crossed(1, mark=Mark.STRUCK),)))
     console.settle()
 
     console.find('correct_1').click()
@@ -693,7 +725,7 @@ def test_no_passing_is_corrected_while_race_control_is_gone(opened: Any) -> None
     console = opened()
     console.tell(race_of(2))
     mark = Mark.STRUCK
-    console.inbox.on_results(Results(karts=RESULTS.karts, passings=(crossed(1, mark=mark),)))
+    console.inbox.on_results(Standings(karts=RESULTS.karts, passings=(crossed(1, mark=mark),)))
     console.press('Ctrl+T')
     console.click('results_view')
     console.settle(1.2)
@@ -739,8 +771,8 @@ def test_no_control_moves_whatever_is_shown(
         replace(plain, alerts=(alert(1),)),
         replace(plain, alerts=tuple(map(alert, range(1, 13)))),
         plain,  # the alerts have ended
-        race_of(count, State.RED_RED, WHY, banner='REHEARSAL'),
-        race_of(count, State.IN_GARAGE, banner='REHEARSAL'),
+        race_of(count, RaceState.RED_RED, WHY, banner='REHEARSAL'),
+        race_of(count, RaceState.IN_GARAGE, banner='REHEARSAL'),
     ]
 
     def compare(during: str) -> None:
@@ -764,7 +796,7 @@ def test_no_control_moves_whatever_is_shown(
     assert console.find('danger').isVisible()
 
 
-def without(race: Race, number: int) -> Race:
+def without(race: Snapshot, number: int) -> Snapshot:
     """Return a race without a kart, and with another one at the end: the rows move up."""
     rest = [kart for kart in race.karts if kart.number != number]
     return replace(race, karts=(*rest, replace(rest[-1], number=rest[-1].number + 1)))
@@ -840,7 +872,7 @@ def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
 
 def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opened: Any) -> None:
     console = opened()
-    inside = race_of(8, State.IN_GARAGE)
+    inside = race_of(8, RaceState.IN_GARAGE)
     outside = replace(inside, karts=tuple(replace(kart, in_race=False) for kart in inside.karts))
     console.tell(outside)
     console.press('4')
@@ -856,12 +888,12 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opene
 
 def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
     console = opened()
-    race = race_of(8, State.IN_GARAGE)
+    race = race_of(8, RaceState.IN_GARAGE)
     console.tell(race)
     console.click('set_heat')
     point = console.place('heat_1')
 
-    console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
+    console.tell(replace(race, heats=(HeatSnapshot('Heat C', (3,)),)))
     console.click_at(point)
 
     assert not console.find('heats').isVisible()
@@ -885,10 +917,12 @@ def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened:
 
 def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(opened: Any) -> None:
     console = opened()
-    race = race_of(1, State.RED_RED)
-    kart = replace(race.karts[0], connected=False, may_be_moving=True, hold=State.RED_RED)
-    lost = Alert('LOST_IN_MOTION', 1, False, 'Kart 1 was lost')
-    race = replace(race, karts=(kart,), alerts=(lost,), track=Track(True, True, 'the MSR', True))
+    race = race_of(1, RaceState.RED_RED)
+    kart = replace(race.karts[0], connected=False, may_be_moving=True, hold=RaceState.RED_RED)
+    lost = Alert(AlertKind.LOST_IN_MOTION, 1, 0.0, 'Kart 1 was lost', False)
+    race = replace(
+        race, karts=(kart,), alerts=(lost,), track=TrackAccess(True, True, 'the MSR', True)
+    )
     console.tell(race)
     assert 'ALLOWED BY THE MSR' in console.find('humans').whole
     assert 'Only the MSR stops kart 1' in console.find('humans_reason').whole
@@ -934,8 +968,8 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     console = opened()
     console.tell(race_of(1))
     log, display = console.find('log'), console.window._display
-    display.take_event(Event(1, '14:31:24', 0, True, 'RED RED is sent to ' + 'kart 99, ' * 200))
-    display.take_event(Event(2, '14:31:25', 0, True, 'the newest', 'Anna (pc 1)', True))
+    display.take_event(event(1, 'RED RED is sent to ' + 'kart 99, ' * 200))
+    display.take_event(event(2, 'the newest', 'Anna (pc 1)'))
     console.settle()
 
     assert not log.horizontalScrollBar().isVisible()
@@ -943,9 +977,9 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     cursor = log.cursorForPosition(log.viewport().rect().bottomRight())
     assert cursor.block() == log.document().lastBlock()
     assert cursor.charFormat().font().bold()
-    display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
+    display.take_event(event(3, 'more', 'Anna (pc 2)'))
     assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
-    display.take_event(Event(4, '14:31:27', 1, True, 'it has arrived', prompt=True))
+    display.take_event(event(4, 'it has arrived', kind=EventKind.DELIVERED))
     assert 'arrived' not in log.toPlainText()
 
 
@@ -958,7 +992,7 @@ KILLS = ('Space', 'F12', 'Ctrl+Space', 'Shift+Space')
 
 def test_all_kill_by_key_whichever_widget_has_the_focus(opened: Any) -> None:
     console = opened()
-    console.tell(race_of(2, State.IN_GARAGE))
+    console.tell(race_of(2, RaceState.IN_GARAGE))
     found = set()
     while console.window.focusWidget().objectName() not in found:
         found.add(console.window.focusWidget().objectName())
@@ -980,7 +1014,7 @@ def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
     sounds.clear()
 
     console.inbox.on_dropped(Given(CommandKind.RED_FLAG), 'RED FLAG is no longer sent')
-    console.tell(replace(RACE, state=State.GRID_ACTIVE))
+    console.tell(replace(RACE, state=RaceState.GRID_ACTIVE))
 
     assert 'RED FLAG is no longer sent' in console.find('banner').whole
     console.settle(2 * LOOK / 1000)
@@ -1016,7 +1050,7 @@ def test_a_key_that_was_too_old_is_named_if_it_means_anything(
     key: str, told: bool, opened: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     console = opened()
-    console.tell(race_of(2, State.IN_GARAGE))
+    console.tell(race_of(2, RaceState.IN_GARAGE))
     console.window._display.bottom.say('')
     monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
 
@@ -1045,7 +1079,7 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
     stops = [(CommandKind.KART_RED_RED, 2), (CommandKind.RED_FLAG, 0)]
     assert console.commands == [*stops, (CommandKind.KART_RED_FLAG, 1), KILL]
 
-    console.tell(race_of(2, State.RED_RED, WHY))
+    console.tell(race_of(2, RaceState.RED_RED, WHY))
     assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
     console.tell(race)  # who has looked away is asked again
     assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
@@ -1058,9 +1092,9 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
 def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_more_once_it_changes(
     opened: Any, change: str
 ) -> None:
-    track = Track(False, True, 'every kart stands', False)
-    race = race_of(3, State.RED_RED, alerts=(alert(2),), track=track)
-    race = replace(race, commands=dict.fromkeys(EVERYTHING, Available(True, karts=(1, 2))))
+    track = TrackAccess(False, True, 'every kart stands', False)
+    race = race_of(3, RaceState.RED_RED, alerts=(alert(2),), track=track)
+    race = replace(race, commands=every(karts=(1, 2)))
     console = opened()
     console.tell(race)
     console.press(*('1 Ctrl+G' if change == 'by hand' else 'F6').split())
@@ -1070,8 +1104,8 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
     assert warning.property('tone') == 'bad'
 
     first, *rest = race.karts
-    three = dict.fromkeys(EVERYTHING, Available(True, karts=(1, 2, 3)))
-    stated = dict.fromkeys(EVERYTHING, Available(True, statement='it was made safe'))
+    three = every(karts=(1, 2, 3))
+    stated = every(statement='it was made safe')
     other = {
         'another kart': replace(race, commands=three),
         'no link': replace(race, karts=(replace(first, connected=False), *rest)),
@@ -1107,7 +1141,7 @@ def test_a_kart_that_was_typed_for_a_question_is_still_chosen_after_no(opened: A
 
 def test_without_heats_the_key_of_heats_says_that_there_are_none(opened: Any) -> None:
     console = opened()
-    console.tell(race_of(1, State.IN_GARAGE, heats=()))
+    console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
     console.press('Ctrl+H')
 
     assert texts.NO_HEATS in console.find('status').whole
@@ -1141,7 +1175,9 @@ def test_what_an_alert_says_to_do_is_not_cut(opened: Any) -> None:
     text = f'Clear the track, or use the MSR: {unknown}: look at every kart, then send IN GARAGE'
     for size in SIZES:
         console = opened(*size)
-        race = race_of(1, alerts=(Alert('TRACK_UNSAFE', 0, True, text),), banner='REHEARSAL')
+        race = race_of(
+            1, alerts=(Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, text, True),), banner='REHEARSAL'
+        )
         console.tell(race)
         console.settle(0.05)
         assert not console.find('alert_0').cut
@@ -1150,12 +1186,14 @@ def test_what_an_alert_says_to_do_is_not_cut(opened: Any) -> None:
 def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
     opened: Any,
 ) -> None:
-    console, race = opened(), race_of(8, State.IN_GARAGE)
-    offered = Available(True, statement='the track is clear of humans', karts=(1, 2, 3))
-    race = replace(race, commands={**race.commands, CommandKind.GRID_ACTIVE: offered})
+    console, race = opened(), race_of(8, RaceState.IN_GARAGE)
+    offered = Availability(
+        CommandKind.GRID_ACTIVE, True, statement='the track is clear of humans', karts=(1, 2, 3)
+    )
+    race = replace(race, commands=offers(offered))
     # Of karts 2, 3, 6 and 7 the link was poor; 6 and 7 are not started.
-    good = tuple(replace(kart, link=LINKS[1]) for kart in race.karts)
-    poor = tuple(replace(kart, link=LINKS[1 + 2 * (kart.number % 4 > 1)]) for kart in good)
+    good = tuple(replace(kart, **linked(LINKS[1])) for kart in race.karts)
+    poor = tuple(replace(kart, **linked(LINKS[1 + 2 * (kart.number % 4 > 1)])) for kart in good)
     console.tell(replace(race, karts=poor))
     console.press('F2')
     caution = console.find('question_caution')
@@ -1264,7 +1302,7 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
     opened: Any,
 ) -> None:
     console = opened(1920, 1080)
-    console.tell(race_of(2, State.GRID_ACTIVE, WHY))
+    console.tell(race_of(2, RaceState.GRID_ACTIVE, WHY))
     green, status = console.find('green_green'), console.find('status')
     why, handle = f'GREEN GREEN: {WHY}', console.window.windowHandle()
     assert green.barred

@@ -16,7 +16,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
-import math
 import os
 import pathlib
 import secrets
@@ -25,14 +24,12 @@ import threading
 import time
 
 from evgp_node.qos import latched
-from evgp_node.stamps import stamp_of
-from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Passing
-from evgp_rcs.race import AlertKind
+from evgp_rcs.messages import message_of, value_of
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rcs.snapshot import Snapshot
 from evgp_rcs.spare import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
@@ -62,9 +59,6 @@ HEAT = 'rehearsal'
 
 CONNECT_AGAIN = 10
 """Ticks between two tries of a kart to connect."""
-
-_KINDS = {getattr(msg.CommandAvailability, kind.name): kind for kind in CommandKind}
-_ALERTS = {getattr(msg.Alert, kind.name): kind.name for kind in AlertKind}
 
 
 class RefusedError(RuntimeError):
@@ -248,8 +242,14 @@ class Rehearsal(Part):
     @property
     def state(self) -> RaceState:
         """Return the race's state, as it was heard last."""
+        race = self.race
+        return (race.state if race else None) or RaceState.RED_RED
+
+    @property
+    def race(self) -> Snapshot | None:
+        """Return the race, as it was heard last; None: it was not."""
         race = self.official.race
-        return (state_of(race.state) if race else None) or RaceState.RED_RED
+        return None if race is None else value_of(race, Snapshot)
 
     def give(self, act: Act, name: str) -> Answer | None:
         """
@@ -260,7 +260,7 @@ class Rehearsal(Part):
         if act.kind is None:
             self.use_msr()
             return None
-        race = self.official.race
+        race = self.race
         assert race is not None
         self._check_own(race)
         entry = CATALOGUE[act.kind]
@@ -277,7 +277,7 @@ class Rehearsal(Part):
 
     def view(self, began: int = 0) -> View:
         """Return what an official sees who has listened since a tick."""
-        race = self.official.race
+        race = self.race
         assert race is not None
         with self.lock:
             radio, moving, crossed = look(self.field, began)
@@ -285,19 +285,19 @@ class Rehearsal(Part):
         offered = [(each, 0) for each in race.commands]
         offered += [(each, kart.number) for kart in race.karts for each in kart.commands]
         return View(
-            self.state,
+            race.state or RaceState.RED_RED,
             {
                 kart.number: KartView(
                     kart.in_race,
                     kart.connected,
-                    state_of(kart.sent) or RaceState.RED_RED,
+                    kart.sent,
                     kart.acknowledged,
                     kart.place,
                 )
                 for kart in race.karts
             },
-            frozenset((_ALERTS.get(each.kind, ''), each.kart) for each in race.alerts),
-            frozenset((_KINDS[each.command], kart) for each, kart in offered if each.available),
+            frozenset((each.kind.name, each.kart) for each in race.alerts),
+            frozenset((each.command, kart) for each, kart in offered if each.available),
             radio,
             moving,
             crossed,
@@ -313,8 +313,8 @@ class Rehearsal(Part):
         """
 
         def there() -> bool:
-            race = self.official.race
-            in_garage = self.state is RaceState.IN_GARAGE
+            race = self.race
+            in_garage = race is not None and race.state is RaceState.IN_GARAGE
             return race is not None and in_garage and not race.track.open
 
         self.attend(Steward(RaceState.IN_GARAGE), STEWARD, there, GET_THERE)
@@ -412,7 +412,8 @@ class Rehearsal(Part):
                 if isinstance(link, DrivenKart):
                     link.acknowledge(state)
             for passing in passings:
-                self._passings.publish(_passing_message(passing))
+                host = passing._replace(clock=msg.Passing.CLOCK_OF_HOST)
+                self._passings.publish(message_of(host, msg.Passing))
             for number, kart in self.field.karts.items():
                 self._connect(number, kart.link(self.field.tick))
             for each in failures:
@@ -533,7 +534,7 @@ class Rehearsal(Part):
     def _teams(self) -> dict[int, str]:
         return {number: f'{BANNER} {number}' for number in self.plan.numbers}
 
-    def _check_own(self, race: msg.Race) -> None:
+    def _check_own(self, race: Snapshot) -> None:
         heard = {kart.number: (kart.team, kart.address) for kart in race.karts}
         own = {number: (team, address_of(number)) for number, team in self._teams().items()}
         if heard != own:
@@ -552,18 +553,6 @@ class Rehearsal(Part):
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
-
-
-def _passing_message(passing: Passing) -> msg.Passing:
-    return msg.Passing(
-        source=passing.source,
-        session=passing.session,
-        number=passing.number,
-        kart=passing.kart,
-        stamp=stamp_of(passing.stamp_ns),
-        clock=msg.Passing.CLOCK_OF_HOST,
-        strength=math.nan,
-    )
 
 
 def recorded(folder: pathlib.Path) -> list[RecordedEvent]:

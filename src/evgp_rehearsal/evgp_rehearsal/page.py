@@ -17,7 +17,6 @@ import pathlib
 import threading
 from typing import Any
 
-from evgp_node.states import state_of
 from evgp_rehearsal import sheet
 from evgp_rehearsal.event import RefusedError, Rehearsal, WHEN
 from evgp_rehearsal.field import TICK_LENGTH
@@ -36,7 +35,7 @@ RADIO = 6
 
 def picture(rehearsal: Rehearsal) -> dict[str, Any]:
     """Return what the page shows: what the instructor sees, and what the official sees."""
-    race = rehearsal.official.race
+    race = rehearsal.race
     track = rehearsal.plan.track
     heard = {kart.number: kart for kart in race.karts} if race is not None else {}
     with rehearsal.lock:
@@ -45,7 +44,6 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
         for number, kart in field.karts.items():
             x, y = track.point(kart.distance)
             seen = heard.get(number)
-            sent = state_of(seen.sent) if seen else None
             karts.append(
                 {
                     'number': number,
@@ -54,7 +52,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
                     'speed': round(kart.speed, 1),
                     'lap': max(0, int(kart.distance // track.length) + 1),
                     'faults': sorted(fault.name for fault in kart.faults),
-                    'sent': sent.value if sent else '',
+                    'sent': seen.sent.value if seen else '',
                     'connected': bool(seen and seen.connected),
                     'acknowledged': bool(seen and seen.acknowledged),
                     'place': seen.place if seen else 0,

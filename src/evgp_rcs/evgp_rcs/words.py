@@ -1,0 +1,165 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Words about the race, for people: window, terminal, board and report say the same in the same ones.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import enum
+import math
+import time
+from typing import NamedTuple
+
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs.laps import Status
+from evgp_rcs.snapshot import KartSnapshot, Snapshot
+
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED
+
+
+class Tone(enum.Enum):
+    """How a text stands out: by a colour, and always also by a word or a symbol."""
+
+    PLAIN = 'plain'
+    FAINT = 'faint'
+    GOOD = 'good'
+    WAIT = 'wait'
+    BAD = 'bad'
+    GARAGE = 'garage'
+    GRID = 'grid'
+    GREEN = 'green'
+    FLAG = 'flag'
+    RED = 'red'
+    BANNER = 'banner'
+
+
+class Cell(NamedTuple):
+    """A text with its tone."""
+
+    text: str
+    tone: Tone = Tone.PLAIN
+
+
+STATES: dict[RaceState | None, str] = {
+    None: '',
+    **{state: state.name.replace('_', ' ') for state in RaceState},
+}
+STATE_CELLS: dict[RaceState | None, Cell] = {
+    None: Cell('?', Tone.FAINT),
+    IN_GARAGE: Cell('⌂ IN GARAGE', Tone.GARAGE),
+    GRID_ACTIVE: Cell('▦ GRID ACTIVE', Tone.GRID),
+    GREEN_GREEN: Cell('▶ GREEN GREEN', Tone.GREEN),
+    RED_FLAG: Cell('⚑ RED FLAG', Tone.FLAG),
+    RED_RED: Cell('■ RED RED', Tone.RED),
+}
+"""Each state with its symbol: so no state is shown by its colour alone."""
+
+OTHERWISE: dict[RaceState | None, str] = {
+    None: '',
+    IN_GARAGE: '… ALL KARTS HELD',
+    GRID_ACTIVE: '… NO KART ON THE GRID',
+    GREEN_GREEN: '… NO KART IS RACING',
+    RED_FLAG: '… NO KART IN RED FLAG',
+    RED_RED: '… NO KART IN RED RED',
+}
+"""What is said instead of the state of the race, if no kart of the race is sent it."""
+
+ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
+NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
+
+LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
+
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
+
+
+def headline(race: Snapshot) -> Cell:
+    """
+    Return the text in the largest type: what is true of the karts of the race.
+
+    A kart without a link stops by itself: RED RED is true of it.
+    """
+    karts = [kart for kart in race.karts if kart.in_race] or race.karts
+    sent = {kart.sent for kart in karts if kart.connected}
+    if race.state in sent:
+        return STATE_CELLS[race.state]
+    if sent:
+        if len(sent) == 1 and race.state in (RED_FLAG, RED_RED):
+            return STATE_CELLS[sent.pop()]
+        return Cell(OTHERWISE[race.state], Tone.WAIT)
+    if race.state is GRID_ACTIVE:
+        return NONE_CONNECTED
+    return ALL_LOST if race.state in (GREEN_GREEN, RED_FLAG) else STATE_CELLS[race.state]
+
+
+def does(kart: KartSnapshot) -> str:
+    """Return what a kart does; that it has stopped, only if humans may rely on it."""
+    if not kart.connected:
+        return 'lost' if kart.in_doubt else 'not connected'
+    if kart.sent.is_red:
+        stopped = 'finished' if kart.place else 'stopped'
+        return stopped if kart.stands else 'stopping'
+    done, not_yet = _DOES[kart.sent]
+    return done if kart.acknowledged and not kart.in_doubt else not_yet
+
+
+_DOES = {
+    IN_GARAGE: ('in the garage',) * 2,
+    GRID_ACTIVE: ('ready', 'not ready yet'),
+    GREEN_GREEN: ('driving', 'not driving yet'),
+}
+
+
+def tally(race: Snapshot) -> str:
+    """Return how many karts of the race are driving, stopped and so on; empty: none is in it."""
+    found = [does(kart) for kart in race.karts if kart.in_race]
+    return ', '.join(f'{found.count(each)} {each}' for each in _IN_ORDER if each in found)
+
+
+_IN_ORDER = dict.fromkeys(each for pair in _DOES.values() for each in pair)
+_IN_ORDER |= dict.fromkeys(('stopped', 'stopping', 'finished', 'not connected', 'lost'))
+
+
+def numbered(karts: Iterable[KartSnapshot | int]) -> str:
+    """Return karts by their numbers, empty if there are none."""
+    numbers = [str(each.number if isinstance(each, KartSnapshot) else each) for each in karts]
+    return f'kart{"s" * (len(numbers) > 1)} {", ".join(numbers)}' if numbers else ''
+
+
+def clock(seconds: float) -> str:
+    """Return a time as minutes:seconds, or hours:minutes:seconds."""
+    minutes, second = divmod(int(max(0.0, seconds)), 60)
+    hours, minute = divmod(minutes, 60)
+    return f'{hours}:{minute:02}:{second:02}' if hours else f'{minute}:{second:02}'
+
+
+def lap_time(seconds: float | None) -> str:
+    """Return a time as minutes:seconds and thousandths; empty if there is none."""
+    if seconds is None or not math.isfinite(1000 * seconds):
+        return ''
+    minutes, thousandths = divmod(round(1000 * seconds), 60_000)
+    return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
+
+
+def milliseconds(seconds: float | None) -> str:
+    """Return a time in milliseconds, rounded up; empty if there is none."""
+    if seconds is None or not math.isfinite(1000 * seconds):
+        return ''
+    return f'{math.ceil(1000 * seconds)} ms'
+
+
+def time_of_day(at: float) -> str:
+    """Return a wall time (s), as an official reads it."""
+    return time.strftime('%H:%M:%S', time.localtime(at))
