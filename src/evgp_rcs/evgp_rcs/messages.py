@@ -127,7 +127,7 @@ def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
     if kind in CONSTANTS:
         number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
         value = {at: each for each, at in number.items()}
-        number, value = ({None: 0, **number}, {0: None, **value}) if optional else (number, value)
+        number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
         return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
     if issubclass(kind, enum.Enum):
         return lambda each, _: each.value, lambda each, _: kind(each)

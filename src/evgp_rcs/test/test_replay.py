@@ -153,9 +153,9 @@ class Running:
         ]
         offered = [each for each in offers if each.available or self.chance.random() < 0.2]
         each = self.chance.choice(offered)
-        one = CATALOGUE[each.kind].to_one_kart
+        one = CATALOGUE[each.command].to_one_kart
         command = Command(
-            each.kind,
+            each.command,
             kart if one else 0,
             self.chance.random() < 0.9,
             frozenset(each.karts),

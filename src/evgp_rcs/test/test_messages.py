@@ -1,0 +1,113 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A message is the image of its type, field by field, both ways."""
+
+from __future__ import annotations
+
+import dataclasses
+import random
+from typing import Any, get_type_hints
+
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.laps import Judged, KartResult, Passing, Penalty
+from evgp_rcs.link_quality import LinkQuality
+from evgp_rcs.messages import CONSTANTS, event_of, events_message, message_of, value_of
+from evgp_rcs.race import Alert, AlertKind, Availability, TrackAccess
+from evgp_rcs.snapshot import (
+    HeatSnapshot,
+    KartSnapshot,
+    Snapshot,
+    snapshot_of,
+    Standings,
+    standings_of,
+)
+from evgp_rcs_msgs import msg
+import pytest
+from recorded_races import long_event
+
+IMAGES: list[tuple[Any, Any]] = [
+    (Snapshot, msg.Race),
+    (KartSnapshot, msg.KartStatus),
+    (LinkQuality, msg.LinkQuality),
+    (Availability, msg.CommandAvailability),
+    (TrackAccess, msg.TrackAccess),
+    (Alert, msg.Alert),
+    (HeatSnapshot, msg.Heat),
+    (Standings, msg.Results),
+    (KartResult, msg.KartResult),
+    (Penalty, msg.Penalty),
+    (Judged, msg.JudgedPassing),
+    (Passing, msg.Passing),
+]
+
+
+@pytest.mark.parametrize(('kind', 'message'), IMAGES)
+def test_a_type_and_its_message_have_the_same_fields(kind: Any, message: Any) -> None:
+    fields = {name.removesuffix('_ns') for name in get_type_hints(kind)}
+    assert fields == set(message.get_fields_and_field_types())
+
+
+@pytest.mark.parametrize(('kind', 'message'), CONSTANTS.items())
+def test_each_constant_of_a_message_is_one_of_its_enum(kind: Any, message: Any) -> None:
+    numbers = [getattr(message, each.name) for each in kind]
+    assert len({*numbers}) == len(numbers)
+
+
+def test_a_race_comes_out_of_its_message_as_race_control_put_it_in() -> None:
+    paper = long_event(600.0, 5, random.Random(7))
+    for race, now in ((paper.race, paper.now), (paper.race, paper.now + 3.0)):
+        seen = snapshot_of(race, now)._replace(banner='REHEARSAL')
+        read = value_of(message_of(seen, msg.Race), Snapshot)
+        # As texts, since what is not known is NaN.
+        assert str(message_of(read, msg.Race)) == str(message_of(seen, msg.Race))
+        assert [kart.commands for kart in read.karts] == [kart.commands for kart in seen.karts]
+        assert (read.state, read.heats, read.track) == (seen.state, seen.heats, seen.track)
+        assert read.stamp == pytest.approx(seen.stamp)
+        standings = standings_of(race, now)
+        again = value_of(message_of(standings, msg.Results), Standings)
+        assert again[1:] == standings[1:]
+    for stamped in paper.stamped[:200]:
+        (message,) = events_message([stamped]).events
+        inner = stamped.event._replace(chatter=False, hold=None, race=0, heat='')
+        assert event_of(message).event == inner
+        assert event_of(message)[:2] == stamped[:2]
+
+
+def test_what_is_not_known_is_none_in_the_value_and_says_so_in_the_message() -> None:
+    (kart,) = value_of(
+        message_of(snapshot_of(long_event(0.0, 1, random.Random(1)).race, 100.0), msg.Race),
+        Snapshot,
+    ).karts
+    assert (kart.reported, kart.hold, kart.counts_at, kart.flag_at, kart.last_lap) == (None,) * 5
+    message = message_of(kart, msg.KartStatus)
+    assert (message.hold.state, message.flag_at.sec) == (msg.RaceState.UNKNOWN, 0)
+    assert message.last_lap != message.last_lap
+
+
+@pytest.mark.parametrize(
+    'message',
+    [
+        msg.KartStatus(),  # it is sent no state
+        msg.CommandAvailability(command=255),
+        msg.Heat(name='Heat 1', format='a contest'),
+    ],
+)
+def test_a_message_that_race_control_never_sends_is_refused(message: Any) -> None:
+    kinds = {image: kind for kind, image in IMAGES}
+    with pytest.raises(ValueError, match=r'\w'):
+        value_of(message, kinds[type(message)])
+
+
+def test_a_time_counts_from_where_the_clock_of_the_value_began() -> None:
+    alert = Alert(AlertKind.KART_LOST, 7, 2.5, 'it is so', use_msr=False)
+    message = message_of(alert, msg.Alert, wall_ns=1_000_000_000)
+    assert (message.since.sec, message.since.nanosec) == (3, 500_000_000)
+    assert value_of(message, Alert) == dataclasses.replace(alert, since=3.5)
+
+
+def test_texts_can_be_changed_on_the_way_out_of_a_message() -> None:
+    offered = Availability(CommandKind.GREEN_GREEN, False, 'the race is in RED_RED')
+    message = message_of(offered, msg.CommandAvailability)
+    read = value_of(message, Availability, lambda text: text.replace('_', ' '))
+    assert read.reason == 'the race is in RED RED'
