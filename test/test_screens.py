@@ -103,4 +103,4 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
             (int(kart), int(place.rstrip('.') or 0), int(laps))
             for place, kart, _, laps, *_ in written
         ]
-    assert seen == {'', *(heat.name for heat in HEATS), *(state.value for state in RaceState)}
+    assert seen >= {*(heat.name for heat in HEATS), *(state.value for state in RaceState)}

@@ -28,10 +28,10 @@ from evgp_kart_bridge.orders import Order
 from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_protocol.states import RaceState
 from nav_msgs.msg import Odometry
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy

@@ -35,6 +35,7 @@ from evgp_node.graph import KEEPS_APART, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.qos import latched
+from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
@@ -44,7 +45,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool, ColorRGBA, String

@@ -18,15 +18,16 @@ from typing import Any
 
 from evgp_kart_bridge.orders import Order, Orders, Said
 from evgp_node.graph import kept_apart_by
+from evgp_node.rclpy_private import take_waiting
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
-from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
 from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.qos import (
@@ -232,7 +233,9 @@ class RaceStateWatch:
 
     def _hear(self, message: KartRaceState) -> None:
         # All that waits is taken now: a stop must not wait behind what was said before it.
-        heard = [message, *self._take_waiting()]
+        heard = [message]
+        if self._subscription is not None:
+            heard += take_waiting(self._subscription, BACKLOG)
         # A stack that was busy finds what was said meanwhile, an old GREEN_GREEN perhaps. It
         # came after the call of `_pass` before the last, or it would have been taken then. (The
         # last one does not say that: it may belong to the same turn of the executor. And the
@@ -242,20 +245,6 @@ class RaceStateWatch:
             self._orders.hear(said, self._passed_before, clock.now())
             self.message = heard[-1]
         self._look()
-
-    def _take_waiting(self) -> list[KartRaceState]:
-        """Return what waits behind the message that the executor has taken, oldest first."""
-        waiting: list[KartRaceState] = []
-        subscription = self._subscription
-        if subscription is None:
-            return waiting
-        with subscription.handle:
-            while len(waiting) < BACKLOG:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-                if taken is None:
-                    break
-                waiting.append(taken[0])
-        return waiting
 
     def _pass(self) -> None:
         self._passed_before = self._passed

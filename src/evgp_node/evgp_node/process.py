@@ -19,10 +19,10 @@ import traceback
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
 from evgp_node.parameters import StrictNode
+from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 

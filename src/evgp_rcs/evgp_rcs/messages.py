@@ -51,6 +51,9 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
 }
 """The message that has the constants of each enum."""
 
+OF_THE_SERVER = ('sequence', 'stamp', 'monotonic')
+"""What a message of an event has of the ``StampedEvent`` around it."""
+
 _Value = TypeVar('_Value')
 _TIME = 'builtin_interfaces/Time'
 
@@ -61,10 +64,14 @@ def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
 
     :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
     """
-    message = kind()
-    for slot, name, write, _ in _fields(type(value), kind):
-        setattr(message, slot, write(getattr(value, name), wall_ns))
-    return message
+    return _image(value, type(value), kind, wall_ns)
+
+
+def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any:
+    image = message()
+    for slot, name, write, _ in _fields(kind, message):
+        setattr(image, slot, write(getattr(value, name), wall_ns))
+    return image
 
 
 def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
@@ -87,13 +94,13 @@ _Read = Callable[[Any, Callable[[str], str]], Any]
 
 
 def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
-    """Return each field that a message and its type share: its names, how to write and read it."""
+    """Return each field of a message: its name there and in the type, how to write and read it."""
     hints = get_type_hints(kind)
+    names = {name.removesuffix('_ns'): name for name in hints}
     return [
-        (slot, name, *_both(hints[name], slot_type))
+        (slot, names[slot], *_both(hints[names[slot]], slot_type))
         for slot, slot_type in message.get_fields_and_field_types().items()
-        for name in (slot, f'{slot}_ns')
-        if name in hints
+        if slot not in OF_THE_SERVER or kind is not Event
     ]
 
 
@@ -113,7 +120,7 @@ def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
     if slot.startswith('sequence<') and '/' in slot:
         one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
         return (
-            lambda values, wall: [message_of(each, one, wall) for each in values],
+            lambda values, wall: [_image(each, inner, one, wall) for each in values],
             lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
         )
     if slot.startswith('sequence<'):
@@ -121,7 +128,7 @@ def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
     if '/' in slot:
         one = _class_of(slot)
         return (
-            lambda value, wall: message_of(value, one, wall),
+            lambda value, wall: _image(value, kind, one, wall),
             lambda message, said: value_of(message, kind, said),
         )
     if kind in CONSTANTS:

@@ -39,6 +39,7 @@ from evgp_node.graph import (
 )
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.rclpy_private import RCLError
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
@@ -59,7 +60,6 @@ from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.parameter import Parameter

@@ -1883,7 +1883,7 @@ def check_announced(
     opinion = opinion._replace(allowed=opinion.allowed and not paused)
     if told.available_from != (facts.paused if paused else None):
         raise RuleBrokenError('available-from', f'{told}, paused until {facts.paused} in {view}')
-    if told.available != opinion.allowed or told.kart != number or told.kind.name != kind:
+    if told.available != opinion.allowed or told.command.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
         raise RuleBrokenError('statement', f'{told}, expected {opinion} in {view}')

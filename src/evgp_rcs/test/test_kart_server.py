@@ -186,7 +186,7 @@ class Running:
                 self.messages.append(message)
                 if isinstance(message, Snapshot):
                     self._shown += 1
-                    self._shown_at = message.at
+                    self._shown_at = message.stamp
                 elif isinstance(message, Happened):
                     stamped += message.events
             self.events += [each.event for each in stamped]

@@ -31,6 +31,7 @@ import uuid
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
+from evgp_node.rclpy_private import RCLError
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
@@ -53,7 +54,6 @@ from evgp_rcs_console.commands import (
 )
 from evgp_rcs_msgs import msg
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node

@@ -13,6 +13,7 @@ import sys
 import threading
 
 from evgp_node.graph import GraphError
+from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged
@@ -35,7 +36,6 @@ from evgp_rcs_console.commands import effects, Given, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import aligned, danger, is_gone, show, silence, table
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
 SETTLED = 1.0
 """Time without another event after which all past events have come, in seconds."""

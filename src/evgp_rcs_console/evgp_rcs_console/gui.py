@@ -17,12 +17,12 @@ import time
 from typing import Any
 
 from evgp_node.graph import GraphError
+from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_rcs_console import texts
 from evgp_rcs_console.client import Client, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 

@@ -1,0 +1,162 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+All that we use of rclpy and that is not public there: no other file of ours does.
+
+Its two errors have no public name; the rest is what a public executor does not do: drop what
+cannot be read, answer a stop without a new wait set, and take all that waits in a subscription.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+from typing import Any
+
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.exceptions import InvalidHandle
+from rclpy.executors import (
+    ConditionReachedException,
+    ExternalShutdownException,
+    ShutdownException,
+    SingleThreadedExecutor,
+)
+from rclpy.guard_condition import GuardCondition
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.node import Node
+from rclpy.service import Service
+from rclpy.subscription import Subscription
+
+__all__ = ['Executor', 'RCLError', 'Server', 'UnknownROSArgsError', 'take_waiting']
+
+UNREADABLE_LOG_AGAIN = 1.0
+"""Minimum time between two log lines about calls that cannot be read, seconds."""
+
+
+class Executor(SingleThreadedExecutor):
+    """
+    An executor for a graph in which anyone may send anything.
+
+    What cannot be read raises in rclpy where it is taken, which would also leave the node's
+    callbacks locked for good. Here there is then nothing to do.
+    """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(context=node.context)
+        self._log = node.get_logger()
+        self.add_node(node)
+
+    def run_next(self, is_over: Callable[[], bool]) -> None:
+        """Wait for a callback and run it; return early once it `is_over`."""
+        try:
+            handler, entity, _ = self.wait_for_ready_callbacks(None, None, is_over)
+        except (ShutdownException, ConditionReachedException):
+            return
+        handler()
+        error = handler.exception()
+        if error is None:
+            return
+        if not isinstance(entity, Service):
+            raise error
+        # The callback itself refuses: what remains is an answer that could not be sent.
+        _dropped(self._log, f'The answer of {entity.srv_name} could not be sent', error)
+
+    def _take_service(self, srv: Any) -> Any:
+        return self._taken(super()._take_service, srv, f'A call of {srv.srv_name}')
+
+    def _take_subscription(self, sub: Any) -> Any:
+        return self._taken(super()._take_subscription, sub, f'A message on {sub.topic_name}')
+
+    def _take_client(self, client: Any) -> Any:
+        return self._taken(super()._take_client, client, f'An answer of {client.srv_name}')
+
+    def _taken(self, take: Callable[[Any], Any], entity: Any, what: str) -> Any:
+        try:
+            return take(entity)
+        except Exception as error:  # noqa: BLE001 - from afar: see above
+            _dropped(self._log, f'{what} could not be read', error)
+            return None
+
+
+class Server:
+    """
+    Answers the calls of a node that only serves, with one wait set for all its life.
+
+    If the node calls others too, nobody takes their answers.
+
+    rclpy's executor makes a new one, a task and two coroutines for each callback, which is
+    0.2 ms of a stop (docs/decisions.md, record 6).
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._log = node.get_logger()
+        self._services = tuple(node.services)
+        self._wake = GuardCondition(None, None, node.context)
+        # Its waitables are those of /parameter_events, which every node publishes.
+        others = (*node.subscriptions, *node.timers, *node.guards)
+        assert not others, f'{node.get_name()} has more than services'
+        self._waits = rclpy_implementation.WaitSet(
+            0, 1, 0, 0, len(self._services), 0, node.context.handle
+        )
+        node.context.on_shutdown(self.wake)
+
+    def run_next(self, is_over: Callable[[], bool]) -> None:
+        """Wait for calls and answer them; see ``Executor``."""
+        waits = self._waits
+        waits.clear_entities()
+        for service in self._services:
+            waits.add_service(service.handle)
+        waits.add_guard_condition(self._wake.handle)
+        waits.wait(-1)
+        called = waits.get_ready_entities('service')
+        for service in self._services:
+            if service.handle.pointer in called and not is_over():
+                self._answer(service)
+        if not self._node.context.ok():
+            raise ExternalShutdownException
+
+    def wake(self) -> None:
+        """Make ``run_next`` return, once."""
+        with contextlib.suppress(InvalidHandle):  # it was shut down before its context was
+            self._wake.trigger()
+
+    def shutdown(self) -> None:
+        """Let go of what it waits by; nobody runs ``run_next`` any more."""
+        self._wake.destroy()
+        self._waits.destroy_when_not_in_use()
+
+    def _answer(self, service: Service) -> None:
+        try:
+            request, header = service.handle.service_take_request(service.srv_type.Request)
+        except Exception as error:  # noqa: BLE001 - from afar
+            _dropped(self._log, f'A call of {service.srv_name} could not be read', error)
+            return
+        if header is None:
+            return  # no call after all; rclpy's executor checks for this too
+        answer = service.callback(request, service.srv_type.Response())
+        try:
+            service.send_response(answer, header)
+        except Exception as error:  # noqa: BLE001 - to afar
+            _dropped(self._log, f'The answer of {service.srv_name} could not be sent', error)
+
+
+def take_waiting(subscription: Subscription, most: int) -> list[Any]:
+    """Return what waits behind the message that the executor has taken, oldest first."""
+    waiting: list[Any] = []
+    with subscription.handle:
+        while len(waiting) < most:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                break
+            waiting.append(taken[0])
+    return waiting
+
+
+def _dropped(log: RcutilsLogger, what: str, error: BaseException) -> None:
+    log.error(
+        f'{what}, and was dropped: {type(error).__name__}: {error}',
+        throttle_duration_sec=UNREADABLE_LOG_AGAIN,
+    )
