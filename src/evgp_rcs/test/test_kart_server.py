@@ -1123,5 +1123,7 @@ def test_results_are_sent_once_there_are_laps_and_not_more_than_once_a_second(ru
         running.say(passings(next(numbers)))
         with running._news:
             running._news.wait(0.1)
-    assert [[each.kart for each in message.results] for message in standings] == [[], [1], [1]]
-    assert all(after.at - at.at >= RESULTS_EVERY for at, after in itertools.pairwise(standings))
+    assert [[each.kart for each in message.karts] for message in standings] == [[], [1], [1]]
+    assert all(
+        after.stamp - at.stamp >= RESULTS_EVERY for at, after in itertools.pairwise(standings)
+    )
