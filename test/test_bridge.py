@@ -339,13 +339,25 @@ def test_green_green_is_not_acknowledged_before_odometry_shows_that_the_kart_dri
     race.official.wait_for_acks(GREEN_GREEN, 1)
 
 
-def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told(
-    start_race: StartRace,
+@pytest.mark.parametrize(
+    ('is_read', 'missing'),
+    [
+        (True, 'its stack gives the motors no speed'),
+        (False, 'no stack drives it: nobody reads /kart_bridge/race_state'),
+    ],
+)
+def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told_what_is_missing(
+    start_race: StartRace, is_read: bool, missing: str
 ) -> None:
     race = start_race()
     race.green()
+    for each in [] if is_read else [*race.team.node.subscriptions]:
+        if each.topic_name in ('/kart_bridge/race_state', '/kart_bridge/stop'):
+            race.team.node.destroy_subscription(each)
     race.team.drive_at(0.0)
-    race.bridge.wait_for_line('GREEN_GREEN for 5 s, and odometry')
+    race.bridge.wait_for_line(
+        f'GREEN_GREEN for 5 s, and odometry .* If the kart stands, {missing}. If it drives, the twist'
+    )
 
 
 @pytest.mark.parametrize(

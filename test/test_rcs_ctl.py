@@ -129,6 +129,7 @@ def test_a_whole_race_by_commands(
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
+IF_CLEAR = f'If you state that the track is clear of humans, type: {TYPE}\n'
 NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GRID ACTIVE.\n'
 
 
@@ -144,6 +145,8 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
         ('green-green 1 2', REFUSED, NOT_YET),
         ('green-green', USAGE, 'GREEN GREEN follows GRID ACTIVE'),
         ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
+        ('grid-active', USAGE, which, IF_CLEAR),
+        ('grid-active 1 2', REFUSED, 'state that the track is clear', IF_CLEAR),
         (
             *('grid-active --track-is-clear', USAGE, which, f'{TYPE}\n'),
             'It is for kart 1 (Team 1), kart 2 (Team 2)',
@@ -177,7 +180,7 @@ def test_every_command_without_numbers_lists_its_karts_while_it_is_possible(
         done = run(control.domain, name, *flags, '--wait', str(PATIENCE))
         assert done.returncode == USAGE, done.stderr
         again = shlex.join(['rcs_ctl', name, '1', '2', *flags])
-        assert done.stderr.endswith(f'To send it, name them: {again}\n')
+        assert done.stderr.endswith(f'To send it, type: {again}\n')
         accepted(control, official, *again.split()[1:])
         official.wait_for_acks(CATALOGUE[kind].result.race[0], 1, 2)
         if name == 'green-green':
@@ -335,6 +338,10 @@ def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
     accepted(control, official, 'all-kill')
     accepted(control, official, 'kart-in-garage', '1', '--made-safe-by-hand')
 
+    done = run(control.domain, 'in-garage', '--wait', str(PATIENCE))
+    assert done.returncode == USAGE
+    told = 'If you state that the track is safe for humans, type: rcs_ctl in-garage --track-is-safe'
+    assert done.stderr.endswith(f'{told}\n')
     accepted(control, official, 'in-garage', '--track-is-safe')
 
 
@@ -491,8 +498,6 @@ def test_a_command_that_is_killed_leaves_no_process_behind() -> None:
     ('words', 'said'),
     [
         ((), 'command'),
-        (('grid-active',), '--track-is-clear'),
-        (('in-garage',), '--track-is-safe'),
         (('record-msr',), '--msr-was-used'),
         (('kart-finish',), 'kart'),
         (('kart-finish', 'seven'), "invalid kart number value: 'seven'"),

@@ -141,7 +141,7 @@ def test_the_folders_of_the_wheels_builder_become_those_of_this_machine_and_stay
     [
         ('package/msg/State.msg', 'before', True),
         ('package/CMakeLists.txt', 'before', True),
-        ('package/setup.py', 'before', True),
+        ('package/setup.cfg', 'before', True),
         ('package/package/module.py', 'before', False),
         ('package/test/test_module.py', 'before', False),
         ('package/config/parameters.yaml', 'before', False),

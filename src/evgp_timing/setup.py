@@ -1,38 +1,8 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Build file of the ament_python package evgp_timing."""
+"""Build file of the ament_python package evgp_timing: see setup.cfg."""
 
-from glob import glob
+from setuptools import setup
 
-from setuptools import find_packages, setup
-
-PACKAGE = 'evgp_timing'
-
-setup(
-    name=PACKAGE,
-    version='0.1.0',
-    packages=find_packages(exclude=['test']),
-    package_data={PACKAGE: ['py.typed']},
-    data_files=[
-        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
-        (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
-    ],
-    install_requires=['setuptools'],
-    # By this colcon knows how to run the tests.
-    extras_require={'test': ['pytest']},
-    zip_safe=False,
-    maintainer='EVGP race control maintainers',
-    maintainer_email='evgp-race-control@users.noreply.github.com',
-    author='EVGP race control contributors',
-    url='https://engineering.purdue.edu/evGrandPrix/',
-    description='Sources of passings for the EVGP race control: timing devices as ROS 2 topics.',
-    license='Apache-2.0',
-    entry_points={
-        'console_scripts': [
-            'timing_source = evgp_timing.node:main',
-            'p3_emulator = evgp_timing.p3_emulator:main',
-        ],
-    },
-)
+setup()

@@ -319,10 +319,14 @@ class KartBridge(StrictNode):
             )
         )
 
+    def _is_read(self) -> bool:
+        """Return whether a node reads what to obey, in any of its forms."""
+        says = (self._race_state, self._stop, self._state)
+        return any(each.get_subscription_count() for each in says)
+
     def _look_for_readers(self) -> None:
         """Say once that no stack reads what to obey: it may be in another ROS domain."""
-        says = (self._race_state, self._stop, self._state)
-        if any(each.get_subscription_count() for each in says):
+        if self._is_read():
             self._unread_at = None
             self._read = True
         elif self._read:
@@ -350,10 +354,15 @@ class KartBridge(StrictNode):
         told = self._told
         green = told is not None and told.state is RaceState.GREEN_GREEN
         if self._motion.never_moves(green, speed, now):
+            missing = (
+                'its stack gives the motors no speed'
+                if self._is_read()
+                else f'no stack drives it: nobody reads {self._race_state.topic_name}'
+            )
             self.get_logger().warning(
                 f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
-                '0.00 m/s. If the kart drives, its twist is not filled in: it would acknowledge '
-                'stops while it rolls'
+                f'0.00 m/s. If the kart stands, {missing}. If it drives, the twist of its odometry '
+                'is not filled in: it would acknowledge stops while it rolls'
             )
 
         def take(arbiter: Arbiter, now: float) -> Outcome:

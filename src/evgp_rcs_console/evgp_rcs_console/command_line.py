@@ -54,27 +54,24 @@ COMMANDS: dict[str, CommandKind] = {
 }
 """Every command of an official, by its name on the command line."""
 
-STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
-    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
+STATEMENTS: dict[CommandKind, tuple[str, str]] = {
+    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR'),
     CommandKind.GRID_ACTIVE: (
         '--track-is-clear',
         'you state that the track is clear of humans',
-        True,
     ),
-    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
+    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans'),
     CommandKind.OPEN_TRACK: (
         '--no-race-anywhere',
         'you state that no race is under way anywhere, and no kart moves; needed once after the '
         'first start',
-        False,
     ),
     CommandKind.KART_IN_GARAGE: (
         '--made-safe-by-hand',
         'you state that someone made this kart safe; needed if it has not acknowledged its stop',
-        False,
     ),
 }
-"""The flag of each statement: its name, its help, and whether the command always needs it."""
+"""The flag of each statement: its name and its help."""
 
 
 TAKEN: dict[str, tuple[type, str]] = {
@@ -174,9 +171,11 @@ def parser() -> argparse.ArgumentParser:
                 taken = _count if kind is int else kind
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if command in STATEMENTS:
-            flag, statement, needed = STATEMENTS[command]
+            flag, statement = STATEMENTS[command]
+            # Without a statement that it asks for, race control refuses: `rcs_ctl` says what to type.
+            unasked = entry.call_is_statement
             each.add_argument(
-                flag, dest='stated', action='store_true', required=needed, help=statement
+                flag, dest='stated', action='store_true', required=unasked, help=statement
             )
         else:
             each.set_defaults(stated=False)

@@ -233,9 +233,7 @@ def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list
     if not others and not unsaid:
         return []
     said = said_of(given.command, race, offered, kart) if others else []
-    condition = f'If you state that {unsaid}' if unsaid else 'To send it'
-    again = _line(wanted, karts, given.stated or bool(unsaid))
-    return [*said, f'{condition}, type: {again}']
+    return [*said, _again(wanted, karts, unsaid)]
 
 
 def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
@@ -254,10 +252,16 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
             [
                 f'{label}: nothing was sent. It is for {names}.',
                 *said_of(command, race, offered, None),
-                f'To send it, name them: {_line(wanted, offered.karts, wanted.stated)}',
+                _again(wanted, offered.karts, offered.statement if not wanted.stated else ''),
             ]
         ),
     }
+
+
+def _again(wanted: argparse.Namespace, karts: Sequence[int], unsaid: str) -> str:
+    """Return what sends a command, naming these karts and stating what was not stated."""
+    condition = f'If you state that {unsaid}' if unsaid else 'To send it'
+    return f'{condition}, type: {_line(wanted, karts, wanted.stated or bool(unsaid))}'
 
 
 def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str:
