@@ -33,7 +33,7 @@ from evgp_rcs.race import (
 )
 from evgp_rcs.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.commands import asks, Effects, effects
+from evgp_rcs_console.commands import Effects, effects
 from evgp_rcs_console.view import Button, show
 from evgp_rcs_msgs import msg
 import pytest
@@ -52,7 +52,7 @@ NEXT = {
 }
 """What an official does next in a race."""
 
-ASKING = [kind for kind in CommandKind if asks(kind)]
+ASKING = [kind for kind in CommandKind if CATALOGUE[kind].asks]
 
 
 LETS_HUMANS_NEAR = (

@@ -341,7 +341,7 @@ def test_the_judge_knows_every_state() -> None:
 
 
 @pytest.mark.parametrize(
-    'unknown', [CommandKind.GRID_ACTIVE, CommandKind.KART_FINISH, CommandKind.ALL_KILL]
+    'unknown', [CommandKind.GRID_ACTIVE, CommandKind.JOIN_RACE, CommandKind.ALL_KILL]
 )
 def test_the_judge_does_not_begin_with_a_command_that_it_does_not_know(
     unknown: CommandKind, monkeypatch: pytest.MonkeyPatch

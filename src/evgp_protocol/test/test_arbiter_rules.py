@@ -16,7 +16,6 @@ import copy
 import dataclasses
 import itertools
 import math
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -759,14 +758,6 @@ def test_nothing_said_before_a_doubt_that_has_ended_is_accepted(
 ) -> None:
     settings = Settings(frame_timeout=60.0, tsr_timeout=timeouts[0], team_timeout=timeouts[1])
     judge_lateness(arbiter_module, settings, [('connected', None), *inputs])
-
-
-def test_the_documents_say_how_many_worlds_and_faults_there_are() -> None:
-    text = (Path(__file__).parents[3] / 'docs' / 'testing.md').read_text(encoding='utf-8')
-    words = {5: 'five', 6: 'six', 7: 'seven'}
-    assert f'every reachable state of {words[len(WORLDS)]} small worlds' in ' '.join(text.split())
-    # And the one of the numbers.
-    assert f'{len(FAULTS) + 1} faults put into `arbiter.py`' in ' '.join(text.split())
 
 
 class ArbiterAndOracle(RuleBasedStateMachine):

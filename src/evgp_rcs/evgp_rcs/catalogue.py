@@ -91,6 +91,18 @@ class Entry:
     :param names_hold: the request names the hold that the official saw (`hold`).
     :param names_heat: the request names a heat (`heat`).
     :param takes: further fields of the request, as ``Command`` has them.
+    :param flag: the option of `rcs_ctl` for a statement, and what it states; empty: none.
+    :param word: what `rcs_ctl` calls it, if not as the kind.
+    :param short: what its button says where there is little room, if not `label`.
+    :param place: of its button, from the left: to the race in the line of the race, to a kart in
+        its row; 0: it has no button there. One that undoes another is where that one is.
+    :param key: the key of its button. What it is to a kart goes to the chosen one.
+    :param does: what its button says it would do; ``{karts}`` is how many it starts or releases.
+    :param follows: when it is possible, if the state of the race does not allow it.
+    :param condition: what an official confirms if race control asks for no statement; ``{kart}``
+        is the kart.
+    :param sends: the state that it sends, if it asks first.
+    :param then: what follows, to one kart and to several.
     :param of_laps: bookkeeping of laps and results, which no kart sees. ``~/race`` does not offer
         it.
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
@@ -112,9 +124,24 @@ class Entry:
     names_hold: bool = False
     names_heat: bool = False
     takes: tuple[str, ...] = ()
+    flag: tuple[str, str] | None = None
+    word: str = ''
+    short: str = ''
+    place: int = 0
+    key: str = ''
+    does: str = ''
+    follows: str = ''
+    condition: str = ''
+    sends: RaceState | None = None
+    then: tuple[str, str] = ('', '')
     of_laps: bool = False
     stop: bool = False
     loosens: bool = False
+
+    @property
+    def asks(self) -> bool:
+        """Return whether an official confirms it: it loosens, or giving it is a statement."""
+        return self.loosens or self.call_is_statement
 
     @property
     def service_type(self) -> str:
@@ -151,6 +178,9 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED_FLAG to the race',
         'red_flag',
         Result(race=FLAG_OR_RED),
+        place=3,
+        key='F4',
+        does='stops the race, which cannot be resumed',
         stop=True,
     ),
     CommandKind.KART_RED_RED: Entry(
@@ -158,6 +188,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED_RED to one kart',
         'kart/red_red',
         Result(hold=(RaceState.RED_RED,)),
+        place=1,
+        key='Ctrl+R',
         to_one_kart=True,
         stop=True,
     ),
@@ -166,6 +198,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED_FLAG to one kart',
         'kart/red_flag',
         Result(hold=FLAG_OR_RED),
+        place=2,
+        key='Ctrl+F',
         to_one_kart=True,
         stop=True,
     ),
@@ -176,6 +210,11 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.RED_RED,)),
         note='Records that you used the MSR. It does not trigger the MSR.',
         call_is_statement=True,
+        flag=('--msr-was-used', 'you state that you used the MSR'),
+        key='F9',
+        does='also stops every kart',
+        condition='the Master Safety Remote was used',
+        sends=RaceState.RED_RED,
         stop=True,
     ),
     # It stops karts too, but may be refused.
@@ -184,6 +223,10 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED_RED to the race, which is over',
         'race_over',
         Result(race=(RaceState.RED_RED,)),
+        place=4,
+        key='F5',
+        does='stops and ends the race',
+        follows='during a race',
     ),
     CommandKind.GRID_ACTIVE: Entry(
         'GRID ACTIVE',
@@ -192,6 +235,12 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.GRID_ACTIVE,)),
         statement='track_clear',
         names_karts=True,
+        flag=('--track-is-clear', 'you state that the track is clear of humans'),
+        place=1,
+        key='F2',
+        does='{karts}',
+        follows='after IN GARAGE',
+        sends=RaceState.GRID_ACTIVE,
         loosens=True,
     ),
     CommandKind.GREEN_GREEN: Entry(
@@ -200,6 +249,13 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'green_green',
         Result(race=(RaceState.GREEN_GREEN,)),
         names_karts=True,
+        place=2,
+        key='F3',
+        does='{karts}',
+        follows='after GRID ACTIVE',
+        condition='the race may start, and the track is clear of humans',
+        sends=RaceState.GREEN_GREEN,
+        then=('It drives off.', 'They drive off.'),
         loosens=True,
     ),
     CommandKind.IN_GARAGE: Entry(
@@ -209,6 +265,13 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.IN_GARAGE,)),
         statement='track_safe',
         names_karts=True,
+        flag=('--track-is-safe', 'you declare the track safe for humans'),
+        place=5,
+        key='F6',
+        does='{karts}',
+        follows='after RACE OVER or ALL KILL',
+        sends=RaceState.IN_GARAGE,
+        then=('The team has its kart back.', 'The teams have their karts back.'),
         loosens=True,
     ),
     CommandKind.KART_FINISH: Entry(
@@ -216,6 +279,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'a kart has crossed the line',
         'kart/finish',
         Result(placed=True),
+        place=3,
+        key='Ctrl+E',
         to_one_kart=True,
     ),
     CommandKind.KART_UNDO_FINISH: Entry(
@@ -225,6 +290,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(placed=False),
         undoes=CommandKind.KART_FINISH,
         note='Takes its place away; later places move up. A RED FLAG that was sent stays.',
+        short='UNDO',
+        condition='{kart} has not finished',
         call_is_statement=True,
         to_one_kart=True,
     ),
@@ -234,6 +301,15 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/in_garage',
         Result(hold=(None,)),
         statement='made_safe_by_hand',
+        flag=(
+            '--made-safe-by-hand',
+            'you state that someone made this kart safe; needed if it has not acknowledged its '
+            'stop',
+        ),
+        place=4,
+        key='Ctrl+G',
+        condition='{kart} stands still and may go to its team',
+        sends=RaceState.IN_GARAGE,
         to_one_kart=True,
         names_hold=True,
         loosens=True,
@@ -244,6 +320,9 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_in_race',
         Result(in_race=True),
         fixed={'in_race': True},
+        word='join',
+        place=5,
+        key='Ctrl+J',
         to_one_kart=True,
     ),
     CommandKind.LEAVE_RACE: Entry(
@@ -252,6 +331,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_in_race',
         Result(in_race=False),
         fixed={'in_race': False},
+        word='leave',
+        key='Ctrl+J',
         undoes=CommandKind.JOIN_RACE,
         to_one_kart=True,
     ),
@@ -260,6 +341,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'put a heat of the roster into the race, and all others out',
         'set_heat',
         names_heat=True,
+        word='heat',
+        key='Ctrl+H',
     ),
     CommandKind.OPEN_TRACK: Entry(
         'OPEN TRACK',
@@ -270,6 +353,13 @@ CATALOGUE: dict[CommandKind, Entry] = {
         note='Opens the track to humans. Sends nothing to the karts. Teams end their programs '
         'before they unplug.',
         statement='no_race_anywhere',
+        flag=(
+            '--no-race-anywhere',
+            'you state that no race is under way anywhere, and no kart moves; needed once after '
+            'the first start',
+        ),
+        key='F7',
+        condition='teams may go onto the track',
         loosens=True,
     ),
     CommandKind.CLOSE_TRACK: Entry(
@@ -280,12 +370,14 @@ CATALOGUE: dict[CommandKind, Entry] = {
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
         statement='no_race_anywhere',  # of the request that the two share; to close needs none
+        key='F7',
     ),
     CommandKind.COUNT_PASSING: Entry(
         'COUNT PASSING',
         'an official saw this kart cross the timing line',
         'kart/count_passing',
         to_one_kart=True,
+        short='LAP',
         of_laps=True,
     ),
     CommandKind.STRIKE_PASSING: Entry(

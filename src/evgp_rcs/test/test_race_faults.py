@@ -10,7 +10,6 @@ This is the test of the oracle. A property that no fault can break proves nothin
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -754,9 +753,3 @@ def test_the_search_finds(name: str) -> None:
     with pytest.raises(oracle.RuleBrokenError) as caught:
         search_nearest_first(rules, fault.begin)
     assert caught.value.name in fault.breaks, caught.value
-
-
-def test_the_documents_say_how_many_properties_and_faults_there_are() -> None:
-    text = (Path(__file__).parents[3] / 'docs' / 'testing.md').read_text(encoding='utf-8')
-    assert f'It holds {len(oracle.PROPERTIES)} properties' in text
-    assert f'{len(FAULTS)} faults put into `race.py`' in text

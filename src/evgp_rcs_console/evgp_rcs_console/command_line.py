@@ -42,37 +42,10 @@ STARTING = 5.0
 GRACE = 0.5
 """Time reserved for reporting that no answer came, in seconds."""
 
-SHORT = {
-    CommandKind.JOIN_RACE: 'join',
-    CommandKind.LEAVE_RACE: 'leave',
-    CommandKind.SET_HEAT: 'heat',
-}
-"""The commands whose name on the command line differs from that of their kind."""
-
 COMMANDS: dict[str, CommandKind] = {
-    SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
+    entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
 }
 """Every command of an official, by its name on the command line."""
-
-STATEMENTS: dict[CommandKind, tuple[str, str]] = {
-    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR'),
-    CommandKind.GRID_ACTIVE: (
-        '--track-is-clear',
-        'you state that the track is clear of humans',
-    ),
-    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans'),
-    CommandKind.OPEN_TRACK: (
-        '--no-race-anywhere',
-        'you state that no race is under way anywhere, and no kart moves; needed once after the '
-        'first start',
-    ),
-    CommandKind.KART_IN_GARAGE: (
-        '--made-safe-by-hand',
-        'you state that someone made this kart safe; needed if it has not acknowledged its stop',
-    ),
-}
-"""The flag of each statement: its name and its help."""
-
 
 TAKEN: dict[str, tuple[type, str]] = {
     'source': (str, 'which passing: who saw it, as the results have it'),
@@ -170,9 +143,9 @@ def parser() -> argparse.ArgumentParser:
             else:
                 taken = _count if kind is int else kind
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
-        if command in STATEMENTS:
-            flag, statement = STATEMENTS[command]
-            # Without a statement that it asks for, race control refuses: `rcs_ctl` says what to type.
+        if entry.flag is not None:
+            flag, statement = entry.flag
+            # Without a statement that it asks for, race control refuses, and says what to type.
             unasked = entry.call_is_statement
             each.add_argument(
                 flag, dest='stated', action='store_true', required=unasked, help=statement

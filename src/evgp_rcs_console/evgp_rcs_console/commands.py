@@ -58,12 +58,6 @@ class Given:
     waited: float = 0.0
 
 
-def asks(command: CommandKind) -> bool:
-    """Return whether the official confirms it: it loosens, or giving it is a statement."""
-    entry = CATALOGUE[command]
-    return entry.loosens or entry.call_is_statement
-
-
 def request(
     given: Given, at: float
 ) -> dict[str, float | bool | str | list[int] | RaceState | None]:
@@ -94,16 +88,6 @@ def request(
     return fields
 
 
-SENDS = {
-    CommandKind.GRID_ACTIVE: RaceState.GRID_ACTIVE,
-    CommandKind.GREEN_GREEN: RaceState.GREEN_GREEN,
-    CommandKind.IN_GARAGE: RaceState.IN_GARAGE,
-    CommandKind.RECORD_MSR: RaceState.RED_RED,
-    CommandKind.KART_IN_GARAGE: RaceState.IN_GARAGE,
-}
-"""The state that each command sends that asks first; OPEN_TRACK sends none."""
-
-
 @dataclass(frozen=True)
 class Effects:
     """
@@ -132,7 +116,8 @@ def effects(
     :param offered: what race control says about the command.
     :param kart: the kart it is for, if it is for one.
     """
-    if command not in SENDS:
+    sends = CATALOGUE[command].sends
+    if sends is None:
         concerned: set[int] = set()
     elif kart is not None:
         concerned = {kart.number}
@@ -140,9 +125,10 @@ def effects(
         concerned = {each.number for each in race.karts}
     else:
         # GRID_ACTIVE that is given again is sent to nobody again.
-        sends, named = SENDS[command], offered.karts
         concerned = {
-            each.number for each in race.karts if each.number in named and each.sent is not sends
+            each.number
+            for each in race.karts
+            if each.number in offered.karts and each.sent is not sends
         }
 
     def those(wanted: bool, part: bool) -> tuple[KartSnapshot, ...]:
@@ -154,7 +140,7 @@ def effects(
         )
 
     return Effects(
-        SENDS.get(command),
+        sends,
         now=those(True, True),
         later=those(True, False),
         held=those(False, True),

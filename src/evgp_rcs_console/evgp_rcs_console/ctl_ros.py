@@ -30,7 +30,6 @@ from evgp_rcs_console.command_line import (
     no_answer,
     Report,
     STARTING,
-    STATEMENTS,
 )
 from evgp_rcs_console.commands import effects, Given, Standing
 from evgp_rcs_console.settings import Signature
@@ -266,7 +265,7 @@ def _again(wanted: argparse.Namespace, karts: Sequence[int], unsaid: str) -> str
 
 def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str:
     """Return the line that sends a command again, naming these karts."""
-    flag = STATEMENTS.get(COMMANDS[wanted.command], ('',))[0]
+    flag, _ = CATALOGUE[COMMANDS[wanted.command]].flag or ('', '')
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
     parts += ['--official', tidy(wanted.official)] if wanted.official else []

@@ -17,8 +17,7 @@ import string
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import asks
-from evgp_rcs_console.view import CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, LETTER_COMMANDS
+from evgp_rcs_console.view import FINISH_KEYS, LETTER_COMMANDS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
@@ -107,7 +106,11 @@ _ACTS = {
     'Esc': Act.CANCEL,
 }
 
-_CHOSEN = {f'Ctrl+{letter}': commands for letter, commands in CHOSEN_KART_KEYS.items()}
+KEYS = {
+    key: tuple(kind for kind, entry in CATALOGUE.items() if entry.key == key)
+    for key in sorted({entry.key for entry in CATALOGUE.values() if entry.key}, key=len)
+}
+"""The commands of each key, except ALL KILL; a screen has a button for one of them."""
 
 
 @dataclass(frozen=True)
@@ -137,16 +140,13 @@ class Stroke:
     @property
     def asks(self) -> bool:
         """Return whether it asks for a confirmation first."""
-        return any(asks(command) for command in self.commands)
+        return any(CATALOGUE[command].asks for command in self.commands)
 
 
 def meaning(key: str) -> Stroke | None:
     """Return what a key means, None if it means nothing here."""
-    commands = tuple(command for command, each in KEYS.items() if each == key)
-    if commands:
-        return Stroke(commands)
-    if key in _CHOSEN:
-        return Stroke(_CHOSEN[key], to_chosen=True)
+    if key in KEYS:
+        return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
         return Stroke(LETTER_COMMANDS, finish=FINISH_KEYS.index(key))
     if key in _ACTS:
@@ -158,13 +158,11 @@ def meaning(key: str) -> Stroke | None:
 
 def key_help() -> list[tuple[str, str]]:
     """Return every key, or several that belong together, with what it does."""
-    found: dict[str, list[str]] = {}
-    for command, key in KEYS.items():
-        found.setdefault(key, []).append(CATALOGUE[command].label)
-    for key, commands in _CHOSEN.items():
+    said = []
+    for key, commands in KEYS.items():
         labels = ', '.join(CATALOGUE[command].label for command in commands)
-        found[key] = [texts.CHOSEN_KART.format(commands=labels)]
-    said = [(key, ', '.join(labels)) for key, labels in found.items()]
+        chosen = CATALOGUE[commands[0]].to_one_kart
+        said.append((key, texts.CHOSEN_KART.format(commands=labels) if chosen else labels))
     return [texts.KILL_KEYS, *said, *texts.OTHER_KEYS]
 
 

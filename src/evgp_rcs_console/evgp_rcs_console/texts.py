@@ -48,7 +48,6 @@ BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
 
-SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO', CommandKind.COUNT_PASSING: 'LAP'}
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
 NOT_LINKED = '✗ NO LINK'
@@ -75,17 +74,6 @@ ANSWERS = {
     RaceState.RED_RED: '✓ stopped',
 }
 """What the screen says of a kart that has acknowledged what it is sent."""
-
-STEPS = {
-    CommandKind.GRID_ACTIVE: ('{karts}', 'after IN GARAGE'),
-    CommandKind.GREEN_GREEN: ('{karts}', 'after GRID ACTIVE'),
-    CommandKind.RED_FLAG: ('stops the race, which cannot be resumed', ''),
-    CommandKind.RACE_OVER: ('stops and ends the race', 'during a race'),
-    CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
-    CommandKind.RECORD_MSR: ('also stops every kart', ''),
-}
-"""What a command to the race would do, in a few words; and, if the state of the race does not
-allow it, when it is possible."""
 
 STEP_SINCE = 'since {clock}'
 NOT_RESUMED = 'a stopped race is not resumed: new GRID ACTIVE first'
@@ -388,16 +376,8 @@ def condition(
     """
     if statement:
         return statement
-    if command is CommandKind.GREEN_GREEN:
-        return 'the race may start, and the track is clear of humans'
-    if command is CommandKind.RECORD_MSR:
-        return 'the Master Safety Remote was used'
-    if command is CommandKind.OPEN_TRACK:
-        return 'teams may go onto the track'
-    if command is CommandKind.KART_IN_GARAGE and kart is not None:
-        return f'{kart} stands still and may go to its team'
-    if command is CommandKind.KART_UNDO_FINISH and kart is not None:
-        return f'{kart} has not finished'
+    if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
+        return confirmed.format(kart=kart)
     return f'{CATALOGUE[command].label} is right'
 
 
@@ -485,9 +465,8 @@ def consequences(
     if entry.names_hold and kart is not None and kart.hold is not None:
         said.append(f'Ends the hold of {held(kart)}.')
     if does.state is not None and (does.now or kart is None):
-        one, several = _THEN.get(command, ('', ''))
-        end = one if len(does.now) == 1 else several if does.now else ''
-        said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
+        end = entry.then[len(does.now) > 1] if does.now else ''
+        said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}. {end}'.rstrip())
     if does.later:
         gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
         said.append(f'Not connected now, {gets}: {numbered(does.later)}.')
@@ -515,12 +494,6 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 
 FEW = 4
 """Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
-
-_THEN = {
-    CommandKind.GREEN_GREEN: (' It drives off.', ' They drive off.'),
-    CommandKind.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
-}
-"""What happens after a command, if it is sent to one kart, and if it is sent to several."""
 
 
 def missing(race: Snapshot, counted: bool = False) -> str:

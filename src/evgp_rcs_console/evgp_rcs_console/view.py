@@ -35,7 +35,7 @@ from evgp_rcs.words import (
     Tone,
 )
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import asks, effects, Given, is_so
+from evgp_rcs_console.commands import effects, Given, is_so
 from evgp_rcs_console.notices import Notice
 
 GONE_AFTER = 0.9
@@ -45,24 +45,19 @@ Time without a snapshot after which race control counts as gone, in seconds.
 It publishes one every 0.5 s at least, and an official must know within 1 s.
 """
 
-RACE_COMMANDS = (
-    CommandKind.GRID_ACTIVE,
-    CommandKind.GREEN_GREEN,
-    CommandKind.RED_FLAG,
-    CommandKind.RACE_OVER,
-    CommandKind.IN_GARAGE,
-)
-"""The commands to the karts of the race, in the order of a race (§4.B)."""
-
 STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
-KART_COMMANDS = (
-    CommandKind.KART_RED_RED,
-    CommandKind.KART_RED_FLAG,
-    CommandKind.KART_FINISH,
-    CommandKind.KART_IN_GARAGE,
-    CommandKind.JOIN_RACE,
-)
+
+def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
+    found = [kind for kind, entry in CATALOGUE.items() if entry.place]
+    found = [kind for kind in found if CATALOGUE[kind].to_one_kart is to_one_kart]
+    return tuple(sorted(found, key=lambda kind: CATALOGUE[kind].place))
+
+
+RACE_COMMANDS = _placed(to_one_kart=False)
+"""The commands to the karts of the race, in the order of a race (§4.B)."""
+
+KART_COMMANDS = _placed(to_one_kart=True)
 """The buttons of a kart's row; while a command's result holds, its button offers to undo it."""
 
 UNDONE_BY = {entry.undoes: kind for kind, entry in CATALOGUE.items() if entry.undoes is not None}
@@ -324,29 +319,6 @@ class Screen:
         return next(
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
-
-
-KEYS = {
-    CommandKind.GRID_ACTIVE: 'F2',
-    CommandKind.GREEN_GREEN: 'F3',
-    CommandKind.RED_FLAG: 'F4',
-    CommandKind.RACE_OVER: 'F5',
-    CommandKind.IN_GARAGE: 'F6',
-    CommandKind.OPEN_TRACK: 'F7',
-    CommandKind.CLOSE_TRACK: 'F7',
-    CommandKind.RECORD_MSR: 'F9',
-    CommandKind.SET_HEAT: 'Ctrl+H',
-}
-"""The keys of the commands that are not to one kart, except ALL KILL."""
-
-CHOSEN_KART_KEYS = {
-    'R': (CommandKind.KART_RED_RED,),
-    'F': (CommandKind.KART_RED_FLAG,),
-    'G': (CommandKind.KART_IN_GARAGE,),
-    'J': (CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE),
-    'E': (CommandKind.KART_FINISH,),
-}
-"""The keys that, with Ctrl, command the chosen kart."""
 
 
 def is_gone(silent_for: float | None) -> bool:
@@ -645,18 +617,18 @@ class _Buttons:
 
     def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.offered(command)
-        button = self._button(command, None, offered, KEYS.get(command, ''))
+        button = self._button(command, None, offered, CATALOGUE[command].key)
         phrase, current = self._phrase(button, offered)
         return replace(button, phrase=phrase, current=current)
 
     def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
         """Return a command's phrase, and whether the race is in the state that it leads to."""
         race, command = self.snapshot, button.command
-        if command not in texts.STEPS:
+        does, follows = CATALOGUE[command].does, CATALOGUE[command].follows
+        if not does:
             return '', False
         current = command in STEP_STATES and STEP_STATES[command] is race.state
         current = current and (race.over or command is not CommandKind.RACE_OVER)
-        does, follows = texts.STEPS[command]
         if self.barred and not button.enabled:
             return texts.BARRED_STEP, False
         if (command, 0) in self.pending and not button.enabled:
@@ -711,7 +683,7 @@ class _Buttons:
         elif not entry.stop and waits is not None:
             reason = texts.PENDING_REASON.format(age=duration(waits))
         condition = consequence = warning = caution = ''
-        if asks(command) or (offered.statement and not entry.stop):
+        if entry.asks or (offered.statement and not entry.stop):
             race = self.snapshot
             does = effects(command, race, offered, kart)
             condition = texts.condition(command, kart, race, offered.statement)

@@ -9,9 +9,8 @@ from collections.abc import Callable
 import functools
 from typing import NamedTuple, TypeVar
 
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
-from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import Button, STEP_STATES
@@ -427,7 +426,7 @@ class CommandButton(Push):
         self.button = button
         name = button.command.value.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
-        label = texts.SHORT_LABELS.get(button.command, button.label)
+        label = CATALOGUE[button.command].short or button.label
         self.show_words(label if button.kart else button.label, button.key)
         self.setToolTip(button.explanation)
         self.setAccessibleDescription(button.explanation)

@@ -41,7 +41,7 @@ from evgp_rcs.words import STATE_CELLS
 from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Sound
-from evgp_rcs_console.commands import asks, Given
+from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
@@ -64,7 +64,7 @@ PATIENCE = 30.0
 SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
-ASKING = [kind for kind in CommandKind if asks(kind)]
+ASKING = [kind for kind in CommandKind if CATALOGUE[kind].asks]
 LINKS = [
     NOT_MEASURED._replace(grade=grade, worst_answer=0.9994, round_trip=0.1996) for grade in Grade
 ]

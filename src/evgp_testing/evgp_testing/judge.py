@@ -31,7 +31,7 @@ import heapq
 import itertools
 import threading
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry
 
 # Loosest first.
 STRICTNESS: dict[str, int] = {
@@ -174,13 +174,15 @@ class Judge:
     :param in_race: the karts that are in the race at first.
     :param others: the other karts of the roster.
     :param now: the time, s.
-    :raises LookupError: if the catalogue has a command of which nothing here says what it does.
+    :raises LookupError: if nothing here judges a command by which karts are sent a state, or come
+        into the race; or the catalogue does not say which red a stop brings.
     """
 
     def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
         """Begin with a race in the garage."""
         self._stops = {kind: _least_red(kind) for kind in CATALOGUE if CATALOGUE[kind].overtakes}
-        unknown = CATALOGUE.keys() - self._stops.keys() - SEEN.keys()
+        matters = {kind for kind, entry in CATALOGUE.items() if entry.sends or _joins(entry)}
+        unknown = matters - self._stops.keys() - SEEN.keys()
         if unknown:
             raise LookupError(f'what do karts see of {", ".join(each.value for each in unknown)}?')
         self.violations: list[Violation] = []
@@ -438,7 +440,7 @@ class Judge:
             return
         if call.command in self._stops:
             self._stopped(at, call)
-        else:
+        elif call.command in SEEN:
             SEEN[call.command](self, at, call)
 
     def _stopped(self, at: float, call: Call) -> None:
@@ -451,9 +453,6 @@ class Judge:
             for kart in self._karts.values():
                 if call.kart in (None, kart.number):
                     self._tighten(kart, at, call, state)
-
-    def _unseen(self, at: float, call: Call) -> None:
-        """No kart is sent anything at once, or nobody here knows which one."""
 
     def _accepted_grid_active(self, at: float, call: Call) -> None:
         self._grid = call
@@ -616,14 +615,15 @@ SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
     CommandKind.KART_IN_GARAGE: Judge._accepted_kart_in_garage,
     CommandKind.JOIN_RACE: Judge._accepted_membership,
     CommandKind.LEAVE_RACE: Judge._accepted_membership,
-    CommandKind.SET_HEAT: Judge._unseen,
-    CommandKind.OPEN_TRACK: Judge._unseen,
-    CommandKind.CLOSE_TRACK: Judge._unseen,
-    CommandKind.KART_FINISH: Judge._unseen,
-    CommandKind.KART_UNDO_FINISH: Judge._unseen,
-    **dict.fromkeys(OF_LAPS, Judge._unseen),
 }
-"""What is judged of each command that is accepted and stops nobody."""
+"""
+What is judged of a command that is accepted and stops nobody. Of any other one, by the catalogue,
+no kart is sent anything at once, or nobody here knows which.
+"""
+
+
+def _joins(entry: Entry) -> bool:
+    return entry.result.in_race is not None
 
 
 def _least_red(stop: CommandKind) -> str:
