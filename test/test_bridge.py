@@ -356,7 +356,7 @@ def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told_what_is_mis
             race.team.node.destroy_subscription(each)
     race.team.drive_at(0.0)
     race.bridge.wait_for_line(
-        f'GREEN_GREEN for 5 s, and odometry .* If the kart stands, {missing}. If it drives, the twist'
+        f'GREEN_GREEN for 5 s, and odometry .* stands, {missing}. If it drives, the twist'
     )
 
 

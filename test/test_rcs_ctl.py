@@ -340,8 +340,8 @@ def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
 
     done = run(control.domain, 'in-garage', '--wait', str(PATIENCE))
     assert done.returncode == USAGE
-    told = 'If you state that the track is safe for humans, type: rcs_ctl in-garage --track-is-safe'
-    assert done.stderr.endswith(f'{told}\n')
+    told = 'If you state that the track is safe for humans, type: rcs_ctl in-garage'
+    assert done.stderr.endswith(f'{told} --track-is-safe\n')
     accepted(control, official, 'in-garage', '--track-is-safe')
 
 

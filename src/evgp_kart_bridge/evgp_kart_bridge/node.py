@@ -361,8 +361,8 @@ class KartBridge(StrictNode):
             )
             self.get_logger().warning(
                 f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
-                f'0.00 m/s. If the kart stands, {missing}. If it drives, the twist of its odometry '
-                'is not filled in: it would acknowledge stops while it rolls'
+                f'0.00 m/s. If the kart stands, {missing}. If it drives, the twist of its '
+                'odometry is not filled in: it would acknowledge stops while it rolls'
             )
 
         def take(arbiter: Arbiter, now: float) -> Outcome:

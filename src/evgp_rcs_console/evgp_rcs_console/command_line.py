@@ -56,10 +56,7 @@ COMMANDS: dict[str, CommandKind] = {
 
 STATEMENTS: dict[CommandKind, tuple[str, str]] = {
     CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR'),
-    CommandKind.GRID_ACTIVE: (
-        '--track-is-clear',
-        'you state that the track is clear of humans',
-    ),
+    CommandKind.GRID_ACTIVE: ('--track-is-clear', 'you state that the track is clear of humans'),
     CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans'),
     CommandKind.OPEN_TRACK: (
         '--no-race-anywhere',
@@ -172,10 +169,10 @@ def parser() -> argparse.ArgumentParser:
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if command in STATEMENTS:
             flag, statement = STATEMENTS[command]
-            # Without a statement that it asks for, race control refuses: `rcs_ctl` says what to type.
-            unasked = entry.call_is_statement
+            # The others race control refuses without it: `rcs_ctl` then says what to type.
+            needed = entry.call_is_statement
             each.add_argument(
-                flag, dest='stated', action='store_true', required=unasked, help=statement
+                flag, dest='stated', action='store_true', required=needed, help=statement
             )
         else:
             each.set_defaults(stated=False)
