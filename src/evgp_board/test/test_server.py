@@ -18,7 +18,7 @@ from evgp_board import server
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard
 from evgp_protocol import clock
-from evgp_rcs_msgs import msg
+from evgp_rcs.snapshot import NOTHING
 import pytest
 
 PATIENCE = 20.0
@@ -41,7 +41,7 @@ class Board:
 
     def say(self, banner: str) -> None:
         """Have race control say something, which every page shows."""
-        self.now = Now(Heard(msg.Race(banner=banner)), 0.0)
+        self.now = Now(Heard(NOTHING._replace(banner=banner)), 0.0)
 
     def ask(self, request: str, receives: int | None = None) -> socket.socket:
         """Return a connection on which this was asked."""

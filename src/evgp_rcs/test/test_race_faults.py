@@ -345,7 +345,7 @@ a stop cuts the pause short that a delay began: pause, available-from, effect [w
     _pause: until > self.paused_until => True
 a pause is not announced: available-from availability: self._paused(kind, now) => ''
 what the rules refuse is announced for the end of the pause: available-from
-    availability: reason, '' => reason, '', (), self.paused_until
+    availability: False, reason => False, reason, '', self.paused_until
 in a pause it is told that the race may go home now: false-news [waits]
     _next: (following, now) => (following, now) and self.state is GRID_ACTIVE
 karts start before it is on the disk: start-first
