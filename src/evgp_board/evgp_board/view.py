@@ -266,7 +266,9 @@ def _taken(result: KartResult) -> list[str]:
 
 def _does(kart: KartSnapshot, race: Snapshot) -> str:
     """Return what a kart does, in a word or two; nothing of one that simply drives."""
-    if kart.connected and not kart.sent.is_red:
+    if not kart.connected:
+        return 'no link'  # to spectators, lost is who did not win
+    if not kart.sent.is_red:
         if kart.place:
             return 'finished'
         if kart.last_lap_done:
