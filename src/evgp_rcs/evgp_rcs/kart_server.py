@@ -503,9 +503,7 @@ class KartServer:
         """
         told = [each for each in events if not each.chatter or self._may_tell(each, at)]
         if told:
-            stamped = self._stamped(told, at)
-            self._log.add(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
-            self._gather(stamped)
+            self._gather(self._stamped(told, at))
 
     def _may_tell(self, event: Event, at: float) -> bool:
         """Return whether a kart, or the timing line, may cause one more event."""
@@ -521,6 +519,7 @@ class KartServer:
         return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
 
     def _gather(self, stamped: list[StampedEvent]) -> None:
+        self._log.add(*stamped)
         if len(self._gathered) >= MOST_GATHERED:
             self._hand_on()
         if not self._gathered:
@@ -530,15 +529,15 @@ class KartServer:
         self._ask_to_show()
 
     def _hand_on(self) -> None:
-        """Hand on what was gathered, and what went into the rules, up to now."""
+        """Hand on what was gathered, and the stream up to now."""
         gathered, self._gathered = self._gathered, []
-        log = self._log.take()
-        if log.data or gathered:
-            happened = pack(Happened(gathered)) if gathered else b''
-            self._ros_half.send(happened)
-            self._record.put(len(gathered), happened, log)
-            if self._ros_half.unsent > TO_ROS_HALF_BYTES:
-                self._ros_half.lose('it takes nothing any more')
+        if gathered:
+            self._ros_half.send(pack(Happened(gathered)))
+        batch = self._log.take()
+        if batch.entries:
+            self._record.put(batch)
+        if self._ros_half.unsent > TO_ROS_HALF_BYTES:
+            self._ros_half.lose('it takes nothing any more')
 
     def _ask_to_show(self) -> None:
         if not self._showing:

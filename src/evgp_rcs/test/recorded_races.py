@@ -11,14 +11,24 @@ import itertools
 import pathlib
 import random
 import sqlite3
-from typing import Any
+from typing import Any, cast
 
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.encoding import written
-from evgp_rcs.inputs import Entrant, Log, Setup
+from evgp_rcs.inputs import (
+    Began,
+    Block,
+    encode,
+    entries_of,
+    Entrant,
+    Entry,
+    Gap,
+    Log,
+    Rules,
+    Setup,
+)
 from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import (
@@ -33,7 +43,9 @@ from evgp_rcs.race import (
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.record import Record, RecordedEvent
+from evgp_rcs.record import blocks_of, PROGRAM, Record, rules_version, Session
+from evgp_rcs.report.model import Account
+from evgp_rcs.runs import Kept
 
 PATIENCE = 60.0
 BEGAN = 1_780_135_500_000_000_000
@@ -54,20 +66,16 @@ class PaperRace:
         self.now = 100.0
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
+        self._entries: list[Entry] = []
         self.log = Log()
+        self.setup = Setup(
+            tuple(Entrant(number, team, True) for number, team in teams.items()),
+            RaceTimes(),
+            self.race.heats,
+            self.now,
+        )
         self._sequence = itertools.count(1)
         self._passings = itertools.count(1)
-
-    @property
-    def events(self) -> list[RecordedEvent]:
-        return [RecordedEvent.of(each) for each in self.stamped]
-
-    @property
-    def setup(self) -> Setup:
-        """Return with what the rules began; who was in the race then is of no matter."""
-        karts = self.race.karts.values()
-        entrants = tuple(Entrant(kart.number, kart.team, True) for kart in karts)
-        return Setup(entrants, RaceTimes(), self.race.heats, 0.0)
 
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed and log an input, as the kart server does it."""
@@ -77,9 +85,6 @@ class PaperRace:
     def take(self, outcome: Outcome) -> Outcome:
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
-        if outcome.events:
-            first = len(self.stamped) + 1
-            self.log.add(inputs.Told(first, first + len(outcome.events) - 1))
         self.tell(outcome.events)
         if outcome.start is not None:
             written = StartPhase.WRITTEN, outcome.start.number
@@ -90,6 +95,7 @@ class PaperRace:
         wall = round(self.now * 1e9) + self.wall_offset_ns
         for event in events:
             self.stamped.append(StampedEvent(next(self._sequence), wall, self.now, event))
+            self.log.add(self.stamped[-1])
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with the ticks that an alert or a finish may come with."""
@@ -189,14 +195,51 @@ class PaperRace:
     def write(self, path: pathlib.Path) -> pathlib.Path:
         """Write what happened as a run into a record."""
         record = Record(path)
-        record.put(self.stamped, self.log.take())
+        record.begin(Rules(rules_version(), self.setup))
+        record.put(self.log.take())
         record.end()
-        with contextlib.closing(sqlite3.connect(path)) as database, database:
-            database.execute(
-                'UPDATE session SET rules = ?, setup = ? WHERE id = (SELECT max(id) FROM session)',
-                ('of the test', written(self.setup)),
-            )
         return path
+
+    def account(self) -> Account:
+        """Return what there is to say of it, up to now."""
+        self._entries += self.log.take().entries
+        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
+        return Account(kept([*first, *self._entries]))
+
+
+def kept(entries: Sequence[Entry]) -> Kept:
+    """Return a run with these entries, as it is read from a record."""
+    block = Block(0, b''.join(map(encode, entries)))
+    return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block.compressed())])
+
+
+def edit(path: pathlib.Path, change: Callable[[list[Entry]], object], run: int = 1) -> None:
+    """Have somebody change the stream of a run in a record, with all that belongs to it."""
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        entries = [each for each in entries_of(blocks_of(database, run))]
+        assert not any(isinstance(each, Gap) for each in entries)
+        stream = cast(list[Entry], entries)
+        change(stream)
+        database.execute('DELETE FROM block WHERE run = ?', (run,))
+        block = Block(0, b''.join(map(encode, stream)))
+        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, block.compressed()))
+
+
+def change_event(path: pathlib.Path, which: Callable[[StampedEvent], bool], **to: Any) -> int:
+    """Have somebody change the only such event of a record, and return its number."""
+    changed = []
+
+    def change(entries: list[Entry]) -> None:
+        (place,) = [n for n, e in enumerate(entries) if isinstance(e, StampedEvent) and which(e)]
+        stamped = entries[place]
+        assert isinstance(stamped, StampedEvent)
+        changed.append(stamped.sequence)
+        of_event = {name: value for name, value in to.items() if name in Event._fields}
+        of_stamp = {name: value for name, value in to.items() if name not in Event._fields}
+        entries[place] = stamped._replace(event=stamped.event._replace(**of_event), **of_stamp)
+
+    edit(path, change)
+    return changed[0]
 
 
 def long_event(seconds: float, karts: int, chance: random.Random, busy: float = 1.0) -> PaperRace:

@@ -31,8 +31,8 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Passing
-from evgp_rcs.race import AlertKind
-from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rcs.race import AlertKind, StampedEvent
+from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.spare import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
@@ -374,7 +374,7 @@ class Rehearsal(Part):
             times = list(self._times)
         return score(took, [_in_ticks(event, times) for event in self.events()], truth)
 
-    def events(self) -> list[RecordedEvent]:
+    def events(self) -> list[StampedEvent]:
         """Return all events of the record."""
         return recorded(self._folder)
 
@@ -566,7 +566,7 @@ def _passing_message(passing: Passing) -> msg.Passing:
     )
 
 
-def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
+def recorded(folder: pathlib.Path) -> list[StampedEvent]:
     """Return all events of the record in a folder, of every run of race control."""
     # After a takeover the newest one has the runs before it, too.
     newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
@@ -585,7 +585,7 @@ WHEN = {
 """When an incident can begin, for who chooses it."""
 
 
-def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:
+def _in_ticks(event: StampedEvent, times: Sequence[float]) -> StampedEvent:
     """Return an event with its time on the field's clock, which stands while it is paused."""
     tick = bisect.bisect_left(times, event.monotonic)
-    return dataclasses.replace(event, monotonic=tick * TICK_LENGTH)
+    return event._replace(monotonic=tick * TICK_LENGTH)
