@@ -17,7 +17,6 @@ import dataclasses
 import enum
 import functools
 import json
-import re
 import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
@@ -29,8 +28,6 @@ MOST_NUMBER = 2**63
 
 DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
 """What `reader` and `json` raise at what is damaged."""
-
-_SURROGATE = re.compile('[\ud800-\udfff]')
 
 _Value = TypeVar('_Value')
 
@@ -88,7 +85,7 @@ def reader(kind: Any) -> Callable[[Any], Any]:
 
 
 _CHECKS: Mapping[type[Any], Callable[[Any], bool]] = {
-    str: lambda value: type(value) is str and not _SURROGATE.search(value),
+    str: lambda value: type(value) is str,
     bool: lambda value: type(value) is bool,
     int: lambda value: type(value) is int and 0 <= value < MOST_NUMBER,
     float: lambda value: type(value) in (int, float) and abs(value) < MOST_SECONDS,

@@ -351,7 +351,7 @@ class Gap(NamedTuple):
 
 _READERS = {kind.__name__: reader(kind) for kind in get_args(Entry)}
 _EVENT = f'["{StampedEvent.__name__}"'.encode()
-_MOST = 2**32
+_MOST = 2**32 - 1
 
 
 def encode(entry: Entry) -> bytes:
@@ -372,22 +372,33 @@ def decode(data: bytes, events_only: bool = False) -> Iterator[Entry]:
         try:
             name, *fields = json.loads(line)
             entry: Entry = _READERS[name](fields)
-            if not all(0 <= each < _MOST for each in _numbers(entry)):
-                raise ValueError('a number is out of range')
+            _check(entry)
         except DAMAGED as error:
             raise InputsError(f'entry {number} cannot be read: {error!r:.200}') from error
         yield entry
 
 
-def _numbers(entry: Entry) -> Iterable[int]:
-    """Return the numbers of karts, laps and races, which messages of ROS have in 32 bits."""
+def _check(entry: Entry) -> None:
+    """
+    Refuse what no message of ROS can have: numbers of 32 bits, text.
+
+    :raises ValueError: if an event or a setup has it.
+    """
+    texts: list[str] = []
+    numbers: list[int] = []
     if isinstance(entry, StampedEvent):
-        return entry.event.kart, entry.event.lap, entry.event.race
-    if isinstance(entry, Rules):
-        numbers = [number for heat in entry.setup.heats for number in heat.karts]
-        numbers += [kart.number for kart in entry.setup.karts]
-        return [number - 1 for number in numbers]  # there is no kart 0
-    return ()
+        event = entry.event
+        texts, numbers = [event.text, event.official, event.heat], [event.kart, event.lap, event.race]
+    elif isinstance(entry, Rules):
+        karts, heats = entry.setup.karts, entry.setup.heats
+        texts = [name for heat in heats for name in (heat.name, heat.grid_from)]
+        texts += [name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)]
+        # There is no kart 0.
+        numbers = [number - 1 for heat in heats for number in heat.karts]
+        numbers += [kart.number - 1 for kart in karts]
+    ''.join(texts).encode()
+    if not all(0 <= number < _MOST for number in numbers):
+        raise ValueError('a number is out of range')
 
 
 # ----- the log, in blocks ---------------------------------------------------------------------

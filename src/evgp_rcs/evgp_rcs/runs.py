@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import datetime
 import os
 import pathlib
+import re
 import shutil
 import sqlite3
 import subprocess
@@ -195,8 +196,10 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
         raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
     except OSError as error:
         raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
+    except UnicodeDecodeError as error:
+        raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
     if damage:
-        say(f'{file} is damaged ({damage}): this is what sqlite3 .recover has found in it')
+        say(f'{file} is damaged ({damage}): this is what sqlite3 could recover of it')
 
 
 def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
@@ -214,6 +217,8 @@ def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
         if not _is_damage(error):
             raise
         return str(error)
+    except UnicodeDecodeError:  # of a sentence that names what is garbled
+        return 'its schema is garbled'
     return '' if found == 'ok' else str(found).replace('\n', ' ')
 
 
@@ -230,27 +235,35 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
             f'{file} is damaged ({damage}), and the program sqlite3, which can mend it, is not '
             f'installed here. Install it, or call it where it is, and read what comes out: {how}'
         )
+    copy = folder / file.name
     for each in (file, file.with_name(f'{file.name}-wal')):
         if each.exists():
             shutil.copyfile(each, folder / each.name)
-    found = subprocess.run(
-        [program, folder / file.name, '.recover'], capture_output=True, check=False
-    )
-    # Its first lines may be commands of that program, and what it recovers is text of others.
-    lines = found.stdout.decode(errors='replace').split('\n')
-    while lines and lines[0].startswith('.'):
-        lines.pop(0)
-    database = sqlite3.connect(folder / 'mended.sqlite3')
-    database.text_factory = lambda text: text.decode(errors='replace')
-    try:
-        database.executescript('\n'.join(lines))
-        database.execute('SELECT run, number, data FROM block LIMIT 1')
-    except (sqlite3.Error, ValueError) as error:
+    with copy.open('rb') as stream:
+        version = int.from_bytes(stream.read(64)[60:], 'big')
+    # Some distributions build it without what `.recover` needs; `.dump` reads around damage too.
+    for way in ('.recover', '.dump'):
+        called = [program, '-cmd', 'PRAGMA writable_schema = ON', copy, way]
+        found = subprocess.run(called, capture_output=True, check=False)
+        database = sqlite3.connect(folder / f'mended{way}')
+        database.text_factory = lambda text: text.decode(errors='replace')
+        try:
+            database.executescript(_script(found.stdout.decode(errors='replace')))
+            if database.execute('SELECT run, number, data FROM block').fetchone():
+                database.execute(f'PRAGMA user_version = {version}')
+                return database
+        except (sqlite3.Error, ValueError):
+            pass  # nothing in this way
         database.close()
-        raise UnreadableError(
-            f'{file} is damaged ({damage}), and nothing of it can be read ({how}: {error})'
-        ) from error
-    return database
+    raise UnreadableError(f'{file} is damaged ({damage}), and nothing of it can be read: {how}')
+
+
+def _script(found: str) -> str:
+    """Return what the program says as one transaction, whose rows may come twice."""
+    # Its first lines may be commands of the program itself.
+    found = re.sub(r'\A(\..*\n)+', '', found)
+    found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
+    return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
 
 
 def _check_file(file: pathlib.Path) -> None:

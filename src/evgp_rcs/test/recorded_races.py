@@ -18,6 +18,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.inputs import (
+    Batch,
     Began,
     Block,
     encode,
@@ -196,15 +197,19 @@ class PaperRace:
         """Write what happened as a run into a record."""
         record = Record(path)
         record.begin(Rules(rules_version(), self.setup))
-        record.put(self.log.take())
+        record.put(Batch(0, self.entries()))
         record.end()
         return path
 
     def account(self) -> Account:
         """Return what there is to say of it, up to now."""
-        self._entries += self.log.take().entries
         first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
-        return Account(kept([*first, *self._entries]))
+        return Account(kept([*first, *self.entries()]))
+
+    def entries(self) -> list[Entry]:
+        """Return what was logged up to now."""
+        self._entries += self.log.take().entries
+        return self._entries
 
 
 def kept(entries: Sequence[Entry]) -> Kept:
