@@ -31,7 +31,7 @@ MARKS = {
     EventKind.WITHDRAWN: '↺',
 }
 RARE = EventKind.DISCONNECTED, EventKind.WITHDRAWN
-"""The marks that are drawn even where they cover others."""
+"""The marks that are drawn even where they cover the others."""
 
 
 class Shape(NamedTuple):
@@ -165,11 +165,11 @@ class _Timeline:
                 yield from self._box(link.start, link.end, look, y + 26 - height, height, link.what)
         for hold in lane.holds:
             yield from self._box(hold.start, hold.end, 'hold', y, 3, 'held')
-        last = -LETTER
+        free: dict[bool, float] = {}  # of the marks that must be seen, and of the others
         for mark in marks:
-            at = self._account.at(mark)
-            if mark.event.kind in RARE or self._x(at) - last >= LETTER:
-                last = self._x(at)
+            at, is_rare = self._account.at(mark), mark.event.kind in RARE
+            if self._x(at) >= free.get(is_rare, 0.0):
+                free[is_rare] = self._x(at) + LETTER / (2 if is_rare else 1)
                 hint = f'{self._clock.at(at, 3)} {plain(mark.event.text)}'
                 look = f'mark {mark.event.kind.name}'
-                yield Shape(look, last, y + 6, 0, 14, MARKS[mark.event.kind], hint)
+                yield Shape(look, self._x(at), y + 8, 0, 14, MARKS[mark.event.kind], hint)
