@@ -177,7 +177,7 @@ class Failed:
     text: str
 
 
-# ----- from the kart server to the record; and inputs.Rules and inputs.Batch --------------------
+# ----- from the kart server to the record; also inputs.Rules and inputs.Batch -----------------
 
 
 class Remember(NamedTuple):

@@ -8,7 +8,8 @@ The stream of a run: all that went into the rules and came out of them, as typed
 ``Race``, each with its time to the last bit. After an input are the orders that it has brought
 about (`Ordered`) and the events that it made (``StampedEvent``), whole. Between these are the
 events that the server itself made, and where the race was shown to officials (`Shown`). `feed`
-hands an input to the rules: the kart server has no other way to them, so a stream can be run again.
+hands an input to the rules: the kart server has no other way to them, so a stream can be run
+again.
 
 The thread that stops karts only appends entries to a `Log`, and hands them on when frames and
 answers are out. The record's process encodes them, in blocks. A block says how many entries came

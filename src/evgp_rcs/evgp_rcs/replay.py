@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Runs the rules again on the inputs of a stream, and compares what comes out with what follows them.
+Runs the rules again on the inputs of a stream, and compares what comes out with the stream.
 
 With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
 nor its time. What differs first is named. Whoever wants to know what happened in a run goes through
@@ -265,7 +265,7 @@ class Replay:
         # What karts say too often is left out.
         while left and left[0].chatter and left[0] != entry.event:
             left.pop(0)
-        first = (left or made or [None])[0]
+        first = next(iter(left or made), None)
         if self._given is None or not left or first != entry.event:
             self._differ(name, _words(entry.event), _words(first))
         elif entry.monotonic != self._given.at:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The runs in a record: which one is asked for, and its stream; a damaged record is mended first."""
+"""The runs in a record and their streams; a damaged record is mended first."""
 
 from __future__ import annotations
 
@@ -243,7 +243,7 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
         version = int.from_bytes(stream.read(64)[60:], 'big')
     # Some distributions build it without what `.recover` needs; `.dump` reads around damage too.
     for way in ('.recover', '.dump'):
-        called = [program, '-cmd', 'PRAGMA writable_schema = ON', copy, way]
+        called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
         found = subprocess.run(called, capture_output=True, check=False)
         database = sqlite3.connect(folder / f'mended{way}')
         database.text_factory = lambda text: text.decode(errors='replace')

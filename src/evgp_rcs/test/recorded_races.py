@@ -22,8 +22,8 @@ from evgp_rcs.inputs import (
     Began,
     Block,
     encode,
-    entries_of,
     Entrant,
+    entries_of,
     Entry,
     Gap,
     Log,
@@ -221,7 +221,7 @@ def kept(entries: Sequence[Entry]) -> Kept:
 def edit(path: pathlib.Path, change: Callable[[list[Entry]], object], run: int = 1) -> None:
     """Have somebody change the stream of a run in a record, with all that belongs to it."""
     with contextlib.closing(sqlite3.connect(path)) as database, database:
-        entries = [each for each in entries_of(blocks_of(database, run))]
+        entries = list(entries_of(blocks_of(database, run)))
         assert not any(isinstance(each, Gap) for each in entries)
         stream = cast(list[Entry], entries)
         change(stream)

@@ -61,6 +61,8 @@ def drawing(account: Account, part: Part, clock: Clock, title: str) -> Drawing:
 
 
 class _Timeline:
+    """A timeline that is being drawn."""
+
     def __init__(self, account: Account, part: Part, clock: Clock) -> None:
         self._account = account
         self._part = part
@@ -164,7 +166,8 @@ class _Timeline:
                 look = f'link {link.what}'
                 yield from self._box(link.start, link.end, look, y + 26 - height, height, link.what)
         for hold in lane.holds:
-            yield from self._box(hold.start, hold.end, 'hold', y, 3, 'held')
+            if hold.what:
+                yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')
         free: dict[bool, float] = {}  # of the marks that must be seen, and of the others
         for mark in marks:
             at, is_rare = self._account.at(mark), mark.event.kind in RARE

@@ -14,6 +14,7 @@ from evgp_rcs.laps import Format, Laps, overall
 from evgp_rcs.report.model import Account, standing, with_late_penalties
 from evgp_rcs.report.results import as_csv, defused, put, runs_of, table_options
 
+
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record laps`."""
     parser = table_options(

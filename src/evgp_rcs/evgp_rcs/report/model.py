@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass, field
 import enum
+import itertools
 import math
 from typing import NamedTuple
 
@@ -57,7 +58,7 @@ class Band:
     """
     A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`.
 
-    Or in which a link had a grade: a name of ``Grade``.
+    Or in which a link had a grade, or a kart was held: see `Lane`.
 
     :param acknowledged: when the kart first acknowledged it; None: not in this time.
     :param delivered: when the kart's kernel had answered it; None: that was not seen.
@@ -85,24 +86,20 @@ class Bands(list[Band]):
         return self[-1]
 
 
-@dataclass
-class Hold:
-    """A time in which a kart was held; `command`: the stop it began with, None: none."""
+class Lane(NamedTuple):
+    """
+    One kart.
 
-    start: float
-    end: float
-    command: CommandKind | None
-
-
-@dataclass
-class Lane:
-    """One kart: what it was sent, when it was held, how good its link was (names of ``Grade``)."""
+    :param bands: what it was sent.
+    :param links: how good its link was, names of ``Grade``.
+    :param holds: the states in which it was held on its own account; empty: it was not.
+    """
 
     kart: int
     team: str
     bands: Bands
     links: Bands
-    holds: list[Hold] = field(default_factory=list)
+    holds: Bands
 
 
 @dataclass
@@ -155,26 +152,23 @@ class Result(NamedTuple):
     out: Out | None = None
 
 
-class Silence(enum.Enum):
-    """Why the record has no acknowledgement of a stop, and since when."""
-
-    LOST = 'not acknowledged: it lost its connection at {}'
-    TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
-    NOT_KNOWN = 'not known: the record cannot be followed from {} on'
-    RECORD_ENDS = 'not acknowledged'
-
-
 class StopAnswer(NamedTuple):
     """
     What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
 
     :param band: since when it was sent what; it may have been before the stop.
-    :param silence: why there is no acknowledgement; None: there is one, or nothing was sent.
+    :param then: what it was sent after that; empty: nothing, the record ends.
     """
 
     kart: int
     band: Band
-    silence: Silence | None
+    then: str
+
+    @property
+    def is_silent(self) -> bool:
+        """Return whether it is certain that the kart did not acknowledge it."""
+        known = {self.band.what, self.then}.isdisjoint({NOT_KNOWN}) and self.band.what in REDS
+        return known and self.band.acknowledged is None
 
 
 class Stop(NamedTuple):
@@ -192,11 +186,10 @@ class Stop(NamedTuple):
 
 
 class Change(NamedTuple):
-    """A race went to a state, by the command of the event `by`; None: by none."""
+    """A race went to a state."""
 
     at: float
     event: StampedEvent
-    by: StampedEvent | None
 
     @property
     def state(self) -> str:
@@ -359,19 +352,16 @@ class Account:
                 continue
             if not sent and lane.kart not in (event.event.kart, *race.starters):
                 continue  # nobody had to tell it
-            silence = None
-            if sent and band.acknowledged is None:
-                ends = self.ended is not None and band.end >= self.at(self.ended)
-                then = after[0].what if after and not ends else ''
-                silence = _SILENCE.get(then, Silence.TOLD_ELSE)
-            told.append(StopAnswer(lane.kart, band, silence))
+            ends = self.ended is not None and band.end >= self.at(self.ended)
+            then = after[0].what if after and not ends else ''
+            told.append(StopAnswer(lane.kart, band, then))
         return Stop(event, at, tuple(told))
 
     def _out(self, race: RaceAccount, kart: int) -> Out:
         if kart in race.out:
             return race.out[kart]
         if race.stop is not None:
-            return Out(Why.RACE_STOPPED, race.stop.at, race.stop.by)
+            return Out(Why.RACE_STOPPED, *race.stop)
         if race.incomplete:
             return Out(Why.NOT_KNOWN, self.known_until or 0.0)
         if self.ended is not None:
@@ -382,14 +372,9 @@ class Account:
 
     def _close(self) -> None:
         """Have all that goes on end with the record."""
-        lanes = self.lanes.values()
-        for bands in (self.race_bands, *(each.bands for each in lanes), *(each.links for each in lanes)):
-            for band in bands:
-                band.end = min(band.end, self.length)
-        for lane in lanes:
-            lane.holds = [each for each in lane.holds if each.start < self.length]
-            for hold in lane.holds:
-                hold.end = min(hold.end, self.length)
+        of_karts = [(*each.bands, *each.links, *each.holds) for each in self.lanes.values()]
+        for band in itertools.chain(self.race_bands, *of_karts):
+            band.end = min(band.end, self.length)
 
     def _at(self, monotonic: float) -> float:
         return max(0.0, monotonic - self.events[0].monotonic) if self.events else 0.0
@@ -421,7 +406,7 @@ class Account:
         for lane in self.lanes.values():
             lane.bands.change(at, NOT_KNOWN)
             lane.links.change(at, NO_GRADE)
-            self._hold(lane, None, at, None)
+            lane.holds.change(at, '')
         self.race_bands.change(at, NOT_KNOWN)
         for alert in self._standing.values():
             alert.lost_sight = True
@@ -453,10 +438,9 @@ class Account:
         if event.kind is EventKind.COMMAND:
             self._look_at_command(race, stamped)
         elif event.kind is EventKind.RACE_STATE and race is not None:
-            by = cause_of(step)
-            race.changes.append(Change(at, stamped, by))
+            race.changes.append(Change(at, stamped))
             sent_red = event.state is not None and event.state.is_red
-            if sent_red and by not in race.stops and not isinstance(step.entry, Recovered):
+            if sent_red and cause_of(step) not in race.stops and not isinstance(step.entry, Recovered):
                 race.stops.append(stamped)
         elif event.kind is EventKind.RESULTS and race is not None:
             race.results = event.text
@@ -521,7 +505,7 @@ class Account:
                 self.closed += lost
         cause = cause_of(step)
         for kart in race.karts.values():
-            lane = self._look_at_kart(cause, kart, at)
+            lane = self._look_at_kart(kart, at)
             if under_way is None:
                 continue
             if lane.bands[-1].what == GREEN_GREEN:
@@ -530,33 +514,21 @@ class Account:
             elif race.state is RaceState.GREEN_GREEN:
                 self._drops_out(step, cause, under_way, kart, at)
 
-    def _look_at_kart(self, cause: StampedEvent | None, kart: Kart, at: float) -> Lane:
+    def _look_at_kart(self, kart: Kart, at: float) -> Lane:
         lane = self.lanes.get(kart.number)
         if lane is None:
-            bands, links = Bands(), Bands()
-            bands.change(0.0, NOT_CONNECTED)
-            links.change(0.0, NO_GRADE)
-            lane = self.lanes[kart.number] = Lane(kart.number, kart.team, bands, links)
-            self.lanes = dict(sorted(self.lanes.items()))
+            lane = Lane(kart.number, kart.team, Bands(), Bands(), Bands())
+            self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
+            lane.bands.change(0.0, NOT_CONNECTED)
+            lane.links.change(0.0, NO_GRADE)
         band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
         if kart.delivered_at is not None and band.delivered is None:
             band.delivered = self._at(kart.delivered_at)
         if kart.acknowledged_at is not None and band.acknowledged is None:
             band.acknowledged = self._at(kart.acknowledged_at)
         lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
-        command = None if cause is None else cause.event.command
-        self._hold(lane, kart.hold, at, command if command in STOPS else None)
+        lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
         return lane
-
-    @staticmethod
-    def _hold(
-        lane: Lane, hold: RaceState | None, at: float, command: CommandKind | None
-    ) -> None:
-        is_held = bool(lane.holds) and lane.holds[-1].end == math.inf
-        if hold is not None and not is_held:
-            lane.holds.append(Hold(at, math.inf, command))
-        elif hold is None and is_held:
-            lane.holds[-1].end = at
 
     def _drops_out(
         self,
@@ -582,14 +554,6 @@ class Account:
         race.out[number] = Out(why, at, cause)
         if cause is not None:
             self._incident(race, cause)
-
-
-_SILENCE = {
-    '': Silence.RECORD_ENDS,
-    NOT_CONNECTED: Silence.LOST,
-    NOT_KNOWN: Silence.NOT_KNOWN,
-}
-"""Why a kart did not acknowledge, by what it was sent then; of any other state, that one."""
 
 
 def cause_of(step: Step) -> StampedEvent | None:

@@ -12,7 +12,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
-from evgp_rcs.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Silence, Stop, StopAnswer, Why
+from evgp_rcs.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
 
 STATES = {state.name: state.name.replace('_', ' ') for state in RaceState} | {
     NOT_CONNECTED: 'not connected',
@@ -42,8 +42,14 @@ KINDS = {
 }
 """What each kind of event is called."""
 
-SILENT = frozenset(Silence) - {Silence.NOT_KNOWN}
-"""Where it is certain that a kart did not acknowledge."""
+SILENCES = {
+    '': 'not acknowledged',
+    NOT_CONNECTED: 'not acknowledged: it lost its connection at {}',
+    NOT_KNOWN: 'not known: the record cannot be followed from {} on',
+}
+"""Why there is no acknowledgement, by what followed; before any state, `TOLD_ELSE`."""
+
+TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
 
 MOST_OF_A_NAME = 80
 """Maximum length of an official's or a team's name, in characters; the event has all of it."""
@@ -166,7 +172,7 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
     if band.acknowledged is not None:
         at = clock.at(band.acknowledged, 3)
         return what, arrived, at, exact(band.start, band.acknowledged)
-    silence = '' if told.silence is None else told.silence.value
+    silence = '' if band.what == NOT_KNOWN else SILENCES.get(told.then, TOLD_ELSE)
     return what, arrived, silence.format(clock.at(band.end, 3)), ''
 
 
