@@ -66,7 +66,9 @@ def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
     for kind, command, by in moves:
         moved = shutil.copytree(tmp_path, tmp_path / command.name) / record.name
 
-        def is_meant(each: StampedEvent, kind: EventKind = kind, command: CommandKind = command) -> bool:
+        def is_meant(
+            each: StampedEvent, kind: EventKind = kind, command: CommandKind = command
+        ) -> bool:
             return (each.event.kind, each.event.command) == (kind, command)
 
         with contextlib.closing(open_read_only(moved)) as database:

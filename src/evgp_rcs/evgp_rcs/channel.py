@@ -6,8 +6,8 @@ What the processes of race control say to each other, over local socket pairs.
 
 The *kart server* (``kart_process``) has one pair with the *ROS half* (``node``) and one with the
 *record* (``record_process``). Each message is one of the classes below, a ``Snapshot``,
-``Standings``, ``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody else can reach a pair,
-so pickle is safe here.
+``Standings``, ``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody
+else can reach a pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """

@@ -389,11 +389,16 @@ def _check(entry: Entry) -> None:
     numbers: list[int] = []
     if isinstance(entry, StampedEvent):
         event = entry.event
-        texts, numbers = [event.text, event.official, event.heat], [event.kart, event.lap, event.race]
+        texts, numbers = (
+            [event.text, event.official, event.heat],
+            [event.kart, event.lap, event.race],
+        )
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
         texts = [name for heat in heats for name in (heat.name, heat.grid_from)]
-        texts += [name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)]
+        texts += [
+            name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)
+        ]
         # There is no kart 0.
         numbers = [number - 1 for heat in heats for number in heat.karts]
         numbers += [kart.number - 1 for kart in karts]
@@ -406,10 +411,17 @@ def _check(entry: Entry) -> None:
 
 
 class Batch(NamedTuple):
-    """Entries that follow each other in a log; ``first``: how many came before them."""
+    """
+    Entries that follow each other in a log.
+
+    :param first: how many came before them.
+    :param entries: None is in the place of an event that is in `happened`.
+    :param happened: these events, packed as the ROS half gets them: so they are packed once.
+    """
 
     first: int
-    entries: Sequence[Entry]
+    entries: Sequence[Entry | None]
+    happened: bytes = b''
 
 
 class Block(NamedTuple):
@@ -465,18 +477,23 @@ class Log:
 
     def __init__(self) -> None:
         """Begin with nothing."""
-        self._new: list[Entry] = []
+        self._new: list[Entry | None] = []
         self._taken = 0
 
-    def add(self, *entries: Entry) -> None:
-        """Take entries: an input before it goes into the rules, then what it brings about."""
+    def add(self, *entries: Entry | None) -> None:
+        """
+        Take entries: an input before it goes into the rules, then what it brings about.
+
+        :param entries: None: an event, which whoever takes the batch adds.
+        """
         self._new += entries
 
-    def take(self) -> Batch:
-        """Return what was added since this was asked last; perhaps nothing."""
-        batch = Batch(self._taken, self._new)
-        self._taken += len(self._new)
-        self._new = []
+    def take(self, but: int = 0) -> Batch:
+        """Return what was added since this was asked last, but for so many; perhaps nothing."""
+        count = len(self._new) - but
+        batch = Batch(self._taken, self._new[:count])
+        self._taken += count
+        self._new = self._new[count:]
         return batch
 
 

@@ -175,12 +175,13 @@ class Record:
 
     def put(self, batch: Batch) -> None:
         """Take what follows in the stream."""
-        if batch.entries:
+        entries = [entry for entry in batch.entries if entry is not None]
+        if entries:
             if not self._waiting:
                 self._since = clock.now()
-            data = b''.join(map(encode, batch.entries))
-            self._waiting.append(Block(self._own + batch.first, data))
-            self._urgent |= any(isinstance(entry, StampedEvent) for entry in batch.entries)
+            block = Block(self._own + batch.first, b''.join(map(encode, entries)))
+            self._waiting.append(block)
+            self._urgent |= any(isinstance(entry, StampedEvent) for entry in entries)
 
     def _add(self, entry: Entry) -> None:
         """Take an entry that stands before those of the log."""

@@ -41,7 +41,7 @@ from evgp_rcs.channel import (
     Written,
 )
 from evgp_rcs.inputs import Batch, Rules
-from evgp_rcs.race import LastRun, RaceMemory, StampedEvent
+from evgp_rcs.race import LastRun, RaceMemory
 from evgp_rcs.record import Record, RecordError
 from evgp_rcs.run_mark import InUseError, RunMark
 
@@ -120,7 +120,7 @@ class RecordProcess:
         """Record what follows in the stream."""
         data = pack(batch)
         size = len(data)
-        events = sum(isinstance(entry, StampedEvent) for entry in batch.entries)
+        events = batch.entries.count(None)
         if self._end.gone or self._bytes + size > MOST_UNWRITTEN_BYTES:
             self._lost += events
             self._full = True
@@ -243,6 +243,14 @@ def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
         os._exit(code)
 
 
+def _whole(batch: Batch) -> Batch:
+    """Return a batch with its events in their places."""
+    happened = Unpacker().feed(batch.happened)
+    told = iter([event for each in happened for event in each.events])
+    entries = [next(told) if entry is None else entry for entry in batch.entries]
+    return Batch(batch.first, entries)
+
+
 def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> None:
     try:
         mark = RunMark(mark_path)
@@ -274,7 +282,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> N
             for message in unpacker.feed(data):
                 if isinstance(message, Batch):
                     batches += 1
-                    record.put(message)
+                    record.put(_whole(message))
                 elif isinstance(message, Remember):
                     record.remember(message.memory, message.at, bool(message.confirm))
                     confirm += [message.confirm] if message.confirm else []

@@ -5,8 +5,8 @@
 Runs the rules again on the inputs of a stream, and compares what comes out with the stream.
 
 With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
-nor its time. What differs first is named. Whoever wants to know what happened in a run goes through
-`Replay.steps` and looks at the race: there is no other account of it.
+nor its time. What differs first is named. Whoever wants to know what happened in a run goes
+through `Replay.steps` and looks at the race: there is no other account of it.
 
 An event has the time of the input that made it, to the last bit. No input gives the wall times,
 and none makes the events `OF_THE_SERVER`: of these, only number and order can be checked. So a
@@ -332,7 +332,9 @@ class Replay:
 def clock_steps(events: Sequence[StampedEvent]) -> list[ClockStep]:
     """Return where the wall times do not go on as the clock of the rules does."""
     by = (
-        ClockStep(event, (event.wall_ns - before.wall_ns) / 1e9 - event.monotonic + before.monotonic)
+        ClockStep(
+            event, (event.wall_ns - before.wall_ns) / 1e9 - event.monotonic + before.monotonic
+        )
         for before, event in pairwise(events)
     )
     return [step for step in by if abs(step.by) > MOST_CLOCK_STEP]

@@ -32,7 +32,7 @@ from evgp_rcs.channel import (
     Unpacker,
 )
 from evgp_rcs.hearing import FLOOD_BYTES
-from evgp_rcs.inputs import Batch, Commanded, Passed
+from evgp_rcs.inputs import Batch, Commanded, Ordered, Passed
 from evgp_rcs.kart_link import KartLink
 from evgp_rcs.kart_server import (
     HELD_UP,
@@ -1085,6 +1085,25 @@ def logged(running: Running, kind: type[Any]) -> list[Any]:
             lambda: any(isinstance(each, kind) for each in entries()), TIMEOUT
         )
         return entries()
+
+
+def test_what_an_input_has_made_is_handed_to_the_record_with_it(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kart_server, 'MOST_GATHERED', 1)  # so that it is handed on all the time
+    running = run()
+    clients = [connect(running, kart) for kart in (1, 2)]
+    for client in clients:
+        read_until(client, IN_GARAGE)
+    running.submit(Command(CommandKind.ALL_KILL)).result(TIMEOUT)
+    for client in clients:
+        read_until(client, RED_RED)
+    logged(running, Commanded)
+    running.wait_for(EventKind.KART_STATE, 2)
+    with running._news:
+        batches = [batch.entries for batch in running.log]
+    assert sum(batch.count(None) for batch in batches) > 5
+    assert not any(batch[0] is None or isinstance(batch[0], Ordered) for batch in batches)
 
 
 def test_passings_are_taken_one_batch_after_the_other_and_told(run: Run) -> None:

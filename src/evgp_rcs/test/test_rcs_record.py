@@ -195,9 +195,7 @@ def overwritten(path: pathlib.Path, at: int) -> None:
 
 def another_database_that_looks_like_one(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
-        database.executescript(
-            'CREATE TABLE block (day TEXT); PRAGMA user_version = 2'
-        )
+        database.executescript('CREATE TABLE block (day TEXT); PRAGMA user_version = 2')
 
 
 UNREADABLE_FILES: dict[str, Harm] = {
@@ -275,7 +273,9 @@ DAMAGED_FILES: dict[str, Harm] = {
     **NEEDS_RECOVERY,
     'a block of another type': block_replaced('noon'),
     'a block that is garbled': block_replaced(b'garbled'),
-    'a block with an entry of another type': block_replaced(Block(0, b'["Tick","x"]\n').compressed()),
+    'a block with an entry of another type': block_replaced(
+        Block(0, b'["Tick","x"]\n').compressed()
+    ),
 }
 
 
@@ -319,7 +319,9 @@ def test_without_the_program_that_mends_it_a_damaged_record_gets_a_sentence_how_
     assert f'sqlite3 {good} .recover | sqlite3 mended.sqlite3' in line
 
 
-@pytest.mark.parametrize('where', [*list(places_in(json.loads(encode(Rules('', SETUP)))))[1:]], ids=str)
+@pytest.mark.parametrize(
+    'where', [*list(places_in(json.loads(encode(Rules('', SETUP)))))[1:]], ids=str
+)
 def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
     where: tuple[int, ...], path: pathlib.Path, capsys: Capture
 ) -> None:

@@ -15,6 +15,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs import record_process
+from evgp_rcs.channel import Happened, pack
 from evgp_rcs.inputs import Batch, entries_of, Gap
 from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.record import blocks_of, events, open_read_only, Record, RecordError
@@ -48,7 +49,7 @@ def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
     """Hand events over."""
     told = Event(EventKind.CONNECTED, text)
     stamped = [StampedEvent(number, time.time_ns(), 0.1, told) for number in numbers]
-    record.put(Batch(numbers[0] - 1, stamped))
+    record.put(Batch(numbers[0] - 1, [None] * len(stamped), pack(Happened(stamped))))
 
 
 def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:

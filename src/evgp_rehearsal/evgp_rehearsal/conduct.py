@@ -119,7 +119,9 @@ def _obeyed(own: Sequence[StampedEvent], index: int, cut: Cut, until: float) -> 
         left = (rest[end].monotonic if end < len(rest) else until) - order.monotonic
         if left < limit:
             return []
-        return [Finding(False, f'did not acknowledge {order.event.state.value} within {limit:g} s')]
+        return [
+            Finding(False, f'did not acknowledge {order.event.state.value} within {limit:g} s')
+        ]
     took = said.monotonic - order.monotonic
     text = f'acknowledged {order.event.state.value} after {took:.2f} s'
     raced = _raced_until(own[: index + 1], cut) if order.event.state in _REDS else None

@@ -242,7 +242,12 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
             until = clock.now()
         happened = recorded(pathlib.Path(folder))
         # Ctrl-C ends race control too. The kart has not caused what follows.
-        until = min([until, *(event.monotonic for event in happened if event.event.kind is EventKind.ENDED)])
+        until = min(
+            [
+                until,
+                *(event.monotonic for event in happened if event.event.kind is EventKind.ENDED),
+            ]
+        )
         happened = [event for event in happened if event.monotonic <= until]
     unseen = INCIDENTS[given.incident].unseen
     if unseen and trial.cut is not NO_CUT:
@@ -267,7 +272,9 @@ def _race(trial: Trial, name: str, wait: float) -> None:
         trial.cut = Cut(clock.now(), incident.losses)
     trial.say(f'now: {name}')
     incident.play(trial)
-    with trial.awaiting('your kart to acknowledge a stop', BACK + LIMITS[RaceState.RED_FLAG]) as official:
+    with trial.awaiting(
+        'your kart to acknowledge a stop', BACK + LIMITS[RaceState.RED_FLAG]
+    ) as official:
         official.wait_for_kart(
             kart,
             lambda seen: (

@@ -24,8 +24,8 @@ def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record report`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} report',
-        description='Write the report of the newest run, or of a part of it, as one HTML file. The rules '
-        'are run again for it, which takes some 20 s for an hour.',
+        description='Write the report of the newest run, or of a part of it, as one HTML file. '
+        'The rules are run again for it, which takes some 20 s for an hour.',
         epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
         'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
         'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '

@@ -131,9 +131,7 @@ class _Timeline:
             yield Shape('tick', self._x(at), 0, 1, height, self._clock.at(at))
             at += step
 
-    def _rows(
-        self, top: float, labels: list[tuple[float, float, str, str]]
-    ) -> Iterator[Shape]:
+    def _rows(self, top: float, labels: list[tuple[float, float, str, str]]) -> Iterator[Shape]:
         """Yield labels, each in the first row that has room for it; or a stroke."""
         free = [0.0] * ROWS
         for start, end, look, words in labels:
@@ -164,7 +162,9 @@ class _Timeline:
             if link.what != NO_GRADE:
                 height = {'FAIR': 4.0, 'POOR': 6.0}.get(link.what, 2.0)
                 look = f'link {link.what}'
-                yield from self._box(link.start, link.end, look, y + 26 - height, height, link.what)
+                yield from self._box(
+                    link.start, link.end, look, y + 26 - height, height, link.what
+                )
         for hold in lane.holds:
             if hold.what:
                 yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')

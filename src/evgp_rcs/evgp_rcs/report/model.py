@@ -440,7 +440,11 @@ class Account:
         elif event.kind is EventKind.RACE_STATE and race is not None:
             race.changes.append(Change(at, stamped))
             sent_red = event.state is not None and event.state.is_red
-            if sent_red and cause_of(step) not in race.stops and not isinstance(step.entry, Recovered):
+            if (
+                sent_red
+                and cause_of(step) not in race.stops
+                and not isinstance(step.entry, Recovered)
+            ):
                 race.stops.append(stamped)
         elif event.kind is EventKind.RESULTS and race is not None:
             race.results = event.text
@@ -492,7 +496,8 @@ class Account:
     # ----- the race as it is now ----------------------------------------------------------
 
     def _look_at_race(self, step: Step, race: Race) -> None:
-        assert isinstance(step.entry, Input) and step.outcome is not None
+        assert isinstance(step.entry, Input)
+        assert step.outcome is not None
         at = self._at(step.entry.at)
         self.race_bands.change(at, race.state.name)
         made = step.outcome.events

@@ -81,7 +81,9 @@ def page(
     # The foot of every printed page; nothing of others is in it.
     foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
     of_formats = {
-        format_: [each.results for each in standing([*account.laps.values()]) if each.format is format_]
+        format_: [
+            each.results for each in standing([*account.laps.values()]) if each.format is format_
+        ]
         for format_ in (Format.TIME_TRIAL, Format.PRACTICE)
     }
     events = on_paper = part.events(account, account.events)
@@ -110,9 +112,7 @@ def page(
         part=shown,
         events=events,
         in_part=lambda happened: part.events(account, happened),
-        races=[
-            each for each in account.races if part.touches(account, each.began, each.garage)
-        ],
+        races=[each for each in account.races if part.touches(account, each.began, each.garage)],
         alerts=[
             each
             for each in account.alerts
@@ -134,9 +134,7 @@ def page(
         teams=account.teams,
         title=title,
         style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
-        stops=sum(
-            each.event.success and each.event.command in STOPS for each in account.commands
-        ),
+        stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
         stood=lambda alert: _stood(alert, account, clock),
         wall_ns=lambda event: clock.of(event.wall_ns, account.at(event)),
         on_paper=on_paper,

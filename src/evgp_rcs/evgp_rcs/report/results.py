@@ -146,7 +146,9 @@ def main(arguments: Sequence[str]) -> int:
         if account.kept.goes_on:
             say(f'race control still writes run {run.number}: these are the results up to now')
     races = len({row[:2] for row in rows})
-    return put(as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(accounts)} runs', code)
+    return put(
+        as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(accounts)} runs', code
+    )
 
 
 def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[str, ...]]:
