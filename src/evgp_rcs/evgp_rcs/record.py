@@ -367,10 +367,9 @@ of another event, whose heats may have the same names. Nanoseconds."""
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
-    runs = sessions(database)
-    if not runs:
-        return None
-    last = runs[-1]
+    last = next(newest_first(database), None)
+    if last is None:
+        return None  # there is no run
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
     if found is None:
         return None  # it wrote nothing
@@ -434,9 +433,20 @@ def sessions(database: sqlite3.Connection) -> list[Session]:
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    numbers = database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall()
-    found = (_session(database, number) for (number,) in numbers)
-    return [each for each in found if each is not None]
+    return list(newest_first(database))[::-1]
+
+
+def newest_first(database: sqlite3.Connection) -> Iterator[Session]:
+    """
+    Yield the runs of race control in a record, newest first.
+
+    :raises sqlite3.DatabaseError: if the record is damaged.
+    """
+    query = 'SELECT DISTINCT run FROM block ORDER BY run DESC'
+    for (number,) in database.execute(query).fetchall():
+        run = _session(database, number)
+        if run is not None:
+            yield run
 
 
 def _session(database: sqlite3.Connection, number: int) -> Session | None:

@@ -37,9 +37,7 @@ from evgp_rcs.race import (
     Event,
     EventKind,
     Heat,
-    Kart,
     Outcome,
-    Race,
     RaceTimes,
     StampedEvent,
     StartPhase,
@@ -59,22 +57,20 @@ class PaperRace:
 
     :param teams: the teams of the karts in the race, by number.
     :param heats: the heats of the roster.
+    :param setup: in the place of these: with what the rules begin.
     """
 
-    def __init__(self, teams: dict[int, str], heats: Sequence[Heat] = ()) -> None:
-        karts = [Kart(number, team, True) for number, team in teams.items()]
-        self.race = Race(karts, heats=heats)
-        self.now = 100.0
+    def __init__(
+        self, teams: dict[int, str], heats: Sequence[Heat] = (), setup: Setup | None = None
+    ) -> None:
+        karts = tuple(Entrant(number, team, True) for number, team in teams.items())
+        self.setup = setup or Setup(karts, RaceTimes(), tuple(heats), 100.0)
+        self.race = self.setup.race()
+        self.now = self.setup.now
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
-        self._entries: list[Entry] = []
         self.log = Log()
-        self.setup = Setup(
-            tuple(Entrant(number, team, True) for number, team in teams.items()),
-            RaceTimes(),
-            self.race.heats,
-            self.now,
-        )
+        self.batches: list[Batch] = []
         self._sequence = itertools.count(1)
         self._passings = itertools.count(1)
 
@@ -193,23 +189,27 @@ class PaperRace:
         for kart in list(self.race.karts.values()):
             self.feed(inputs.Disconnected(self.now, kart.number, 'race control ends'))
 
-    def write(self, path: pathlib.Path) -> pathlib.Path:
+    def write(self, path: pathlib.Path, version: str = '') -> pathlib.Path:
         """Write what happened as a run into a record."""
+        self.batches.append(self.log.take())
         record = Record(path)
-        record.begin(Rules(rules_version(), self.setup))
-        record.put(Batch(0, self.entries()))
+        record.begin(Rules(version or rules_version(), self.setup))
+        for batch in self.batches:
+            record.put(batch)
+            assert len(batch.entries) % 5 or record.write()
         record.end()
         return path
 
+    def stream(self) -> list[Entry]:
+        """Return what a record has of it, up to now."""
+        self.batches.append(self.log.take())
+        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
+        logged = (entry for batch in self.batches for entry in batch.entries)
+        return [*first, *(entry for entry in logged if entry is not None)]
+
     def account(self) -> Account:
         """Return what there is to say of it, up to now."""
-        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
-        return Account(kept([*first, *self.entries()]))
-
-    def entries(self) -> list[Entry]:
-        """Return what was logged up to now."""
-        self._entries += self.log.take().entries
-        return self._entries
+        return Account(kept(self.stream()))
 
 
 def kept(entries: Sequence[Entry]) -> Kept:

@@ -27,7 +27,7 @@ from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import PaperRace
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
-from test_replay import Running, SETUP
+from test_replay import an_ended_run, Running, SETUP
 
 Capture = pytest.CaptureFixture[str]
 PAGE = 4096
@@ -62,7 +62,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return a record of a hundred pages: a short run, and a long one with what went into it."""
     path = tmp_path_factory.mktemp('recorded') / 'record.sqlite3'
     PaperRace({7: 'Purdue'}).write(path)
-    Running(seed=1).run(4000).end().write(path)
+    an_ended_run(steps=4000).write(path)
     return path
 
 

@@ -142,6 +142,21 @@ def test_a_run_has_an_id_of_its_own_and_says_which_program_wrote_it(
     assert all(len(each) == 16 for each in ids)
 
 
+def test_a_stream_that_another_program_wrote_is_no_run_of_race_control(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    have_written(record, HOME)
+    record.end()
+    timekeeper = Block(0, encode(Began('1234', 'timekeeper', time.time_ns()))).compressed()
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute('INSERT INTO block VALUES (2, 1, ?)', (timekeeper,))
+    record = begin()
+    assert record.left_behind == HOME
+    with contextlib.closing(open_read_only(path)) as database:
+        assert [run.number for run in sessions(database)] == [1, 3]
+
+
 @pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])
 def test_a_run_leaves_its_race(begin: Begin, memory: RaceMemory) -> None:
     record = begin()

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import math
 import pathlib
@@ -17,7 +17,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import inputs
 from evgp_rcs import race as rules
 from evgp_rcs.catalogue import CATALOGUE
-from evgp_rcs.inputs import Batch, Began, Entrant, Entry, Log, Ordered, Rules, Setup
+from evgp_rcs.inputs import Entrant, Entry, Ordered, Rules, Setup
 from evgp_rcs.laps import Passing
 from evgp_rcs.race import (
     Attendance,
@@ -31,15 +31,14 @@ from evgp_rcs.race import (
     StartPhase,
 )
 from evgp_rcs.rcs_record import main
-from evgp_rcs.record import PROGRAM, Record, rules_version
+from evgp_rcs.record import rules_version
 from evgp_rcs.replay import OF_THE_SERVER, Replay
 from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
-from recorded_races import change_event, edit, kept
+from recorded_races import change_event, edit, kept, PaperRace
 from rig.faults import module_with
 
 KARTS = range(1, 5)
-BEGAN = 1_780_135_500_000_000_000
 SETUP = Setup(
     tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
     RaceTimes(
@@ -56,61 +55,40 @@ SETUP = Setup(
 )
 
 
-class Running:
+class Running(PaperRace):
     """
-    A race that is fed at random, logged as the kart server does it, and what it told.
+    A race that is fed at random.
 
     :param recovered: what an earlier run has left behind.
     """
 
     def __init__(self, seed: int, recovered: rules.RaceMemory | None = None) -> None:
+        super().__init__({}, setup=SETUP)
         self.chance = random.Random(seed)
-        self.race = SETUP.race()
-        self.now = SETUP.now
-        self.log = Log()
-        self.stamped: list[StampedEvent] = []
-        self.batches: list[Batch] = []
         if recovered is not None:
             self.feed(inputs.Recovered(self.now, recovered, rules.LastRun.UNKNOWN))
-        for number in KARTS:
-            self.feed(inputs.Connected(self.now, number))
+        self.connect(*KARTS)
 
     def run(self, steps: int) -> Running:
         for _ in range(steps):
             self.now += self.chance.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
             self.feed(self.anything())
             if self.chance.random() < 0.3:
-                self.show()
-        self.batches.append(self.log.take())
+                self.log.add(inputs.Shown(self.now))
         return self
 
-    def feed(self, given: inputs.Input) -> None:
-        self.log.add(given)
-        outcome = inputs.feed(given, self.race)
-        if outcome.orders:
-            self.log.add(inputs.Ordered(outcome.orders))
-        self.tell(outcome, given.at)
+    def take(self, outcome: Outcome) -> Outcome:
+        """Leave open what becomes of a start."""
+        super().take(outcome._replace(start=None))
+        return outcome
 
-    def tell(self, outcome: Outcome, at: float) -> None:
-        told = [each for each in outcome.events if not each.chatter or self.chance.random() < 0.5]
-        self.hand_over(told, at)
+    def tell(self, events: Iterable[Event]) -> None:
+        super().tell(each for each in events if not each.chatter or self.chance.random() < 0.5)
         if self.chance.random() < 0.05:
             own = self.chance.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
-            self.hand_over([Event(own, 'rubbish', success=False)], self.now)
-
-    def hand_over(self, events: list[Event], at: float) -> None:
-        first = len(self.stamped) + 1
-        stamped = [
-            StampedEvent(number, BEGAN + round(at * 1e9), at, event)
-            for number, event in enumerate(events, first)
-        ]
-        self.stamped += stamped
-        self.log.add(*stamped)
+            super().tell([Event(own, 'rubbish', success=False)])
         if self.chance.random() < 0.5:
             self.batches.append(self.log.take())
-
-    def show(self) -> None:
-        self.log.add(inputs.Shown(self.now))
 
     def anything(self) -> inputs.Input:
         kart = self.race.karts[self.chance.choice(KARTS)]
@@ -142,9 +120,9 @@ class Running:
             phase = StartPhase.WRITTEN if self.chance.random() < 0.9 else StartPhase.FAILED
             number = self.race.starts - (self.chance.random() < 0.1)
             return inputs.StartBecame(self.now, phase, number)
-        return self.command(kart.number)
+        return self.any_command(kart.number)
 
-    def command(self, kart: int) -> inputs.Input:
+    def any_command(self, kart: int) -> inputs.Input:
         """Return a command, mostly one that would be accepted."""
         offers = [
             self.race.availability(kind, kart if entry.to_one_kart else 0, self.now)
@@ -170,25 +148,6 @@ class Running:
             reason='a short cut',
         )
         return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
-
-    def end(self) -> Running:
-        """Say that it has ended in good order, as the kart server does."""
-        self.hand_over([Event(EventKind.ENDED, 'Race control ends')], self.now)
-        self.batches.append(self.log.take())
-        return self
-
-    def stream(self) -> list[Entry]:
-        """Return what the record has of it."""
-        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), SETUP)
-        return [*first, *(entry for batch in self.batches for entry in batch.entries)]
-
-    def write(self, path: pathlib.Path, version: str = '') -> None:
-        record = Record(path)
-        record.begin(Rules(version or rules_version(), SETUP))
-        for batch in self.batches:
-            record.put(batch)
-            assert self.chance.random() < 0.8 or record.write()
-        record.end()
 
 
 def replayed(entries: Sequence[Entry]) -> Replay:
@@ -232,13 +191,21 @@ def test_a_race_with_restarts_is_replayed_without_a_difference(
     for part in range(3):
         running = Running(100 * seed + part, left).run(200)
         left = running.race.memory()
-        (running.end() if part == 2 else running).write(path)
+        if part == 2:
+            running.end()
+        running.write(path)
     codes = [main(['replay', str(path), '--run', str(run)]) for run in (1, 2, 3)]
     assert codes == [DONE] * 3
 
 
 def a_run(seed: int = 1) -> Running:
     return Running(seed).run(600)
+
+
+def an_ended_run(seed: int = 1, steps: int = 600) -> Running:
+    running = Running(seed).run(steps)
+    running.end()
+    return running
 
 
 # ----- what somebody changed ------------------------------------------------------------------
@@ -417,7 +384,7 @@ HARMS: dict[str, Harm] = {
 def test_what_was_changed_is_found_and_named_with_its_time(
     harm: str, seed: int, path: pathlib.Path, capsys: Capture
 ) -> None:
-    entries = a_run(seed).end().stream()
+    entries = an_ended_run(seed).stream()
     HARMS[harm](entries, random.Random(seed))
     difference = replayed(entries).difference
     assert difference is not None
@@ -467,7 +434,7 @@ def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_a_record_is_replayed_without_a_difference(path: pathlib.Path, capsys: Capture) -> None:
-    a_run().end().write(path)
+    an_ended_run().write(path)
     assert main(['replay', str(path)]) == DONE
     (line,) = capsys.readouterr().out.splitlines()
     assert line.endswith('no difference')
@@ -476,7 +443,7 @@ def test_a_record_is_replayed_without_a_difference(path: pathlib.Path, capsys: C
 def test_a_record_that_was_changed_is_not_replayed_without_a_word(
     path: pathlib.Path, capsys: Capture
 ) -> None:
-    a_run().end().write(path)
+    an_ended_run().write(path)
     change_event(path, lambda each: each.sequence == 3, official='Eve')
     assert main(['replay', str(path)]) == FAILED
     out = capsys.readouterr().out
@@ -487,7 +454,7 @@ def test_a_record_that_was_changed_is_not_replayed_without_a_word(
 def test_where_entries_are_missing_the_replay_ends_and_says_so(
     path: pathlib.Path, capsys: Capture
 ) -> None:
-    running = a_run().end()
+    running = an_ended_run()
     lost = running.batches.pop(len(running.batches) // 2)
     running.write(path)
     assert main(['replay', str(path)]) == PARTLY
@@ -501,7 +468,7 @@ def test_where_entries_are_missing_the_replay_ends_and_says_so(
 def test_a_record_of_other_rules_is_replayed_and_says_so(
     path: pathlib.Path, capsys: Capture
 ) -> None:
-    a_run().end().write(path, '0123456789abcdef')
+    an_ended_run().write(path, '0123456789abcdef')
     assert main(['replay', str(path)]) == DONE
     warning, _ = capsys.readouterr().out.splitlines()
     assert '0123456789abcdef' in warning
@@ -513,6 +480,7 @@ def test_a_record_that_was_cut_is_replayed_up_to_the_cut(
     running = a_run()
     half = len(running.batches) // 2
     running.batches = running.batches[:half]
+    running.log.take()  # lost too
     running.write(path)
     assert main(['replay', str(path)]) == DONE
     counts, cut = capsys.readouterr().out.splitlines()
@@ -534,7 +502,7 @@ def test_a_run_without_its_beginning_says_plainly_that_it_cannot_be_replayed(
 def test_wall_times_that_were_moved_are_told_and_are_no_difference(
     path: pathlib.Path, capsys: Capture
 ) -> None:
-    running = a_run().end()
+    running = an_ended_run()
     running.write(path)
     moved = running.stamped[len(running.stamped) // 2]
     back = moved.wall_ns - 600_000_000
@@ -601,7 +569,7 @@ def test_whatever_was_done_to_a_record_it_is_read_or_refused_and_a_change_is_fou
     seed: int, path: pathlib.Path, capsys: Capture
 ) -> None:
     chance = random.Random(seed)
-    Running(seed).run(200).end().write(path)
+    an_ended_run(seed, 200).write(path)
     before = stream_of(path, capsys)
     WHOLE[seed % len(WHOLE)](path, chance)
     page = str(path.with_name('report.html'))
