@@ -138,7 +138,7 @@ class _Timeline:
             x = self._x(start)
             row = next((row for row, until in enumerate(free) if until <= x), None)
             if row is None:
-                yield Shape(f'{look} stroke', x, top, 1, ROWS * ROW, '', words)
+                yield Shape(f'{look} stroke', x, top + ROWS * ROW - 4, 1, 4, '', words)
                 continue
             width = max(self._x(end) - x, min(len(words) * LETTER, 200.0, WIDTH - x), 1.0)
             free[row] = x + width + 2

@@ -152,7 +152,8 @@ def _replay(replay: Replay) -> tuple[bool, str]:
         code, said = replay.judge()
     except UnreadableError as error:
         return False, f'It was not replayed: {error}.'
-    return code == DONE, ' '.join(['The rules were run again on all that went into them.', *said])
+    words = '. '.join(line.strip().rstrip('.') for line in said)
+    return code == DONE, f'The rules were run again on all that went into them. {words}'
 
 
 def _part(part: Part, account: Account, clock: Clock) -> str:
