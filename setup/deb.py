@@ -366,7 +366,7 @@ def main() -> None:
         f'Package: {NAME}\nVersion: {version}\nArchitecture: amd64\n'
         'Maintainer: EVGP race control maintainers <evgp-race-control@users.noreply.github.com>\n'
         f'Installed-Size: {size // 1024}\nDepends: {", ".join(depends)}\n'
-        'Recommends: iputils-arping\nSuggests: bash-completion, openssh-client\n'
+        'Recommends: iputils-arping\nSuggests: bash-completion, openssh-client, sqlite3\n'
         'Description: race control for driverless kart races, with window and rehearsal\n',
     )
     for path in [each for each in ROOT.rglob('*') if not each.is_symlink()]:

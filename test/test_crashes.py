@@ -238,9 +238,10 @@ def wait_for_memory(meeting: Event, found: Callable[[RaceMemory], bool]) -> None
     with contextlib.closing(open_read_only(meeting.record)) as database:
         until = time.monotonic() + 20.0
         while True:
-            *_, (memory,) = database.execute('SELECT memory FROM session')
-            if memory and found(read(RaceMemory, memory)):
-                return
+            query = 'SELECT data FROM memory ORDER BY run DESC LIMIT 1'
+            for (memory,) in database.execute(query):
+                if found(read(RaceMemory, memory)):
+                    return
             assert time.monotonic() < until
             time.sleep(0.01)  # a disk has no event to await
 

@@ -12,8 +12,8 @@ import signal
 import subprocess
 import sys
 
+from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.demo import judge_end, judge_events, judge_wire
 from evgp_testing.judge import Judge
 import pytest
@@ -98,7 +98,7 @@ def test_a_signal_in_mid_race_ends_every_process(
 
 def test_an_event_that_officials_did_not_hear_is_missed() -> None:
     heard = list(range(1, 9))
-    recorded = [RecordedEvent(n, 0, n, 'ENDED', 0, None, True, None, '', '', None) for n in heard]
+    recorded = [StampedEvent(n, 0, n, Event(EventKind.ENDED, '')) for n in heard]
     assert judge_events(heard, recorded).good
     assert judge_events(heard[:-1], recorded).good  # of the end of race control
     for wrong in (heard[1:], [*heard[:3], *heard[4:]], []):

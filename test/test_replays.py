@@ -8,15 +8,18 @@ from __future__ import annotations
 import contextlib
 import pathlib
 import shutil
-import sqlite3
 import subprocess
 import time
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import EventKind, StampedEvent
+from evgp_rcs.record import events, open_read_only
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.wire_race import WireRace
 import pytest
+from recorded_races import change_event
 from rig.replaying import replay_without_difference
 
 # Three as they connect, and then two of each to the race; RED_FLAG and RED_RED.
@@ -56,12 +59,19 @@ def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
     (replayed,) = replay_without_difference(record)
     assert replayed.inputs > meanwhile.inputs
     assert replayed.orders >= ORDERS
-    for kind, command, by in (('COMMAND', 'KART_FINISH', -0.6), ('RACE_STATE', 'GREEN_GREEN', 1)):
-        moved = shutil.copytree(tmp_path, tmp_path / command) / record.name
-        with contextlib.closing(sqlite3.connect(moved)) as database, database:
-            done = database.execute(
-                'UPDATE event SET monotonic = monotonic + ? WHERE kind = ? AND command = ?',
-                (by, kind, command),
-            )
-            assert done.rowcount == 1
+    moves = (
+        (EventKind.COMMAND, CommandKind.KART_FINISH, -0.6),
+        (EventKind.RACE_STATE, CommandKind.GREEN_GREEN, 1.0),
+    )
+    for kind, command, by in moves:
+        moved = shutil.copytree(tmp_path, tmp_path / command.name) / record.name
+
+        def is_meant(
+            each: StampedEvent, kind: EventKind = kind, command: CommandKind = command
+        ) -> bool:
+            return (each.event.kind, each.event.command) == (kind, command)
+
+        with contextlib.closing(open_read_only(moved)) as database:
+            (event,) = [each for each in events(database, 1) if is_meant(each)]
+        change_event(moved, is_meant, monotonic=event.monotonic + by)
         assert replay(moved).returncode == 1, f'nothing was said of {command}, moved by {by} s'

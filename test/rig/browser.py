@@ -202,10 +202,6 @@ class Browser(Part):
         size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
         self.call('Emulation.setDeviceMetricsOverride', **size)
 
-    def without_scripts(self) -> None:
-        """Let no page run a script from now on."""
-        self.call('Emulation.setScriptExecutionDisabled', value=True)
-
     def evaluate(self, expression: str) -> Any:
         """
         Return what a JavaScript expression is, on the page, once a promise of it has come true.
@@ -232,50 +228,6 @@ class Browser(Part):
                 look();
             }})"""
         )
-
-    def place_of(self, selector: str) -> tuple[float, float, float, float]:
-        """Scroll an element into view; return its left, top, width and height in the window."""
-        left, top, width, height = self.evaluate(
-            f"""(() => {{
-                const element = document.querySelector({json.dumps(selector)});
-                element.scrollIntoView({{block: 'center', behavior: 'instant'}});
-                const box = element.getBoundingClientRect();
-                return [box.left, box.top, box.width, box.height];
-            }})()"""
-        )
-        return left, top, width, height
-
-    def mouse(self, kind: str, x: float, y: float, **more: object) -> None:
-        """Have the mouse do something: `mouseMoved`, `mousePressed`, `mouseReleased`."""
-        self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **more)
-
-    def click(self, selector: str) -> None:
-        """Click the middle of an element."""
-        left, top, width, height = self.place_of(selector)
-        self.click_at(left + width / 2, top + height / 2)
-
-    def click_at(self, x: float, y: float) -> None:
-        """Click a place in the window."""
-        self.mouse('mouseMoved', x, y)
-        for kind in ('mousePressed', 'mouseReleased'):
-            self.mouse(kind, x, y, button='left', clickCount=1)
-
-    def wheel(self, x: float, y: float, turn: float, ctrl: bool = False) -> None:
-        """Turn the wheel by so many pixels, with Ctrl held down or not."""
-        self.mouse('mouseWheel', x, y, deltaX=0, deltaY=turn, modifiers=2 if ctrl else 0)
-
-    def key(self, key: str) -> None:
-        """Press a key and let it go: a character, or a name such as `ArrowLeft`."""
-        more: dict[str, object] = {'text': key} if len(key) == 1 else {}
-        if key in KEY_CODES:
-            more['windowsVirtualKeyCode'] = KEY_CODES[key]
-        self.call('Input.dispatchKeyEvent', type='keyDown', key=key, **more)
-        self.call('Input.dispatchKeyEvent', type='keyUp', key=key)
-
-    def enter(self, text: str) -> None:
-        """Type a text."""
-        for each in text:
-            self.key(each)
 
     def picture(self, file: pathlib.Path, selector: str) -> None:
         """

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import pathlib
 
-from evgp_rcs.replay import Kept, Replayed
+from evgp_rcs.replay import Replay
 from evgp_rcs.runs import open_runs
 
 
-def replay_without_difference(record: pathlib.Path) -> list[Replayed]:
+def replay_without_difference(record: pathlib.Path) -> list[Replay]:
     """
     Replay every run of a record, also one that goes on, and return what was compared.
 
@@ -19,15 +19,14 @@ def replay_without_difference(record: pathlib.Path) -> list[Replayed]:
     :raises UnreadableError: if it cannot be read.
     """
     with open_runs(record) as runs:
-        kept = {
-            run.number: Kept.read(runs, run)
-            for run in runs.listed
-            if run.events  # otherwise it was killed before anything was written
-        }
+        # Without an event it was killed before anything was written.
+        kept = [runs.read(run) for run in runs.listed if run.events]
     replayed = []
-    for number, each in kept.items():
-        found = each.replay()
-        assert found.difference is None, f'run {number} of {record}: {found.difference}'
-        assert not found.missing, f'run {number} of {record}: {found.missing}'
+    for each in kept:
+        found = Replay(each).run()
+        where = f'run {each.run.number} of {record}'
+        assert found.rules is not None, f'{where}: with what the rules began is missing'
+        assert found.difference is None, f'{where}: {found.difference}'
+        assert not found.missing, f'{where}: {found.missing}'
         replayed.append(found)
     return replayed

@@ -5,9 +5,9 @@
 What the processes of race control say to each other, over local socket pairs.
 
 The *kart server* (``kart_process``) has one pair with the *ROS half* (``node``) and one with the
-*record* (``record_process``). Each message is one of the classes below, a ``Snapshot`` or
-``Standings``, pickled, behind its length. All are this package and nobody else can reach a pair,
-so pickle is safe here.
+*record* (``record_process``). Each message is one of the classes below, a ``Snapshot``,
+``Standings``, ``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody
+else can reach a pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -26,7 +26,6 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import BEAT_RATE
-from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.laps import Passing
 from evgp_rcs.race import (
     Answer,
@@ -178,26 +177,7 @@ class Failed:
     text: str
 
 
-# ----- from the kart server to the record -----------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Rules:
-    """With what the rules begin, and their version."""
-
-    version: str
-    setup: Setup
-
-
-class Batch(NamedTuple):
-    """
-    Events, and what went into the rules up to them.
-
-    :param happened: a packed `Happened`, as the ROS half gets it; empty: no events.
-    """
-
-    happened: bytes
-    inputs: Block
+# ----- from the kart server to the record; also inputs.Rules and inputs.Batch -----------------
 
 
 class Remember(NamedTuple):

@@ -86,7 +86,7 @@ def reader(kind: Any) -> Callable[[Any], Any]:
 
 _CHECKS: Mapping[type[Any], Callable[[Any], bool]] = {
     str: lambda value: type(value) is str,
-    bool: lambda value: type(value) in (bool, int) and value in (0, 1),  # SQLite has numbers
+    bool: lambda value: type(value) is bool,
     int: lambda value: type(value) is int and 0 <= value < MOST_NUMBER,
     float: lambda value: type(value) in (int, float) and abs(value) < MOST_SECONDS,
     list: lambda value: type(value) is list,

@@ -2,30 +2,32 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What goes into the rules, as data: enough to run them again, and to compare what came out.
+The stream of a run: all that went into the rules and came out of them, as typed entries in order.
 
-Every input of a ``Race`` is a value here, with its time to the last bit, and `feed` hands it on.
-The kart server feeds its race in no other way, and keeps each input in a `Log`, in order. Between
-the inputs the log has *marks*: the orders that an input has brought about, which of the record's
-events it made, and where the race was shown to officials.
+`Began` is the first entry, then `Rules`: with what the rules begin. Then come the inputs of the
+``Race``, each with its time to the last bit. After an input are the orders that it has brought
+about (`Ordered`) and the events that it made (``StampedEvent``), whole. Between these are the
+events that the server itself made, and where the race was shown to officials (`Shown`). `feed`
+hands an input to the rules: the kart server has no other way to them, so a stream can be run
+again.
 
-A log is cut into blocks. A block says how many entries came before it, so that a missing one is
-noticed. The process that stops karts only appends to the log, and encodes what is new when frames
-and answers are out; ``compressed`` is for the record's.
+The thread that stops karts only appends entries to a `Log`, and hands them on when frames and
+answers are out. The record's process encodes them, in blocks. A block says how many entries came
+before it, so that missing ones are noticed and counted.
 
 Pure. No clock, socket, ROS, thread, file or log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 import dataclasses
 import json
 from typing import get_args, NamedTuple
 import zlib
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.encoding import DAMAGED, read, reader, written
+from evgp_rcs.encoding import DAMAGED, reader, written
 from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
@@ -39,16 +41,13 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    StampedEvent,
     StartPhase,
 )
 
 
 class InputsError(ValueError):
-    """What was recorded of the inputs is damaged; the text says where, and what is wrong."""
-
-
-class GapError(InputsError):
-    """Inputs are missing."""
+    """An entry or a block is damaged; the text says what is wrong."""
 
 
 # ----- with what the rules begin --------------------------------------------------------------
@@ -91,29 +90,26 @@ class Setup:
         ]
         return Race(karts, self.times, self.now, self.heats)
 
-    @staticmethod
-    def read(text: str) -> Setup:
-        """
-        Return the setup that was written.
 
-        :raises InputsError: if it is damaged.
-        """
-        try:
-            setup = read(Setup, text)
-            names = [name for heat in setup.heats for name in (heat.name, heat.grid_from)]
-            names += [
-                name
-                for kart in setup.karts
-                for name in (kart.team, kart.inspected, *kart.transponders)
-            ]
-            ''.join(names).encode()
-            numbers = [number for heat in setup.heats for number in heat.karts]
-            numbers += [kart.number for kart in setup.karts]
-            if not all(0 < number < 2**32 for number in numbers):
-                raise ValueError('a kart has no number')
-        except ValueError as error:
-            raise InputsError(f'the setup cannot be read: {error}') from error
-        return setup
+class Began(NamedTuple):
+    """
+    The first entry of a stream.
+
+    :param run: the id of the run, drawn at random: by it, streams of several programs are joined.
+    :param program: which program writes this stream.
+    :param wall_ns: when it began, in ns since the epoch.
+    """
+
+    run: str
+    program: str
+    wall_ns: int
+
+
+class Rules(NamedTuple):
+    """With what the rules begin, and their version (``rules_version``); empty: not known."""
+
+    version: str
+    setup: Setup
 
 
 # ----- the inputs -----------------------------------------------------------------------------
@@ -315,24 +311,13 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.recover(memory, last_run, at, why)
 
 
-# ----- the marks between them -----------------------------------------------------------------
+# ----- what comes of them -----------------------------------------------------------------
 
 
 class Ordered(NamedTuple):
-    """What the input before has ordered karts; without this mark, nothing."""
+    """What the input before has ordered karts; without this entry, nothing."""
 
     orders: tuple[Order, ...]
-
-
-class Told(NamedTuple):
-    """
-    Which events of the record the input before has made; without this mark, none.
-
-    :param first: the sequence number of the first one; ``last``: of the last.
-    """
-
-    first: int
-    last: int
 
 
 class Shown(NamedTuple):
@@ -341,13 +326,33 @@ class Shown(NamedTuple):
     at: float
 
 
-Mark = Ordered | Told | Shown
-Entry = Input | Mark
+Entry = Began | Rules | Input | Ordered | StampedEvent | Shown
+
+
+class Gap(NamedTuple):
+    """
+    Entries are missing here; no stream has this, but whoever reads one finds it.
+
+    :param entries: how many; 0: nobody knows.
+    :param why: a phrase.
+    :param damaged: what is there cannot be read; otherwise it is not there.
+    """
+
+    entries: int
+    why: str
+    damaged: bool = False
+
+    def __str__(self) -> str:
+        """Return it as a clause."""
+        many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
+        return f'{many} missing: {self.why}'
 
 
 # ----- encoding -------------------------------------------------------------------------------
 
 _READERS = {kind.__name__: reader(kind) for kind in get_args(Entry)}
+_EVENT = f'["{StampedEvent.__name__}"'.encode()
+_MOST = 2**32 - 1
 
 
 def encode(entry: Entry) -> bytes:
@@ -355,27 +360,73 @@ def encode(entry: Entry) -> bytes:
     return f'{written([type(entry).__name__, *entry])}\n'.encode()
 
 
-def decode(data: bytes) -> Iterator[Entry]:
+def decode(data: bytes, events_only: bool = False) -> Iterator[Entry]:
     """
     Yield the entries that were encoded, in order.
 
+    :param events_only: leave out all but events.
     :raises InputsError: where they are damaged.
     """
     for number, line in enumerate(data.splitlines(), 1):
+        if events_only and not line.startswith(_EVENT):
+            continue
         try:
             name, *fields = json.loads(line)
             entry: Entry = _READERS[name](fields)
+            _check(entry)
         except DAMAGED as error:
             raise InputsError(f'entry {number} cannot be read: {error!r:.200}') from error
         yield entry
 
 
+def _check(entry: Entry) -> None:
+    """
+    Refuse what no message of ROS can have: numbers of 32 bits, text.
+
+    :raises ValueError: if an event or a setup has it.
+    """
+    texts: list[str] = []
+    numbers: list[int] = []
+    if isinstance(entry, StampedEvent):
+        event = entry.event
+        texts, numbers = (
+            [event.text, event.official, event.heat],
+            [event.kart, event.lap, event.race],
+        )
+    elif isinstance(entry, Rules):
+        karts, heats = entry.setup.karts, entry.setup.heats
+        texts = [name for heat in heats for name in (heat.name, heat.grid_from)]
+        texts += [
+            name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)
+        ]
+        # There is no kart 0.
+        numbers = [number - 1 for heat in heats for number in heat.karts]
+        numbers += [kart.number - 1 for kart in karts]
+    ''.join(texts).encode()
+    if not all(0 <= number < _MOST for number in numbers):
+        raise ValueError('a number is out of range')
+
+
 # ----- the log, in blocks ---------------------------------------------------------------------
+
+
+class Batch(NamedTuple):
+    """
+    Entries that follow each other in a log.
+
+    :param first: how many came before them.
+    :param entries: None is in the place of an event that is in `happened`.
+    :param happened: these events, packed as the ROS half gets them: so they are packed once.
+    """
+
+    first: int
+    entries: Sequence[Entry | None]
+    happened: bytes = b''
 
 
 class Block(NamedTuple):
     """
-    A part of a log.
+    A part of a stream.
 
     :param entries: how many entries came before it.
     :param data: those that it has, encoded.
@@ -403,7 +454,7 @@ class Block(NamedTuple):
         try:
             entries, _, lines = zlib.decompress(data).partition(b'\n')
             return Block(int(entries), lines)
-        except (zlib.error, ValueError) as error:
+        except (zlib.error, ValueError, TypeError) as error:
             raise InputsError(f'it cannot be read: {error}') from error
 
 
@@ -422,41 +473,56 @@ def joined(blocks: Iterable[Block]) -> Iterator[Block]:
 
 
 class Log:
-    """Everything that went into the rules of one race, and the marks between."""
+    """Everything that goes into the rules of one race and comes out of them."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
-        self._new: list[Entry] = []
+        self._new: list[Entry | None] = []
         self._taken = 0
 
-    def add(self, entry: Entry) -> None:
-        """Take an input, before it goes into the rules, or a mark."""
-        self._new.append(entry)
+    def add(self, *entries: Entry | None) -> None:
+        """
+        Take entries: an input before it goes into the rules, then what it brings about.
 
-    def take(self) -> Block:
-        """Return what was added since this was asked last; perhaps nothing."""
-        block = Block(self._taken, b''.join(map(encode, self._new)))
-        self._taken += len(self._new)
-        self._new.clear()
-        return block
+        :param entries: None: an event, which whoever takes the batch adds.
+        """
+        self._new += entries
+
+    def take(self, but: int = 0) -> Batch:
+        """Return what was added since this was asked last, but for so many; perhaps nothing."""
+        count = len(self._new) - but
+        batch = Batch(self._taken, self._new[:count])
+        self._taken += count
+        self._new = self._new[count:]
+        return batch
 
 
-def entries_of(blocks: Iterable[tuple[int, bytes]]) -> Iterator[Entry]:
+def entries_of(
+    blocks: Iterable[tuple[int, bytes]], events_only: bool = False
+) -> Iterator[Entry | Gap]:
     """
-    Yield the entries of a run.
+    Yield the entries of a stream, and where some are missing.
 
     :param blocks: each block with its number, in order and compressed.
-    :raises GapError: where entries are missing.
-    :raises InputsError: where a block is damaged.
+    :param events_only: leave out all entries but events.
     """
-    entries = 0
+    expected = 0
+    why, damaged = '', False
     for number, data in blocks:
         try:
             block = Block.of(data)
-            if block.entries == entries:
-                yield from decode(block.data)
+            entries = list(decode(block.data, events_only))
         except InputsError as error:
-            raise InputsError(f'block {number} of the inputs is damaged: {error}') from error
-        if block.entries != entries:
-            raise GapError('inputs are missing')
-        entries += block.length
+            why, damaged = why or f'block {number} is damaged: {error}', True
+            continue
+        if block.entries < expected:
+            why, damaged = f'block {number} is not in its place', True
+            continue
+        if why or block.entries > expected:
+            lost = 'the disk took none, or they were removed'
+            yield Gap(block.entries - expected, why or lost, damaged)
+            why, damaged = '', False
+        yield from entries
+        expected = block.entries + block.length
+    if why:
+        yield Gap(0, why, damaged)

@@ -25,7 +25,7 @@ import sys
 from evgp_protocol import clock
 from evgp_rcs import priority, run_mark
 from evgp_rcs.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
-from evgp_rcs.inputs import Entrant, Recovered, Setup
+from evgp_rcs.inputs import Entrant, Recovered, Rules, Setup
 from evgp_rcs.kart_server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.race import LastRun
 from evgp_rcs.record import RecordError, rules_version
@@ -63,7 +63,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     loop = asyncio.get_running_loop()
     setup = setup_of(begin, loop.time())
     record.attach(loop)
-    record.begin(rules_version(), setup)
+    record.begin(Rules(rules_version(), setup))
     race = setup.race()
     server = KartServer(
         race,

@@ -473,7 +473,7 @@ class KartServer:
             waiting, self._starting = self._starting, None
         if outcome.answer is not None and waiting is not None:
             waiting.answered(outcome.answer)
-        self._tell_of_rules(outcome.events, given.at)
+        self._tell_of_rules(outcome.events, given.at, 1 + bool(outcome.orders))
         if of_start:
             self._remember(self.now())
         if outcome.start is not None:
@@ -495,17 +495,16 @@ class KartServer:
         if outcome.orders:
             self._log.add(inputs.Ordered(outcome.orders))
 
-    def _tell_of_rules(self, events: tuple[Event, ...], at: float) -> None:
+    def _tell_of_rules(self, events: tuple[Event, ...], at: float, entries: int = 1) -> None:
         """
         Tell what the last input has made happen.
 
+        :param entries: how many entries of the log are of this input.
         :param at: the time of this input, which is theirs too: so a replay can compare it.
         """
         told = [each for each in events if not each.chatter or self._may_tell(each, at)]
         if told:
-            stamped = self._stamped(told, at)
-            self._log.add(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
-            self._gather(stamped)
+            self._gather(self._stamped(told, at), entries)
 
     def _may_tell(self, event: Event, at: float) -> bool:
         """Return whether a kart, or the timing line, may cause one more event."""
@@ -520,25 +519,32 @@ class KartServer:
         wall = time.time_ns() - round((self.now() - at) * 1e9)
         return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
 
-    def _gather(self, stamped: list[StampedEvent]) -> None:
+    def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
+        """
+        Gather events.
+
+        :param of_stamped: how many of the last entries of the log brought them about: what an
+            input has made stays with it.
+        """
         if len(self._gathered) >= MOST_GATHERED:
-            self._hand_on()
+            self._hand_on(of_stamped)
+        self._log.add(*[None] * len(stamped))
         if not self._gathered:
             assert self._loop is not None
             self._loop.call_later(GATHER, self._hand_on)
         self._gathered += stamped
         self._ask_to_show()
 
-    def _hand_on(self) -> None:
-        """Hand on what was gathered, and what went into the rules, up to now."""
+    def _hand_on(self, but: int = 0) -> None:
+        """Hand on what was gathered, and the stream up to now, but for so many entries."""
         gathered, self._gathered = self._gathered, []
-        log = self._log.take()
-        if log.data or gathered:
-            happened = pack(Happened(gathered)) if gathered else b''
-            self._ros_half.send(happened)
-            self._record.put(len(gathered), happened, log)
-            if self._ros_half.unsent > TO_ROS_HALF_BYTES:
-                self._ros_half.lose('it takes nothing any more')
+        happened = pack(Happened(gathered)) if gathered else b''
+        self._ros_half.send(happened)
+        batch = self._log.take(but)
+        if batch.entries:
+            self._record.put(batch._replace(happened=happened))
+        if self._ros_half.unsent > TO_ROS_HALF_BYTES:
+            self._ros_half.lose('it takes nothing any more')
 
     def _ask_to_show(self) -> None:
         if not self._showing:

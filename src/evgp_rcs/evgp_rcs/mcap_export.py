@@ -14,20 +14,18 @@ import pathlib
 import sys
 from typing import Any
 
-from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Shown
+from evgp_rcs.inputs import Gap, Shown
 from evgp_rcs.plain import plain
-from evgp_rcs.race import StampedEvent
-from evgp_rcs.replay import Kept
+from evgp_rcs.replay import Replay
 from evgp_rcs.runs import (
     add_run_arguments,
     CALLED,
     FAILED,
+    Kept,
     open_runs,
     PARTLY,
     say,
     UNREADABLE,
-    UnreadableError,
-    watched,
 )
 from evgp_rcs.snapshot import Snapshot, snapshot_of
 
@@ -73,7 +71,7 @@ def main(arguments: Sequence[str]) -> int:
         )
         return UNREADABLE
     with open_runs(wanted.file) as runs:
-        bagged = _Bagged(Kept.read(runs, runs.choose(wanted.run)))
+        bagged = _Bagged(runs.read(runs.choose(wanted.run)))
     try:
         written = write_bag(wanted.out, bagged.messages())
     except OSError as error:
@@ -81,8 +79,9 @@ def main(arguments: Sequence[str]) -> int:
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
     if bagged.lacks:
-        print(plain(bagged.lacks))
-    return PARTLY if bagged.is_cut else runs.code
+        print(plain(f'The bag has the race up to there only, and then events: {bagged.lacks}.'))
+        return PARTLY
+    return runs.code
 
 
 Message = tuple[str, int, Any]
@@ -98,10 +97,19 @@ class _Bagged:
     """
 
     def __init__(self, kept: Kept) -> None:
-        self._kept = kept
-        self._clocks = [event.monotonic for event in kept.happened]
-        self.is_cut = False
-        self.lacks = '' if kept.setup is not None else f'The bag has events only: {kept.lacks}.'
+        self._happened = [each for each in kept.events() if not isinstance(each, Gap)]
+        self._clocks = [event.monotonic for event in self._happened]
+        self._replay = Replay(kept)
+
+    @property
+    def lacks(self) -> str:
+        """Return why the bag lacks the race from some time on; empty: it does not."""
+        difference = self._replay.difference
+        if difference is not None:
+            return f'{difference.what} differs, which {CALLED} replay explains'
+        if self._replay.rules is None:
+            return 'the record does not have with what the rules began'
+        return self._replay.missing
 
     def messages(self) -> Iterator[Message]:
         """Yield the messages in order; what they lack is known then."""
@@ -109,20 +117,18 @@ class _Bagged:
         return heapq.merge(*both, key=lambda message: message[1])
 
     def _in_bag(self, at: float) -> int:
-        return self._kept.happened[0].wall_ns + round((at - self._clocks[0]) * NS)
+        return self._happened[0].wall_ns + round((at - self._clocks[0]) * NS)
 
     def _wall_ns(self, at: float) -> int:
         """Return the wall time by the last event before: the clock may have been set meanwhile."""
         place = max(0, bisect.bisect(self._clocks, at) - 1)
-        return self._kept.happened[place].wall_ns + round((at - self._clocks[place]) * NS)
+        return self._happened[place].wall_ns + round((at - self._clocks[place]) * NS)
 
     def _events(self) -> Iterator[Message]:
         from evgp_rcs.messages import events_message
 
-        happened = self._kept.happened
-        for each in watched(happened, len(happened), 'Writing the bag'):
-            stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, each.event())
-            yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([stamped])
+        for each in self._happened:
+            yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([each])
 
     def _races(self) -> Iterator[Message]:
         """Yield the race as often as it was published, and diagnostics."""
@@ -139,23 +145,7 @@ class _Bagged:
                 yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE)
 
     def _shown(self) -> Iterator[Snapshot]:
-        """Yield every snapshot that the ROS half was sent, up to the first gap or damage."""
-        if self._kept.setup is None or not self._kept.happened:
-            return
-        race, at = self._kept.setup.race(), self._kept.setup.now
-        try:
-            for entry in entries_of(self._kept.blocks):
-                if isinstance(entry, Shown):
-                    yield snapshot_of(race, entry.at)
-                elif isinstance(entry, Input):
-                    at = entry.at
-                    feed(entry, race)
-        except InputsError as error:
-            after = f'{at - self._kept.setup.now:.1f} s after the run began'
-            self.is_cut = True
-            self.lacks = f'The bag has events only from {after} on: {error}.'
-        except Exception as error:
-            raise UnreadableError(
-                f'the rules do not take the inputs of run {self._kept.run.number} ({error!r}): '
-                f'the record is damaged or was changed. {CALLED} replay says where'
-            ) from error
+        """Yield every snapshot that the ROS half was sent, as far as the rules can follow."""
+        for step in self._replay.steps() if self._happened else ():
+            if isinstance(step.entry, Shown) and step.race is not None:
+                yield snapshot_of(step.race, step.entry.at)

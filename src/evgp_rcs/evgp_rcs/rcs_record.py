@@ -38,6 +38,7 @@ still writing is read up to now. Each subcommand has its own options: 'rcs_recor
 examples:
   rcs_record --list                             the runs in the record
   rcs_record --run 3 --kart 7                   what happened to kart 7 in run 3
+  rcs_record --run 3 --stream                   every entry of run 3, as it is recorded
   rcs_record results -o results.csv             the results, for a spreadsheet
   rcs_record laps --json -o laps.json           laps, times, places, penalties
   rcs_record report -o report.html              the report, for a jury

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The record: every event of race control, and what a race must find again after a crash (§3.E).
+The record: the stream of each run (``inputs``), and what a race must find again after a crash.
 
-It is written in a process of its own (``record_process``). Each batch of events is one
-transaction of SQLite, together with what the race must remember, so that after a crash of the
-process or of the machine both are there up to the same event, or neither is.
-
-The same transaction has what went into the rules up to these events (``inputs``), so that a run
-can be replayed up to its last event. Inputs without events are written every `INPUTS_EVERY`
-seconds. When the disk does not take it, everything waits here and is tried again.
+It is written in a process of its own (``record_process``), in blocks. Each batch is one
+transaction of SQLite, together with what the race must remember (§3.E), so that after a crash of
+the process or of the machine both are there up to the same event, or neither is. Entries without
+an event are written every `INPUTS_EVERY` seconds. When the disk does not take it, everything waits
+here and is tried again.
 
 What the next run finds is `left_behind`: what this record knows of the last run, or nothing. How
 that ended, no record can say: the mark of the machine does (``run_mark``). What a GREEN_GREEN
@@ -20,70 +18,62 @@ in the file itself and not only in SQLite's ``-wal`` beside it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 import contextlib
 import dataclasses
-import enum
 import fcntl
 import hashlib
+import itertools
 import math
 import pathlib
+import secrets
 import sqlite3
 import time
-from typing import Any, IO
+from typing import IO
 
 from evgp_protocol import clock, states
 from evgp_rcs import catalogue, laps, race
-from evgp_rcs.encoding import DAMAGED, read, reader, written
+from evgp_rcs.encoding import read, written
 from evgp_rcs.folder import rcs_folder
-from evgp_rcs.inputs import Block, joined, Setup
-from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.inputs import (
+    Batch,
+    Began,
+    Block,
+    encode,
+    entries_of,
+    Entry,
+    Gap,
+    joined,
+    Rules,
+)
+from evgp_rcs.race import EventKind, RaceMemory, StampedEvent
 from evgp_rcs.run_mark import claim
 
-SCHEMA_VERSION = 8
+SCHEMA_VERSION = 9
+
+PROGRAM = 'race control'
+"""Who writes these streams; another program may write its own beside them (``inputs.Began``)."""
 
 INPUTS_EVERY = 1.0
-"""Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
+"""Maximum time that entries without an event wait for others, in seconds. A disk that must confirm
 every write has little to do then."""
+
+LAST_WORDS = 10.0
+"""Maximum time from the event that says that a run ends to the last event, in seconds."""
 
 RETRY = 1.0
 """Time after a failure until the next try, in seconds."""
 
 _SCHEMA = """
-CREATE TABLE session ( -- one run of race control
-    id INTEGER PRIMARY KEY,
-    began_ns INTEGER NOT NULL, -- wall time, ns since the epoch
-    rules TEXT, -- their version: rules_version(); null: not recorded
-    setup TEXT, -- with what the rules began: inputs.Setup, as encoding writes it
-    memory TEXT -- what the next run must know: RaceMemory, likewise; null: nothing
+CREATE TABLE block ( -- the streams of all runs
+    run INTEGER NOT NULL, -- counts the streams of this file from 1
+    number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
+    data BLOB NOT NULL, -- inputs.Block
+    PRIMARY KEY (run, number)
 );
-CREATE TABLE event (
-    session INTEGER NOT NULL REFERENCES session,
-    sequence INTEGER NOT NULL, -- counts the events of a run from 1, without a gap
-    wall_ns INTEGER NOT NULL, -- wall time, ns since the epoch
-    monotonic REAL NOT NULL, -- the clock of the rules, s
-    kind TEXT NOT NULL, -- a name of EventKind
-    kart INTEGER NOT NULL, -- the number of the kart; 0: none
-    command TEXT, -- the command, or that which caused it: a CommandKind
-    success INTEGER NOT NULL, -- of a command, whether it was accepted
-    state TEXT, -- a name of RaceState
-    text TEXT NOT NULL, -- one sentence for the official
-    official TEXT NOT NULL, -- who gave the command, by their own word; empty: unnamed
-    alert TEXT, -- of an alert, a name of AlertKind
-    hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
-    race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
-    heat TEXT NOT NULL, -- the heat in the race; empty: none
-    after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel,
-        -- of LAP, its time, s
-    grade TEXT, -- of LINK_GRADE, a name of Grade
-    lap INTEGER NOT NULL, -- of LAP, the number of the lap; else 0
-    PRIMARY KEY (session, sequence)
-) WITHOUT ROWID;
-CREATE TABLE input (
-    session INTEGER NOT NULL REFERENCES session,
-    block INTEGER NOT NULL, -- counts the blocks of a run from 1, without a gap
-    data BLOB NOT NULL, -- what went into the rules, in order: inputs.Block
-    PRIMARY KEY (session, block)
+CREATE TABLE memory ( -- what the next run must know; the last one only: laps make it long
+    run INTEGER PRIMARY KEY,
+    data TEXT NOT NULL -- RaceMemory, as encoding writes it
 );
 """
 
@@ -103,12 +93,17 @@ class Session:
 
     :param ended_ns: the wall time of the event that says that it ended in good order; None: there
         is none.
+    :param events: the number of its last event.
+    :param last_ns: the wall time of that.
+    :param id: the run's id, see ``inputs.Began``; empty: that cannot be read.
     """
 
     number: int
     began_ns: int
     ended_ns: int | None
     events: int
+    last_ns: int
+    id: str  # noqa: A003 - the field's name
 
 
 def rules_version() -> str:
@@ -148,19 +143,19 @@ class Record:
     def __init__(self, path: pathlib.Path) -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
-        self._events: list[StampedEvent] = []
-        self._inputs: list[Block] = []
-        self._inputs_since = 0.0
+        self._waiting: list[Block] = []
+        self._since = 0.0  # when the first of them came
+        self._urgent = False  # they have an event
+        self._own = 1  # entries before those of the log: Began
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
-        self._rules: tuple[str, Setup] | None = None
         self._memory: RaceMemory | None = None  # to be written
         self._remembered: RaceMemory | None = None
         self._remembered_at = -math.inf
         self._surely = False  # the memory must be in the file itself
         self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
-        self._session = 0
+        self._run = 0
         self._claimed: IO[bytes] | None = None
         self.error = ''
         """Why the last try to write failed, in a phrase; empty: it did not."""
@@ -174,21 +169,25 @@ class Record:
 
     # ----- what is to be written; none of these waits -------------------------------------
 
-    def begin(self, rules: str, setup: Setup) -> None:
-        """Take with what the rules begin, and their version."""
-        self._rules = rules, setup
+    def begin(self, rules: Rules) -> None:
+        """Take with what the rules begin."""
+        self._add(rules)
 
-    def put(self, events: Sequence[StampedEvent], inputs: Block | None = None) -> None:
-        """
-        Take events.
+    def put(self, batch: Batch) -> None:
+        """Take what follows in the stream."""
+        entries = [entry for entry in batch.entries if entry is not None]
+        if entries:
+            if not self._waiting:
+                self._since = clock.now()
+            block = Block(self._own + batch.first, b''.join(map(encode, entries)))
+            self._waiting.append(block)
+            self._urgent |= any(isinstance(entry, StampedEvent) for entry in entries)
 
-        :param inputs: what went into the rules up to these events, and was not handed over yet.
-        """
-        self._events += events
-        if inputs is not None and inputs.data:
-            if not self._inputs:
-                self._inputs_since = clock.now()
-            self._inputs.append(inputs)
+    def _add(self, entry: Entry) -> None:
+        """Take an entry that stands before those of the log."""
+        self._waiting.append(Block(self._own, encode(entry)))
+        self._own += 1
+        self._urgent = True
 
     def remember(self, memory: RaceMemory, at: float, surely: bool = False) -> None:
         """
@@ -208,9 +207,9 @@ class Record:
         now = clock.now()
         if self.error:
             return max(0.0, self._failed_at + RETRY - now)
-        if self._events or self._memory or self._surely or self._rules:
+        if self._urgent or self._memory or self._surely:
             return 0.0
-        return max(0.0, self._inputs_since + INPUTS_EVERY - now) if self._inputs else None
+        return max(0.0, self._since + INPUTS_EVERY - now) if self._waiting else None
 
     # ----- writing ------------------------------------------------------------------------
 
@@ -282,58 +281,45 @@ class Record:
         database.execute('PRAGMA journal_mode = WAL')
         # A race control that loses its power has lost nothing that it wrote.
         database.execute('PRAGMA synchronous = FULL')
-        begins = not self._session
+        begins = not self._run
+        left_behind = None
         with _transaction(database):
             if not tables:
                 for statement in _SCHEMA.split(';\n'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            left_behind = _left_behind(database) if begins else None
             if begins:
-                cursor = database.execute(
-                    'INSERT INTO session (began_ns) VALUES (?)', (time.time_ns(),)
-                )
-                assert cursor.lastrowid is not None
-                self._session = cursor.lastrowid
+                left_behind = _left_behind(database)
+                (last,) = database.execute('SELECT max(run) FROM block').fetchone()
+                began = Began(secrets.token_hex(8), PROGRAM, time.time_ns())
+                first = Block(0, encode(began)).compressed()
+                run = (last or 0) + 1
+                database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
         if begins:
+            self._run, self._blocks_written = run, 1
             _checkpoint(database)
         return left_behind
 
     def _write(self) -> None:
         assert self._database is not None
-        rows = [(self._session, *_row(stamped)) for stamped in self._events]
-        self._blocks += [block.compressed() for block in joined(self._inputs)]
-        self._inputs.clear()
+        self._blocks += [block.compressed() for block in joined(self._waiting)]
+        self._waiting.clear()
         blocks = [
-            (self._session, number, block)
+            (self._run, number, block)
             for number, block in enumerate(self._blocks, self._blocks_written + 1)
         ]
         with _transaction(self._database):
-            places = ', '.join('?' * (1 + len(_COLUMNS)))
-            insert = f'INSERT INTO event VALUES ({places})'  # noqa: S608 - our own names
-            self._database.executemany(insert, rows)
-            self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
-            if self._rules is not None:
-                rules, setup = self._rules
-                self._set('rules', rules)
-                self._set('setup', written(setup))
+            self._database.executemany('INSERT INTO block VALUES (?, ?, ?)', blocks)
             if self._memory is not None:
-                self._set('memory', written(self._memory))
-        self._events.clear()
-        self._rules = None
+                row = self._run, written(self._memory)
+                self._database.execute('INSERT OR REPLACE INTO memory VALUES (?, ?)', row)
+        self._urgent = False
         self._blocks_written += len(blocks)
         self._blocks.clear()
         self._remembered, self._memory = self._memory or self._remembered, None
         if self._surely:
             _checkpoint(self._database)
             self._surely = False
-
-    def _set(self, column: str, value: object) -> None:
-        assert self._database is not None
-        self._database.execute(
-            f'UPDATE session SET {column} = ? WHERE id = ?',  # noqa: S608 - our own names
-            (value, self._session),
-        )
 
     def _release(self) -> None:
         if self._database is not None:
@@ -374,18 +360,6 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def _row(stamped: StampedEvent) -> tuple[Any, ...]:
-    """Return the columns of an event, after the session; the fields of a ``RecordedEvent``."""
-    event = (getattr(stamped.event, name) for name in _COLUMNS[3:])
-    return (*stamped[:3], *map(_column, event))
-
-
-def _column(value: object) -> object:
-    if isinstance(value, str):
-        return value.replace('\0', '\ufffd')  # a NUL says that a file was cut off within it
-    return value.name if isinstance(value, enum.Enum) else value
-
-
 RESULTS_LAST_NS = 3 * 86_400 * 10**9
 """Time from the last event of a run after which the next one knows its results no more: they are
 of another event, whose heats may have the same names. Nanoseconds."""
@@ -393,67 +367,22 @@ of another event, whose heats may have the same names. Nanoseconds."""
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
-    last = (
-        'SELECT max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0)), memory '
-        'FROM session ORDER BY id DESC LIMIT 1'
-    )
-    newest_ns, memory = database.execute(last).fetchone() or (0, None)
-    if memory is None:
-        return None  # there is no run, or the last one wrote nothing
+    last = next(newest_first(database), None)
+    if last is None:
+        return None  # there is no run
+    found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
+    if found is None:
+        return None  # it wrote nothing
     try:
-        known = read(RaceMemory, memory)
+        known = read(RaceMemory, found[0])
     except ValueError:
         return None  # damaged
-    if time.time_ns() - newest_ns > RESULTS_LAST_NS:
+    if time.time_ns() - max(last.began_ns, last.last_ns) > RESULTS_LAST_NS:
         known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
     return known
 
 
 # ----- to read a record -----------------------------------------------------------------------
-
-
-@dataclasses.dataclass(frozen=True)
-class RecordedEvent:
-    """An event as it stands in the record; the names are those of ``Event`` and its enums."""
-
-    sequence: int
-    wall_ns: int
-    monotonic: float
-    kind: str
-    kart: int
-    command: str | None
-    success: bool
-    state: str | None
-    text: str
-    official: str
-    alert: str | None = None
-    hold: str | None = None
-    race: int = 0
-    heat: str = ''
-    after: float = 0.0
-    grade: str | None = None
-    lap: int = 0
-
-    @staticmethod
-    def of(stamped: StampedEvent) -> RecordedEvent:
-        """Return an event as it will be read from a record."""
-        return RecordedEvent(*_row(stamped))
-
-    def event(self) -> Event:
-        """
-        Return it as the rules made it.
-
-        :raises KeyError: if there is no such kind, command, state, alert or hold.
-        """
-        event: Event = _event([getattr(self, name, False) for name in Event._fields])
-        return event
-
-
-_COLUMNS = tuple(field.name for field in dataclasses.fields(RecordedEvent))
-"""The columns of an event, after the session."""
-
-_recorded = reader(RecordedEvent)
-_event = reader(Event)
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -485,17 +414,17 @@ def is_being_written(path: pathlib.Path) -> bool:
     return False
 
 
-def inputs_of(
-    database: sqlite3.Connection, session: int, after: int = 0, backwards: bool = False
+def blocks_of(
+    database: sqlite3.Connection, run: int, backwards: bool = False
 ) -> Iterator[tuple[int, bytes]]:
     """
-    Yield what went into the rules in one run, in blocks, each with its number and compressed.
+    Yield the stream of a run, in blocks, each with its number and compressed.
 
-    :param after: only those with a higher number.
-    :param backwards: the last one first.
+    :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    query = 'SELECT block, data FROM input WHERE session = ? AND block > ? ORDER BY block'
-    yield from database.execute(f'{query} DESC' if backwards else query, (session, after))
+    order = 'DESC' if backwards else 'ASC'
+    query = f'SELECT number, data FROM block WHERE run = ? ORDER BY number {order}'  # noqa: S608
+    yield from database.execute(query, (run,))
 
 
 def sessions(database: sqlite3.Connection) -> list[Session]:
@@ -504,42 +433,50 @@ def sessions(database: sqlite3.Connection) -> list[Session]:
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    rows = database.execute(
-        'SELECT id, began_ns, max(CASE WHEN kind = ? AND success = 1 THEN wall_ns END), '
-        'count(sequence) FROM session LEFT JOIN event ON event.session = session.id '
-        'GROUP BY id ORDER BY id',
-        (EventKind.ENDED.name,),
-    )
-    found = [Session(*row) for row in rows]
-    for run in found:
-        if not (isinstance(run.began_ns, int) and isinstance(run.ended_ns, int | None)):
-            raise sqlite3.DatabaseError(f'run {run.number} is damaged')
-    return found
+    return list(newest_first(database))[::-1]
 
 
-def events(
-    database: sqlite3.Connection, session: int, after: int = 0, backwards: bool = False
-) -> Iterator[RecordedEvent]:
+def newest_first(database: sqlite3.Connection) -> Iterator[Session]:
     """
-    Yield the events of one run, in order.
+    Yield the runs of race control in a record, newest first.
 
-    :param after: only those with a higher number.
-    :param backwards: the last one first.
-    :raises sqlite3.DatabaseError: where the record is damaged.
+    :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    query = 'SELECT * FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
-    rows = database.execute(f'{query} DESC' if backwards else query, (session, after))
-    for _, *row in rows:
-        try:
-            event: RecordedEvent = _recorded(row)
-            event.event()
-            # For what is missing at the end of a file, SQLite has zeros.
-            if any('\0' in value for value in row if isinstance(value, str)):
-                raise ValueError('a text was cut off')
-            if event.kart >= 2**32:
-                raise ValueError(f'there is no kart {event.kart}')
-        except DAMAGED as error:
-            raise sqlite3.DatabaseError(
-                f'event {row[0]!r} of run {session} is damaged: {error}'
-            ) from error
-        yield event
+    query = 'SELECT DISTINCT run FROM block ORDER BY run DESC'
+    for (number,) in database.execute(query).fetchall():
+        run = _session(database, number)
+        if run is not None:
+            yield run
+
+
+def _session(database: sqlite3.Connection, number: int) -> Session | None:
+    """Return a run; None: another program wrote it."""
+    first = next(entries_of(itertools.islice(blocks_of(database, number), 1)), None)
+    began = first if isinstance(first, Began) else Began('', PROGRAM, 0)
+    if began.program != PROGRAM:
+        return None
+    happened: list[StampedEvent] = []  # the newest ones
+    for block in blocks_of(database, number, backwards=True):
+        happened[:0] = [each for each in _alone(block) if isinstance(each, StampedEvent)]
+        if happened and happened[-1].monotonic - happened[0].monotonic > LAST_WORDS:
+            break
+    ends = (each for each in happened if each.event.kind is EventKind.ENDED)
+    ended_ns = next((each.wall_ns for each in ends if each.event.success), None)
+    events, last_ns = (happened[-1].sequence, happened[-1].wall_ns) if happened else (0, 0)
+    return Session(number, began.wall_ns or last_ns, ended_ns, events, last_ns, began.run)
+
+
+def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
+    """Yield the events of a block, whatever came before it."""
+    return entries_of([block], events_only=True)
+
+
+def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
+    """
+    Yield the events of one run that can be read, in order.
+
+    :raises sqlite3.DatabaseError: if the record is damaged.
+    """
+    for entry in entries_of(blocks_of(database, run), events_only=True):
+        if isinstance(entry, StampedEvent):
+            yield entry

@@ -30,7 +30,6 @@ import traceback
 from typing import NamedTuple
 
 from evgp_rcs.channel import (
-    Batch,
     Ended,
     LocalEnd,
     Opened,
@@ -38,17 +37,16 @@ from evgp_rcs.channel import (
     PAIR_BYTES,
     Refused,
     Remember,
-    Rules,
     Unpacker,
     Written,
 )
-from evgp_rcs.inputs import Block, Setup
+from evgp_rcs.inputs import Batch, Rules
 from evgp_rcs.race import LastRun, RaceMemory
 from evgp_rcs.record import Record, RecordError
 from evgp_rcs.run_mark import InUseError, RunMark
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
-"""Maximum backlog of events and inputs that are not on the disk; what comes beyond it is lost.
+"""Maximum backlog of the stream that is not on the disk; what comes beyond it is lost.
 Enough for an hour of racing with 20 karts. In bytes."""
 
 SLOW = 2.0
@@ -114,18 +112,15 @@ class RecordProcess:
         """Read the process's messages in this loop."""
         self._end.attach(loop, self.look)
 
-    def begin(self, rules: str, setup: Setup) -> None:
-        """Record the version of the rules, and what they begin with."""
-        self._end.send(pack(Rules(rules, setup)))
+    def begin(self, rules: Rules) -> None:
+        """Record with what the rules begin."""
+        self._end.send(pack(rules))
 
-    def put(self, events: int, happened: bytes, inputs: Block) -> None:
-        """
-        Record events, and the inputs of the rules up to them.
-
-        :param events: the number of events.
-        :param happened: a packed ``Happened``; empty if there are no events.
-        """
-        size = len(happened) + len(inputs.data)
+    def put(self, batch: Batch) -> None:
+        """Record what follows in the stream."""
+        data = pack(batch)
+        size = len(data)
+        events = batch.entries.count(None)
         if self._end.gone or self._bytes + size > MOST_UNWRITTEN_BYTES:
             self._lost += events
             self._full = True
@@ -135,7 +130,7 @@ class RecordProcess:
         self._unwritten.append((events, size))
         self._events += events
         self._bytes += size
-        self._end.send(pack(Batch(happened, inputs)))
+        self._end.send(data)
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         """Save this for the next run; see ``Record.remember``."""
@@ -248,6 +243,14 @@ def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
         os._exit(code)
 
 
+def _whole(batch: Batch) -> Batch:
+    """Return a batch with its events in their places."""
+    happened = Unpacker().feed(batch.happened)
+    told = iter([event for each in happened for event in each.events])
+    entries = [next(told) if entry is None else entry for entry in batch.entries]
+    return Batch(batch.first, entries)
+
+
 def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> None:
     try:
         mark = RunMark(mark_path)
@@ -279,15 +282,12 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> N
             for message in unpacker.feed(data):
                 if isinstance(message, Batch):
                     batches += 1
-                    happened = list(Unpacker().feed(message.happened))
-                    record.put(
-                        [event for each in happened for event in each.events], message.inputs
-                    )
+                    record.put(_whole(message))
                 elif isinstance(message, Remember):
                     record.remember(message.memory, message.at, bool(message.confirm))
                     confirm += [message.confirm] if message.confirm else []
                 elif isinstance(message, Rules):
-                    record.begin(message.version, message.setup)
+                    record.begin(message)
                 else:
                     assert isinstance(message, Ended)
                     record.end()

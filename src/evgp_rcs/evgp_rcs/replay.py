@@ -2,46 +2,49 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Runs the rules again on what went into them, and compares what comes out with the record.
+Runs the rules again on the inputs of a stream, and compares what comes out with the stream.
 
 With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
-nor its time. What differs first is named.
+nor its time. What differs first is named. Whoever wants to know what happened in a run goes
+through `Replay.steps` and looks at the race: there is no other account of it.
 
 An event has the time of the input that made it, to the last bit. No input gives the wall times,
-and none makes the events `OF_THE_SERVER`: of these, only the order can be checked. So a step of
-the wall clock is told; whether somebody set the clock or changed the record, nothing here can say.
+and none makes the events `OF_THE_SERVER`: of these, only number and order can be checked. So a
+step of the wall clock is told; whether somebody set the clock or changed the record, nothing here
+can say.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-import contextlib
-import dataclasses
-from dataclasses import dataclass
-import itertools
+from itertools import pairwise, zip_longest
 from typing import NamedTuple
 
 from evgp_rcs import inputs
-from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
+from evgp_rcs.inputs import Began, Entry, Gap, Input, Ordered, Rules, Shown
 from evgp_rcs.plain import plain
-from evgp_rcs.race import EventKind, Order, StampedEvent
-from evgp_rcs.record import RecordedEvent, rules_version, Session
-from evgp_rcs.report.model import Account, clock_steps, OF_THE_SERVER, read
+from evgp_rcs.race import Event, EventKind, Order, Outcome, Race, StampedEvent
+from evgp_rcs.record import rules_version
 from evgp_rcs.runs import (
     add_run_arguments,
     CALLED,
     DONE,
     FAILED,
+    Kept,
     open_runs,
     PARTLY,
-    Runs,
     UnreadableError,
-    watched,
 )
+
+OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})
+"""Events that no input of the rules makes."""
 
 LONGEST = 400
 """Maximum length of a value in words, in characters."""
+
+MOST_CLOCK_STEP = 0.1
+"""Maximum difference of the two clocks between two events that goes for none, in seconds."""
 
 
 class Difference(NamedTuple):
@@ -69,21 +72,62 @@ class Difference(NamedTuple):
         )
 
 
-@dataclass
-class Replayed:
+class ClockStep(NamedTuple):
     """
-    What a replay has compared.
+    The wall time goes on by so many seconds more, since the event before, than time did.
 
-    :param seconds: up to when, since the run began.
-    :param missing: why it could not go on to the end, as a sentence; empty: it could.
+    Somebody set the computer's clock, or changed the record: no rule can tell.
     """
 
-    inputs: int = 0
-    orders: int = 0
-    events: int = 0
-    seconds: float = 0.0
-    difference: Difference | None = None
-    missing: str = ''
+    event: StampedEvent
+    by: float
+
+
+class Step(NamedTuple):
+    """
+    An entry of a stream, and what it brought about.
+
+    :param entry: an input, an event that no input made, where the race was shown, or a gap.
+    :param race: the race after it; None: from here on nothing is known but what the stream says.
+    :param outcome: what the rules made of an input.
+    :param events: those of the stream that it made, or that it is.
+    """
+
+    entry: Input | StampedEvent | Shown | Gap
+    race: Race | None
+    outcome: Outcome | None = None
+    events: tuple[StampedEvent, ...] = ()
+
+
+class _EndError(Exception):
+    """What follows cannot be compared."""
+
+
+class Replay:
+    """
+    One run of the rules on a stream; `steps` fills in what it has found.
+
+    :ivar rules: with what the rules began; None: that is not there.
+    :ivar seconds: up to when it was compared, since the run began.
+    :ivar missing: why it could not go on to the end, as a clause; empty: it could.
+    """
+
+    def __init__(self, kept: Kept) -> None:
+        """Begin as the race did."""
+        self.kept = kept
+        self.rules: Rules | None = None
+        self.inputs = self.orders = self.events = 0
+        self.seconds = 0.0
+        self.difference: Difference | None = None
+        self.missing = ''
+        self._race: Race | None = None
+        # Of the last input: what it was, and what it made that was not compared yet.
+        self._given: Input | None = None
+        self._outcome: Outcome | None = None
+        self._orders: Sequence[Order] = ()
+        self._made: list[Event] = []
+        self._told: list[StampedEvent] = []
+        self._last: StampedEvent | None = None
 
     def __str__(self) -> str:
         """Return the counts."""
@@ -92,151 +136,148 @@ class Replayed:
             f'{self.events} events compared'
         )
 
+    def run(self) -> Replay:
+        """Compare up to the first difference or gap."""
+        for _ in self.steps():
+            if self.difference is not None or self.missing:
+                break
+        return self
 
-class _EndError(Exception):
-    """The replay ends here: something differs, or an event cannot be read."""
-
-
-class Replay:
-    """
-    One run of the rules on recorded inputs.
-
-    :param setup: with what the rules began.
-    :param blocks: what went into them, each block with its number and compressed.
-    :param happened: the events of the record.
-    :param goes_on: the record is being written, and may have newer events than inputs.
-    :param damaged: the record is damaged: an event that is missing could not be read.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        blocks: Sequence[tuple[int, bytes]],
-        happened: Sequence[RecordedEvent],
-        goes_on: bool = False,
-        damaged: bool = False,
-    ) -> None:
-        """Begin as the race did."""
-        self._race = setup.race()
-        self._began = setup.now
-        self._blocks = blocks
-        self._in_order = happened
-        self._recorded = {event.sequence: event for event in happened}
-        self._goes_on = goes_on
-        self._damaged = damaged
-        # Of the last input: what it was, and what it made that was not compared yet.
-        self._given: Input | None = None
-        self._orders: Sequence[Order] = ()
-        self._events: _Made = []
-        self._told = 0
-        self._replayed = Replayed()
-
-    def run(self) -> Replayed:
-        """Return what was compared, up to the first difference."""
-        with contextlib.suppress(_EndError):
-            for entry in self._entries():
-                if isinstance(entry, inputs.Ordered):
-                    self._compare_orders(entry)
-                elif isinstance(entry, inputs.Told):
-                    self._compare_events(entry)
-                elif not isinstance(entry, inputs.Shown):
-                    self._feed(entry)
-            self._finish()
-            self._compare_the_rest()
-        return self._replayed
-
-    def _entries(self) -> Iterator[Entry]:
-        """Yield what is there without a gap."""
+    def steps(self) -> Iterator[Step]:
+        """Yield the run step by step; where it ends to be known, the events as they stand."""
+        for entry in self.kept.entries():
+            try:
+                yield from self._follow(entry)
+            except _EndError:
+                yield from self._give_up()
+            if self._race is None and isinstance(entry, StampedEvent):
+                yield Step(entry, None, None, (entry,))
+            elif isinstance(entry, Gap):
+                yield Step(entry, None)
         try:
-            yield from inputs.entries_of(watched(self._blocks, len(self._blocks), 'Replaying'))
-        except GapError:
-            self._stop_at('inputs are missing (the disk took none, or they were removed)')
-        except InputsError as error:
-            self._differ('an input', str(error), 'they cannot run on it')
+            if self._race is not None:
+                yield from self._finish()
+        except _EndError:
+            yield from self._give_up()
 
-    def _feed(self, given: Input) -> None:
-        self._finish()
-        self._given = given
-        self._replayed.inputs += 1
-        self._replayed.seconds = given.at - self._began
+    # ----- following the stream -----------------------------------------------------------
+
+    def _follow(self, entry: Entry | Gap) -> Iterator[Step]:
+        if isinstance(entry, Rules) and self.rules is None and not self.missing:
+            self._begin(entry)
+        elif isinstance(entry, Gap):
+            self._stop_at(entry)
+        elif self._race is None:
+            return
+        elif isinstance(entry, Rules | Began):
+            self._differ('an entry', type(entry).__name__, 'the run has begun already')
+        elif isinstance(entry, Ordered):
+            self._compare_orders(entry)
+        elif isinstance(entry, StampedEvent):
+            self._look_at_the_order(entry)
+            if entry.event.kind in OF_THE_SERVER:
+                yield from self._finish()
+                yield Step(entry, self._race, None, (entry,))
+            else:
+                self._compare_event(entry)
+        else:
+            yield from self._finish()
+            if isinstance(entry, Shown):
+                yield Step(entry, self._race)
+            else:
+                self._feed(entry, self._race)
+
+    def _begin(self, rules: Rules) -> None:
+        self.rules = rules
         try:
-            outcome = inputs.feed(given, self._race)
-            self._orders = outcome.orders
-            # What the record should have: an event has the time of its input.
-            stamped = (StampedEvent(0, 0, given.at, event) for event in outcome.events)
-            self._events = [(RecordedEvent.of(each), each.event.chatter) for each in stamped]
+            self._race = rules.setup.race()
+        except ValueError as error:
+            self._differ('the setup', str(rules.setup), repr(error))
+
+    def _stop_at(self, gap: Gap) -> None:
+        if self._race is None:
+            self.missing = self.missing or str(gap)
+        elif gap.damaged:
+            self._differ('an entry', gap.why, 'they cannot run on it')
+        else:
+            self.missing = (
+                f'{gap}. Nothing can be compared from {self.seconds:.1f} s after the run began on'
+            )
+        raise _EndError
+
+    def _give_up(self) -> Iterator[Step]:
+        """Go on with the stream alone."""
+        given, told = self._given, tuple(self._told)
+        self._race = self._given = None
+        if given is not None:
+            yield Step(given, None, None, told)
+
+    def _feed(self, given: Input, race: Race) -> None:
+        assert self.rules is not None
+        self.inputs += 1
+        seconds = given.at - self.rules.setup.now
+        if seconds < self.seconds:
+            self._differ('an input', f'its time is {given.at!r}', 'times do not go back')
+        self._given, self.seconds = given, seconds
+        try:
+            self._outcome = outcome = inputs.feed(given, race)
         except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
             self._differ('an error of the rules', 'it was taken', repr(error))
+        self._orders, self._made = outcome.orders, list(outcome.events)
 
-    def _finish(self) -> None:
+    def _finish(self) -> Iterator[Step]:
         """Take it that the last input has brought about nothing more."""
         if self._orders:
             self._differ('an order', 'none', _order(self._orders[0]))
-        self._compare_untold(self._events)
-        self._events = []
+        for event in self._made:
+            if not event.chatter:
+                self._differ('an event', 'none', _words(event))
+        given, self._given = self._given, None
+        told, self._told = self._told, []
+        self._made = []
+        if given is not None:
+            yield Step(given, self._race, self._outcome, tuple(told))
 
-    def _compare_orders(self, mark: inputs.Ordered) -> None:
+    # ----- comparing ----------------------------------------------------------------------
+
+    def _compare_orders(self, entry: Ordered) -> None:
         orders, self._orders = self._orders, ()
-        for recorded, replayed in itertools.zip_longest(mark.orders, orders):
+        for recorded, replayed in zip_longest(entry.orders, orders):
             if recorded != replayed:
                 self._differ('an order', _order(recorded), _order(replayed))
-            self._replayed.orders += 1
+            self.orders += 1
 
-    def _compare_events(self, mark: inputs.Told) -> None:
-        made, self._events = self._events, []
+    def _look_at_the_order(self, entry: StampedEvent) -> None:
+        """Compare number and time of an event with those of the one before."""
+        before, self._last = self._last, entry
+        number = 1 if before is None else before.sequence + 1
+        if entry.sequence != number:
+            what = f'event {entry.sequence} is in its place'
+            self._differ(f'event {number}', what, f'event {number}')
+        if before is not None and entry.monotonic < before.monotonic:
+            what = f'its time is {entry.monotonic!r}'
+            least = f'not before event {before.sequence}, {before.monotonic!r}'
+            self._differ(f'event {number}', what, least)
+
+    def _compare_event(self, entry: StampedEvent) -> None:
+        name, made = f'event {entry.sequence}', self._made
         left = list(made)
-        for sequence in range(mark.first, mark.last + 1):
-            name = f'event {sequence}'
-            recorded = self._recorded.pop(sequence, None)
-            if recorded is None and self._damaged:
-                self._stop_at(f'{name} cannot be read')
-                raise _EndError
-            if recorded is None:
-                self._differ(name, 'it is missing', _words(left))
-                return
-            what = dataclasses.replace(recorded, sequence=0, wall_ns=0)
-            # What karts say too often is left out.
-            while left and left[0][1] and left[0][0] != what:
-                left.pop(0)
-            if not left or left[0][0] != what:
-                self._differ(name, _words([(what, False)]), _words(left or made))
+        # What karts say too often is left out.
+        while left and left[0].chatter and left[0] != entry.event:
             left.pop(0)
-            self._replayed.events += 1
-            self._told = sequence
-        self._compare_untold(left)
-
-    def _compare_untold(self, left: _Made) -> None:
-        for event, chatter in left:
-            if not chatter:
-                self._differ('an event', 'none', _words([(event, False)]))
-
-    def _stop_at(self, why: str) -> None:
-        self._replayed.missing = (
-            f'{why}: nothing can be compared from {self._replayed.seconds:.1f} s after the run '
-            'began on'
-        )
-
-    def _compare_the_rest(self) -> None:
-        """Look for events that no input has made, and for such as were removed or moved."""
-        for before, event in itertools.pairwise(self._in_order):
-            if event.monotonic < before.monotonic:
-                what = f'its time is {event.monotonic!r}'
-                least = f'not before event {before.sequence}, {before.monotonic!r}'
-                self._differ(f'event {event.sequence}', what, least)
-        partly = self._goes_on or self._damaged or self._replayed.missing
-        for sequence, event in sorted(self._recorded.items()):
-            if partly and sequence > self._told:
-                return
-            own = event.kind in OF_THE_SERVER or (
-                event.kind == EventKind.ALERT_RAISED.name and not event.success
-            )
-            if not own:
-                self._differ(f'event {sequence}', _words([(event, False)]), 'no input has made it')
+        first = next(iter(left or made), None)
+        if self._given is None or not left or first != entry.event:
+            self._differ(name, _words(entry.event), _words(first))
+        elif entry.monotonic != self._given.at:
+            self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
+        self._made = left[1:]
+        self._told.append(entry)
+        self.events += 1
 
     def _differ(self, what: str, recorded: str, replayed: str) -> None:
-        self._replayed.difference = Difference(
-            self._replayed.seconds,
-            self._replayed.inputs,
+        self.difference = Difference(
+            self.seconds,
+            self.inputs,
             _input(self._given),
             what,
             _cut(recorded),
@@ -244,17 +285,65 @@ class Replay:
         )
         raise _EndError
 
+    # ----- what there is to say -----------------------------------------------------------
 
-_Made = list[tuple[RecordedEvent, bool]]
-"""Events that the rules make, with neither number nor wall time; of each, if it is chatter."""
+    def judge(self) -> tuple[int, list[str]]:
+        """
+        Return what there is to say after `steps` or `run`, line by line.
+
+        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and the lines.
+        :raises UnreadableError: if the stream has nothing to begin with.
+        """
+        run = self.kept.run
+        if self.rules is None:
+            raise UnreadableError(
+                f'run {run.number} cannot be replayed: the record does not have with what the '
+                f'rules began{f" ({self.missing})" if self.missing else ""}'
+            )
+        lines = []
+        here, there = rules_version(), self.rules.version
+        if there != here:
+            lines.append(
+                f'Run {run.number} was recorded with other rules (version {there or "unknown"}; '
+                f'here {here or "unknown"}): a difference may come from that.'
+            )
+        found = 'no' if self.difference is None else 'a'
+        lines.append(f'Run {run.number}: {self}: {found} difference')
+        if self.difference is not None:
+            return FAILED, [*lines, *str(self.difference).split('\n')]
+        steps = clock_steps([each for each in self.kept.events() if not isinstance(each, Gap)])
+        if steps:
+            lines.append(
+                f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
+                f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
+                'record, which a replay cannot tell.'
+            )
+        if self.missing:
+            return PARTLY, [*lines, f'Not all of it: {self.missing}']
+        if self.kept.goes_on:
+            lines.append('Race control still writes this run; it was replayed up to now.')
+        elif run.ended_ns is None:
+            lines.append(
+                'This run was not ended in good order; it was replayed up to its last entry.'
+            )
+        return DONE, lines
 
 
-def _words(events: _Made) -> str:
-    """Return the first of these events in words."""
-    for event, _ in events:
-        named = list(dataclasses.asdict(event).items())[2:]
-        return ', '.join(f'{name} {value!r}' for name, value in named if value not in (None, ''))
-    return 'no such event'
+def clock_steps(events: Sequence[StampedEvent]) -> list[ClockStep]:
+    """Return where the wall times do not go on as the clock of the rules does."""
+    by = (
+        ClockStep(
+            event, (event.wall_ns - before.wall_ns) / 1e9 - event.monotonic + before.monotonic
+        )
+        for before, event in pairwise(events)
+    )
+    return [step for step in by if abs(step.by) > MOST_CLOCK_STEP]
+
+
+def _words(event: Event | None) -> str:
+    if event is None:
+        return 'no such event'
+    return _fields(event)
 
 
 def _order(order: Order | None) -> str:
@@ -264,110 +353,21 @@ def _order(order: Order | None) -> str:
 
 
 def _input(given: Input | None) -> str:
-    if given is None:
-        return 'the beginning'
-    _, *fields = given._asdict().items()
-    words = (f'{name} {getattr(value, "name", None) or repr(value)}' for name, value in fields)
-    return _cut(', '.join([type(given).__name__, *words]))
+    return 'the beginning' if given is None else f'{type(given).__name__}, {_fields(given)}'
+
+
+def _fields(value: Input | Event) -> str:
+    named = ((name, each) for name, each in value._asdict().items() if name != 'at')
+    said = [
+        f'{name} {getattr(each, "name", None) or repr(each)}'
+        for name, each in named
+        if each is not None and each != ''
+    ]
+    return _cut(', '.join(said))
 
 
 def _cut(text: str) -> str:
     return text if len(text) <= LONGEST else f'{text[:LONGEST]}...'
-
-
-@dataclass(frozen=True)
-class Kept:
-    """
-    What a record has of a run.
-
-    :param goes_on: race control still writes it.
-    :param rules: the version of the rules that made it; empty: unknown.
-    :param setup: with what the rules began; None: that cannot be read.
-    :param lacks: why it cannot be replayed, as the rest of a sentence; empty: it can.
-    :param blocks: what went into the rules.
-    """
-
-    run: Session
-    goes_on: bool
-    rules: str
-    setup: Setup | None
-    lacks: str
-    blocks: Sequence[tuple[int, bytes]]
-    happened: Sequence[RecordedEvent]
-    damaged: bool
-
-    @staticmethod
-    def read(runs: Runs, run: Session, inputs_too: bool = True) -> Kept:
-        """Read a run; what is damaged of it, it has not."""
-        rules, text = runs.setup(run)
-        # Inputs first: what is written meanwhile are events that no input here has made.
-        blocks = runs.inputs(run) if text and inputs_too else []
-        happened = runs.events(run)
-        setup, lacks = None, 'the record does not have what went into the rules'
-        if text:
-            try:
-                setup, lacks = Setup.read(text), ''
-            except InputsError as error:
-                lacks = str(error)
-        elif runs.damage:
-            lacks = f'the record is damaged ({runs.damage})'
-        goes_on = run is runs.present
-        return Kept(run, goes_on, rules, setup, lacks, blocks, happened, bool(runs.damage))
-
-    def account(self) -> Account:
-        """Return what its events say."""
-        if self.setup is None:
-            return read(self.happened)
-        return read(self.happened, {kart.number: kart.team for kart in self.setup.karts})
-
-    def replay(self) -> Replayed:
-        """
-        Replay it.
-
-        :raises UnreadableError: if its inputs are not there.
-        """
-        if self.setup is None:
-            raise UnreadableError(f'run {self.run.number} cannot be replayed: {self.lacks}')
-        return Replay(self.setup, self.blocks, self.happened, self.goes_on, self.damaged).run()
-
-    def judge(self) -> tuple[int, list[str]]:
-        """
-        Replay it.
-
-        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and what there is to say, line
-            by line.
-        :raises UnreadableError: if its inputs are not there.
-        """
-        lines = []
-        here = rules_version()
-        if self.rules != here:
-            lines.append(
-                f'Run {self.run.number} was recorded with other rules (version '
-                f'{self.rules or "unknown"}; here {here or "unknown"}): a difference may come '
-                'from that.'
-            )
-        replayed = self.replay()
-        difference = replayed.difference
-        found = 'no' if difference is None else 'a'
-        lines.append(f'Run {self.run.number}: {replayed}: {found} difference')
-        if difference is not None:
-            return FAILED, [*lines, *str(difference).split('\n')]
-        steps = clock_steps(self.happened)
-        if steps:
-            lines.append(
-                f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
-                f'event {steps[0].sequence}; or somebody changed the wall times in the record, '
-                'which a replay cannot tell.'
-            )
-        if replayed.missing:
-            return PARTLY, [*lines, f'Not all of it: {replayed.missing}']
-        if self.goes_on:
-            lines.append('Race control still writes this run; it was replayed up to now.')
-        elif self.run.ended_ns is None:
-            lines.append(
-                'This run was not ended in good order; it was replayed up to its last entry.'
-            )
-        return DONE, lines
 
 
 def options() -> argparse.ArgumentParser:
@@ -379,10 +379,10 @@ def options() -> argparse.ArgumentParser:
         'time. A run that goes on is replayed up to now, one that '
         'crashed up to its end.',
         epilog='No input gives the wall times, and none makes the events of the server itself '
-        '(refused connections, messages that mean nothing, the end): of these, only the order is '
-        'checked. Exit code 0: no difference; 1: the first difference is printed; 2: the run '
-        'cannot be read, or was recorded without its inputs; 3: no difference, but not all of the '
-        'run could be replayed.',
+        '(refused connections, messages that mean nothing, the end): of these, only number and '
+        'order are checked. Exit code 0: no difference; 1: the first difference is printed; 2: '
+        'the run cannot be read, or its beginning is missing; 3: no difference, but not all of '
+        'the run could be replayed.',
     )
     add_run_arguments(parser)
     return parser
@@ -397,8 +397,8 @@ def main(arguments: Sequence[str]) -> int:
     """
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
-        kept = Kept.read(runs, runs.choose(wanted.run))
+        kept = runs.read(runs.choose(wanted.run))
     # With the record closed: this may take long, and race control must not wait.
-    code, lines = kept.judge()
+    code, lines = Replay(kept).run().judge()
     print('\n'.join(map(plain, lines)))
     return code or runs.code

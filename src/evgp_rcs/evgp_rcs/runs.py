@@ -1,31 +1,33 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The runs in a record: which one is asked for, what of it can be read, and why not the rest."""
+"""The runs in a record and their streams; a damaged record is mended first."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 import contextlib
 from dataclasses import dataclass
 import datetime
-import functools
 import os
 import pathlib
+import re
+import shutil
 import sqlite3
+import subprocess
 import sys
+import tempfile
 from typing import TypeVar
 
+from evgp_rcs.inputs import Block, entries_of, Entry, Gap, InputsError
 from evgp_rcs.plain import plain
-from evgp_rcs.race import EventKind
+from evgp_rcs.race import StampedEvent
 from evgp_rcs.record import (
+    blocks_of,
     default_path,
-    events,
-    inputs_of,
     is_being_written,
     open_read_only,
-    RecordedEvent,
     SCHEMA_VERSION,
     Session,
     sessions,
@@ -42,9 +44,6 @@ UNREADABLE = 2
 
 PARTLY = 3
 """Exit code: done, with what can be read of a damaged record."""
-
-ENDED = EventKind.ENDED.name
-"""Kind of the event that says that a run ends; in good order, if it is a success."""
 
 _Row = TypeVar('_Row')
 
@@ -72,6 +71,37 @@ def watched(items: Iterable[_Row], total: int, what: str) -> Iterable[_Row]:
     return track(items, what, total, console=Console(stderr=True), transient=True)
 
 
+@dataclass(frozen=True)
+class Kept:
+    """
+    The stream of a run, as it was read.
+
+    :param goes_on: race control still writes it.
+    :param damaged: the record was damaged; this is what was mended.
+    """
+
+    run: Session
+    blocks: list[tuple[int, bytes]]
+    goes_on: bool = False
+    damaged: bool = False
+
+    def entries(self) -> Iterator[Entry | Gap]:
+        """Yield what is in it, and what is missing; a terminal shows how far that is."""
+        return entries_of(watched(self.blocks, len(self.blocks), 'Reading'))
+
+    def lines(self) -> Iterator[bytes]:
+        """Yield the entries of each block as they stand in it, a line each."""
+        for _, data in self.blocks:
+            with contextlib.suppress(InputsError):
+                yield Block.of(data).data
+
+    def events(self) -> Iterator[StampedEvent | Gap]:
+        """Yield its events, and what is missing."""
+        for entry in entries_of(self.blocks, events_only=True):
+            assert isinstance(entry, StampedEvent | Gap)
+            yield entry
+
+
 @dataclass
 class Runs:
     """
@@ -79,7 +109,7 @@ class Runs:
 
     :param listed: every run, oldest first.
     :param present: the run that race control is writing now.
-    :param damage: why not all can be read that was asked for; empty: nothing is missing so far.
+    :param damage: why the file could not be read as it is, and was mended; empty: it could.
     """
 
     file: pathlib.Path
@@ -110,90 +140,10 @@ class Runs:
         """Return the runs that began on the same day, oldest first, this one too."""
         return [each for each in self.listed if _day(each) == _day(run)]
 
-    def events(self, run: Session) -> list[RecordedEvent]:
-        """Return the events of a run that can be read, in order."""
-
-        def read(after: int, backwards: bool) -> Iterable[RecordedEvent]:
-            rows = events(self.database, run.number, after, backwards)
-            return watched(rows, run.events, 'Reading the events')
-
-        return self._readable(read, lambda event: event.sequence)
-
-    def inputs(self, run: Session) -> list[tuple[int, bytes]]:
-        """Return what went into the rules, as far as it can be read."""
-        read = functools.partial(inputs_of, self.database, run.number)
-        return self._readable(read, lambda block: block[0])
-
-    def setup(self, run: Session) -> tuple[str, str]:
-        """Return the version of the rules of a run, and with what they began; empty: not there."""
-        try:
-            found = self.database.execute(
-                'SELECT rules, setup FROM session WHERE id = ?', (run.number,)
-            )
-            rules, setup = found.fetchone() or ('', '')
-        except sqlite3.DatabaseError as error:
-            self._note(error)
-            return '', ''
-        return str(rules or ''), str(setup or '')
-
-    def _readable(
-        self, read: Callable[[int, bool], Iterable[_Row]], number: Callable[[_Row], int]
-    ) -> list[_Row]:
-        """Return rows up to where the record is damaged, and those behind it."""
-        found: list[_Row] = []
-        try:
-            found.extend(read(0, False))
-        except sqlite3.DatabaseError as error:
-            self._note(error)
-            behind: list[_Row] = []
-            with contextlib.suppress(sqlite3.DatabaseError):
-                behind.extend(read(number(found[-1]) if found else 0, True))
-            found += reversed(behind)
-        return found
-
-    def _note(self, error: sqlite3.DatabaseError) -> None:
-        """
-        Take note of damage.
-
-        :raises sqlite3.DatabaseError: if the error is none.
-        """
-        if not _is_damage(error):
-            raise error
-        self.damage = self.damage or str(error)
-
-    def _list(self) -> None:
-        """
-        Find the runs.
-
-        :raises sqlite3.DatabaseError: if none can be found.
-        """
-        try:
-            self.listed = sessions(self.database)
-        except sqlite3.DatabaseError as error:
-            self._note(error)
-            self.listed = list(self._list_damaged())
-            if not self.listed:
-                raise
-
-    def _list_damaged(self) -> Iterator[Session]:
-        """Yield the runs, each with the events that can be read; or those that events name."""
-        known: dict[int, int] = {}
-        with contextlib.suppress(sqlite3.DatabaseError):
-            for number, began_ns in self.database.execute('SELECT id, began_ns FROM session'):
-                known[number] = began_ns if isinstance(began_ns, int) else 0
-        with contextlib.suppress(sqlite3.DatabaseError):
-            number = 0
-            while number is not None:
-                (number,) = self.database.execute(
-                    'SELECT min(session) FROM event WHERE session > ?', (number,)
-                ).fetchone()
-                if number is not None:
-                    known.setdefault(number, 0)
-        for number, began_ns in sorted(known.items()):
-            found = self.events(Session(number, began_ns, None, 0))
-            began_ns = began_ns or (found[0].wall_ns if found else 0)
-            ends = (each.wall_ns for each in found if each.kind == ENDED and each.success)
-            yield Session(number, began_ns, next(ends, None), len(found))
+    def read(self, run: Session) -> Kept:
+        """Read the stream of a run."""
+        blocks = list(blocks_of(self.database, run.number))
+        return Kept(run, blocks, run is self.present, bool(self.damage))
 
 
 def _day(run: Session) -> datetime.date:
@@ -222,18 +172,22 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
     Open a record to read it, also while race control writes it.
 
-    What is damaged is read as far as it can be, and said at the end.
+    What SQLite cannot read whole is mended by its own recovery, in a copy; and that is said at the
+    end.
 
     :raises UnreadableError: if it cannot be read, also later.
     """
+    damage = ''
     try:
         _check_file(file)
-        with contextlib.closing(open_read_only(file)) as database:
-            # Without this, SQLite reads nothing of a file that was cut off.
-            database.execute('PRAGMA writable_schema = ON')
+        with contextlib.ExitStack() as stack:
+            database = stack.enter_context(contextlib.closing(open_read_only(file)))
+            damage = _damage(file, database)
+            if damage:
+                folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+                database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
-            runs = Runs(file, database, [], None, _cut_off(file, database))
-            runs._list()
+            runs = Runs(file, database, sessions(database), None, damage)
             # Race control writes the newest run only.
             if runs.listed and is_being_written(file):
                 runs.present = runs.listed[-1]
@@ -242,8 +196,74 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
         raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
     except OSError as error:
         raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
-    if runs.damage:
-        say(f'{file} is damaged ({runs.damage}): this is what can be read of it')
+    except UnicodeDecodeError as error:
+        raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
+    if damage:
+        say(f'{file} is damaged ({damage}): this is what sqlite3 could recover of it')
+
+
+def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
+    """
+    Return why SQLite cannot read a file whole; empty: it can.
+
+    :raises sqlite3.Error: if it is no damage.
+    """
+    try:
+        (page,) = database.execute('PRAGMA page_size').fetchone()
+        if file.stat().st_size % page:
+            return 'it was cut off'
+        (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
+    except sqlite3.DatabaseError as error:
+        if not _is_damage(error):
+            raise
+        return str(error)
+    except UnicodeDecodeError:  # of a sentence that names what is garbled
+        return 'its schema is garbled'
+    return '' if found == 'ok' else str(found).replace('\n', ' ')
+
+
+def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Connection:
+    """
+    Return what SQLite's own recovery finds in a file.
+
+    :raises UnreadableError: if it is not here, or finds nothing.
+    """
+    how = f'sqlite3 {file} .recover | sqlite3 mended.sqlite3'
+    program = shutil.which('sqlite3')
+    if program is None:
+        raise UnreadableError(
+            f'{file} is damaged ({damage}), and the program sqlite3, which can mend it, is not '
+            f'installed here. Install it, or call it where it is, and read what comes out: {how}'
+        )
+    copy = folder / file.name
+    for each in (file, file.with_name(f'{file.name}-wal')):
+        if each.exists():
+            shutil.copyfile(each, folder / each.name)
+    with copy.open('rb') as stream:
+        version = int.from_bytes(stream.read(64)[60:], 'big')
+    # Some distributions build it without what `.recover` needs; `.dump` reads around damage too.
+    for way in ('.recover', '.dump'):
+        called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
+        found = subprocess.run(called, capture_output=True, check=False)
+        database = sqlite3.connect(folder / f'mended{way}')
+        database.text_factory = lambda text: text.decode(errors='replace')
+        try:
+            database.executescript(_script(found.stdout.decode(errors='replace')))
+            if database.execute('SELECT run, number, data FROM block').fetchone():
+                database.execute(f'PRAGMA user_version = {version}')
+                return database
+        except (sqlite3.Error, ValueError):
+            pass  # nothing in this way
+        database.close()
+    raise UnreadableError(f'{file} is damaged ({damage}), and nothing of it can be read: {how}')
+
+
+def _script(found: str) -> str:
+    """Return what the program says as one transaction, whose rows may come twice."""
+    # Its first lines may be commands of the program itself.
+    found = re.sub(r'\A(\..*\n)+', '', found)
+    found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
+    return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
 
 
 def _check_file(file: pathlib.Path) -> None:
@@ -261,19 +281,13 @@ def _check_file(file: pathlib.Path) -> None:
 def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
     (version,) = database.execute('PRAGMA user_version').fetchone()
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
-    if not version or not {'session', 'event'} <= tables:
+    if not version or 'block' not in tables:
         raise UnreadableError(f'{file} is no record of race control, but another database')
     if version != SCHEMA_VERSION:
         raise UnreadableError(
             f'{file} is no record that this version can read (its version is {version}, not '
             f'{SCHEMA_VERSION}). Another version of race control has written it'
         )
-
-
-def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:
-    """Return that the file ends within a page, the rest of which SQLite takes for zeros."""
-    (page,) = database.execute('PRAGMA page_size').fetchone()
-    return 'it was cut off' if file.stat().st_size % page else ''
 
 
 _NO_DATABASE = 'file is not a database'

@@ -31,6 +31,7 @@ import time
 from evgp_protocol import clock
 from evgp_rcs.channel import ServerSettings
 from evgp_rcs.folder import rcs_folder
+from evgp_rcs.record import newest_first
 from evgp_rcs.roster import load_roster, RosterError
 from evgp_rcs.run_mark import leave_began, place
 import yaml
@@ -168,9 +169,8 @@ def _newest_event(record: pathlib.Path) -> int:
     # Nobody writes it, so SQLite need not make files beside it.
     uri = f'{record.absolute().as_uri()}?immutable=1'
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
-        query = 'SELECT wall_ns FROM event ORDER BY session DESC, sequence DESC LIMIT 1'
-        (newest,) = database.execute(query).fetchone() or (0,)
-    return int(newest)
+        newest = next(newest_first(database), None)
+        return 0 if newest is None else newest.last_ns
 
 
 def copies() -> pathlib.Path:

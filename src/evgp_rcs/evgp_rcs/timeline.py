@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import sys
 
+from evgp_rcs.inputs import Gap
 from evgp_rcs.official import said_by
 from evgp_rcs.plain import plain
-from evgp_rcs.record import default_path, RecordedEvent, Session
+from evgp_rcs.record import default_path, Session
 from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import add_run_arguments, CALLED, open_runs
+from evgp_rcs.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY
 
 
 def options() -> argparse.ArgumentParser:
@@ -27,6 +29,12 @@ def options() -> argparse.ArgumentParser:
     )
     add_run_arguments(parser)
     parser.add_argument('--list', action='store_true', help='list all runs, oldest first')
+    parser.add_argument(
+        '--stream',
+        action='store_true',
+        help='print every entry of the run as it is recorded, inputs and orders too: JSON, a line '
+        'each',
+    )
     parser.add_argument(
         '--kart',
         type=int,
@@ -50,11 +58,15 @@ def main(arguments: Sequence[str]) -> int:
                 print(_describe(each, each is runs.present))
             return runs.code
         run = runs.choose(wanted.run)
-        happened = runs.events(run)
+        kept = runs.read(run)
         before = None
         if wanted.run is None and len(runs.listed) > 1:
             before = runs.listed[-2]
     # With the record closed: it may be a pager that is slow, and the race must not wait.
+    if wanted.stream:
+        for lines in kept.lines():
+            sys.stdout.write(lines.decode(errors='replace'))
+        return runs.code
     if before is not None and before.events and before.ended_ns is None:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
@@ -63,8 +75,8 @@ def main(arguments: Sequence[str]) -> int:
             f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
         )
     print(_describe(run, run is runs.present))
-    _print_timeline(happened, wanted.kart)
-    return runs.code
+    is_whole = _print_timeline(kept, wanted.kart)
+    return runs.code if is_whole else PARTLY
 
 
 def _describe(run: Session, present: bool) -> str:
@@ -78,15 +90,21 @@ def _describe(run: Session, present: bool) -> str:
     return f'{run.number:4}  {began} - {ended}  {run.events} events'
 
 
-def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None:
-    expected = 1
-    for event in happened:
-        if event.sequence != expected:
-            print(f'       ... {event.sequence - expected} events are missing ...')
-        expected = event.sequence + 1
+def _print_timeline(kept: Kept, kart: int | None) -> bool:
+    """Print the events, and where entries are missing; return whether none are."""
+    began: float | None = None
+    is_whole = True
+    for each in kept.events():
+        if isinstance(each, Gap):
+            is_whole = False
+            print(f'       ... {plain(str(each))} ...')
+            continue
+        began = each.monotonic if began is None else began
+        event = each.event
         if kart is not None and event.kart not in (0, kart):
             continue
         mark = ' ' if event.success else '!'
         said = plain(said_by(event.text, event.official))
-        time = Clock(event.wall_ns).time(event.wall_ns, 3)
-        print(f'{time} {event.monotonic - happened[0].monotonic:10.3f} {mark} {said}')
+        time = Clock(each.wall_ns).time(each.wall_ns, 3)
+        print(f'{time} {each.monotonic - began:10.3f} {mark} {said}')
+    return is_whole

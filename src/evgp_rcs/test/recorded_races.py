@@ -11,14 +11,25 @@ import itertools
 import pathlib
 import random
 import sqlite3
-from typing import Any
+from typing import Any, cast
 
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.encoding import written
-from evgp_rcs.inputs import Entrant, Log, Setup
+from evgp_rcs.inputs import (
+    Batch,
+    Began,
+    Block,
+    encode,
+    Entrant,
+    entries_of,
+    Entry,
+    Gap,
+    Log,
+    Rules,
+    Setup,
+)
 from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import (
@@ -26,14 +37,14 @@ from evgp_rcs.race import (
     Event,
     EventKind,
     Heat,
-    Kart,
     Outcome,
-    Race,
     RaceTimes,
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.record import Record, RecordedEvent
+from evgp_rcs.record import blocks_of, PROGRAM, Record, rules_version, Session
+from evgp_rcs.report.model import Account
+from evgp_rcs.runs import Kept
 
 PATIENCE = 60.0
 BEGAN = 1_780_135_500_000_000_000
@@ -46,28 +57,22 @@ class PaperRace:
 
     :param teams: the teams of the karts in the race, by number.
     :param heats: the heats of the roster.
+    :param setup: in the place of these: with what the rules begin.
     """
 
-    def __init__(self, teams: dict[int, str], heats: Sequence[Heat] = ()) -> None:
-        karts = [Kart(number, team, True) for number, team in teams.items()]
-        self.race = Race(karts, heats=heats)
-        self.now = 100.0
+    def __init__(
+        self, teams: dict[int, str], heats: Sequence[Heat] = (), setup: Setup | None = None
+    ) -> None:
+        karts = tuple(Entrant(number, team, True) for number, team in teams.items())
+        self.setup = setup or Setup(karts, RaceTimes(), tuple(heats), 100.0)
+        self.race = self.setup.race()
+        self.now = self.setup.now
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
         self.log = Log()
+        self.batches: list[Batch] = []
         self._sequence = itertools.count(1)
         self._passings = itertools.count(1)
-
-    @property
-    def events(self) -> list[RecordedEvent]:
-        return [RecordedEvent.of(each) for each in self.stamped]
-
-    @property
-    def setup(self) -> Setup:
-        """Return with what the rules began; who was in the race then is of no matter."""
-        karts = self.race.karts.values()
-        entrants = tuple(Entrant(kart.number, kart.team, True) for kart in karts)
-        return Setup(entrants, RaceTimes(), self.race.heats, 0.0)
 
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed and log an input, as the kart server does it."""
@@ -77,9 +82,6 @@ class PaperRace:
     def take(self, outcome: Outcome) -> Outcome:
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
-        if outcome.events:
-            first = len(self.stamped) + 1
-            self.log.add(inputs.Told(first, first + len(outcome.events) - 1))
         self.tell(outcome.events)
         if outcome.start is not None:
             written = StartPhase.WRITTEN, outcome.start.number
@@ -90,6 +92,7 @@ class PaperRace:
         wall = round(self.now * 1e9) + self.wall_offset_ns
         for event in events:
             self.stamped.append(StampedEvent(next(self._sequence), wall, self.now, event))
+            self.log.add(self.stamped[-1])
 
     def wait(self, seconds: float) -> None:
         """Let time pass, with the ticks that an alert or a finish may come with."""
@@ -186,17 +189,62 @@ class PaperRace:
         for kart in list(self.race.karts.values()):
             self.feed(inputs.Disconnected(self.now, kart.number, 'race control ends'))
 
-    def write(self, path: pathlib.Path) -> pathlib.Path:
+    def write(self, path: pathlib.Path, version: str = '') -> pathlib.Path:
         """Write what happened as a run into a record."""
+        self.batches.append(self.log.take())
         record = Record(path)
-        record.put(self.stamped, self.log.take())
+        record.begin(Rules(version or rules_version(), self.setup))
+        for batch in self.batches:
+            record.put(batch)
+            assert len(batch.entries) % 5 or record.write()
         record.end()
-        with contextlib.closing(sqlite3.connect(path)) as database, database:
-            database.execute(
-                'UPDATE session SET rules = ?, setup = ? WHERE id = (SELECT max(id) FROM session)',
-                ('of the test', written(self.setup)),
-            )
         return path
+
+    def stream(self) -> list[Entry]:
+        """Return what a record has of it, up to now."""
+        self.batches.append(self.log.take())
+        first = Began('1234', PROGRAM, BEGAN), Rules(rules_version(), self.setup)
+        logged = (entry for batch in self.batches for entry in batch.entries)
+        return [*first, *(entry for entry in logged if entry is not None)]
+
+    def account(self) -> Account:
+        """Return what there is to say of it, up to now."""
+        return Account(kept(self.stream()))
+
+
+def kept(entries: Sequence[Entry]) -> Kept:
+    """Return a run with these entries, as it is read from a record."""
+    block = Block(0, b''.join(map(encode, entries)))
+    return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block.compressed())])
+
+
+def edit(path: pathlib.Path, change: Callable[[list[Entry]], object], run: int = 1) -> None:
+    """Have somebody change the stream of a run in a record, with all that belongs to it."""
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        entries = list(entries_of(blocks_of(database, run)))
+        assert not any(isinstance(each, Gap) for each in entries)
+        stream = cast(list[Entry], entries)
+        change(stream)
+        database.execute('DELETE FROM block WHERE run = ?', (run,))
+        block = Block(0, b''.join(map(encode, stream)))
+        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, block.compressed()))
+
+
+def change_event(path: pathlib.Path, which: Callable[[StampedEvent], bool], **to: Any) -> int:
+    """Have somebody change the only such event of a record, and return its number."""
+    changed = []
+
+    def change(entries: list[Entry]) -> None:
+        (place,) = [n for n, e in enumerate(entries) if isinstance(e, StampedEvent) and which(e)]
+        stamped = entries[place]
+        assert isinstance(stamped, StampedEvent)
+        changed.append(stamped.sequence)
+        of_event = {name: value for name, value in to.items() if name in Event._fields}
+        of_stamp = {name: value for name, value in to.items() if name not in Event._fields}
+        entries[place] = stamped._replace(event=stamped.event._replace(**of_event), **of_stamp)
+
+    edit(path, change)
+    return changed[0]
 
 
 def long_event(seconds: float, karts: int, chance: random.Random, busy: float = 1.0) -> PaperRace:

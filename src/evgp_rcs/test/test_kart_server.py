@@ -32,7 +32,7 @@ from evgp_rcs.channel import (
     Unpacker,
 )
 from evgp_rcs.hearing import FLOOD_BYTES
-from evgp_rcs.inputs import Block, Commanded, decode, Passed
+from evgp_rcs.inputs import Batch, Commanded, Ordered, Passed
 from evgp_rcs.kart_link import KartLink
 from evgp_rcs.kart_server import (
     HELD_UP,
@@ -83,7 +83,7 @@ class Running:
 
     def __init__(self, beat_rate: float, times: RaceTimes, karts: int) -> None:
         self.events: list[Event] = []
-        self.log: list[Block] = []
+        self.log: list[Batch] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
         self.remembered: list[RaceMemory] = []
@@ -196,9 +196,9 @@ class Running:
 
     # ----- the record; in the server's thread ---------------------------------------------
 
-    def put(self, events: int, happened: bytes, log: Block) -> None:
+    def put(self, batch: Batch) -> None:
         with self._news:
-            self.log.append(log)
+            self.log.append(batch)
             self._news.notify_all()
 
     def wait_until_shown(self, found: Callable[[Race, float], bool]) -> float:
@@ -1079,12 +1079,31 @@ def logged(running: Running, kind: type[Any]) -> list[Any]:
     with running._news:
 
         def entries() -> list[Any]:
-            return [each for block in running.log for each in decode(block.data)]
+            return [each for batch in running.log for each in batch.entries]
 
         assert running._news.wait_for(
             lambda: any(isinstance(each, kind) for each in entries()), TIMEOUT
         )
         return entries()
+
+
+def test_what_an_input_has_made_is_handed_to_the_record_with_it(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kart_server, 'MOST_GATHERED', 1)  # so that it is handed on all the time
+    running = run()
+    clients = [connect(running, kart) for kart in (1, 2)]
+    for client in clients:
+        read_until(client, IN_GARAGE)
+    running.submit(Command(CommandKind.ALL_KILL)).result(TIMEOUT)
+    for client in clients:
+        read_until(client, RED_RED)
+    logged(running, Commanded)
+    running.wait_for(EventKind.KART_STATE, 2)
+    with running._news:
+        batches = [batch.entries for batch in running.log]
+    assert sum(batch.count(None) for batch in batches) > 5
+    assert not any(batch[0] is None or isinstance(batch[0], Ordered) for batch in batches)
 
 
 def test_passings_are_taken_one_batch_after_the_other_and_told(run: Run) -> None:

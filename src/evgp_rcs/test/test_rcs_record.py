@@ -15,13 +15,11 @@ import os
 import pathlib
 import shutil
 import sqlite3
-import struct
 import subprocess
 import sys
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.encoding import written
-from evgp_rcs.inputs import Setup
+from evgp_rcs.inputs import Batch, Block, encode, Rules
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record import default_path, Record, rules_version
@@ -29,7 +27,7 @@ from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import PaperRace
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
-from test_replay import change, Running, SETUP
+from test_replay import an_ended_run, Running, SETUP
 
 Capture = pytest.CaptureFixture[str]
 PAGE = 4096
@@ -64,11 +62,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return a record of a hundred pages: a short run, and a long one with what went into it."""
     path = tmp_path_factory.mktemp('recorded') / 'record.sqlite3'
     PaperRace({7: 'Purdue'}).write(path)
-    record = Record(path)
-    record.begin(rules_version(), SETUP)
-    for events, block in Running(seed=1).run(4000).handed_over:
-        record.put(events, block)
-    record.end()
+    an_ended_run(steps=4000).write(path)
     return path
 
 
@@ -154,7 +148,7 @@ def test_long_work_says_at_a_terminal_how_far_it_has_come(
     monkeypatch.setenv('TERM', 'xterm')
     monkeypatch.setattr(sys, 'stderr', terminal)
     assert rcs_record(arguments_of('results', good)) == 0
-    assert 'Reading the events' in terminal.getvalue()
+    assert 'Reading' in terminal.getvalue()
     assert '100%' in terminal.getvalue()
 
 
@@ -182,9 +176,14 @@ def cut_to(share: float, more: int = 0) -> Harm:
     return lambda path: os.truncate(path, int(path.stat().st_size * share) + more)
 
 
-def changed(*statements: str) -> Harm:
+def change(path: pathlib.Path, statement: str, *values: object) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute(statement, values)
+
+
+def changed(statement: str) -> Harm:
     """Return what changes the database."""
-    return lambda path: [change(path, statement) for statement in statements]
+    return lambda path: change(path, statement)
 
 
 def overwritten(path: pathlib.Path, at: int) -> None:
@@ -196,10 +195,7 @@ def overwritten(path: pathlib.Path, at: int) -> None:
 
 def another_database_that_looks_like_one(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
-        database.executescript(
-            'CREATE TABLE session (day TEXT); CREATE TABLE event (day TEXT);'
-            'PRAGMA user_version = 2'
-        )
+        database.executescript('CREATE TABLE block (day TEXT); PRAGMA user_version = 2')
 
 
 UNREADABLE_FILES: dict[str, Harm] = {
@@ -255,34 +251,31 @@ def test_a_file_that_is_locked_gets_one_sentence(
 
 
 def pages_overwritten(path: pathlib.Path) -> None:
-    """Overwrite two pages with events of the second run, neither of them its last."""
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        query = 'SELECT monotonic FROM event WHERE session = 2 ORDER BY sequence'
-        times = [at for (at,) in database.execute(query)]
-    content = path.read_bytes()
+    """Overwrite two pages within the file."""
     for share in (0.3, 0.6):
-        overwritten(path, content.index(struct.pack('>d', times[int(len(times) * share)])))
+        overwritten(path, int(path.stat().st_size * share))
 
 
-EVENT = 'UPDATE event SET {} WHERE session = 2 AND sequence = {}'
+def block_replaced(data: object) -> Harm:
+    """Return what puts something else in the place of a block in the middle."""
+    middle = '(SELECT max(number) / 2 FROM block WHERE run = 2)'
+    query = f'UPDATE block SET data = ? WHERE run = 2 AND number = {middle}'  # noqa: S608
+    return lambda path: change(path, query, data)
+
+
 CUT_OFF: dict[str, Harm] = {
     'half': cut_to(0.5),
     'cut within a page': cut_to(2 / 3, 100),
     'without its last byte': cut_to(1.0, -1),
 }
+NEEDS_RECOVERY: dict[str, Harm] = {**CUT_OFF, 'pages overwritten': pages_overwritten}
 DAMAGED_FILES: dict[str, Harm] = {
-    **CUT_OFF,
-    'a text that was cut off': changed(EVENT.format("text = 'cut' || x'00'", 9)),
-    'pages overwritten': pages_overwritten,
-    'a value of another type': changed(
-        EVENT.format("monotonic = 'noon'", 9),
-        EVENT.format("text = x'ff00'", 99),
-        EVENT.format("state = 'BLUE'", 199),
+    **NEEDS_RECOVERY,
+    'a block of another type': block_replaced('noon'),
+    'a block that is garbled': block_replaced(b'garbled'),
+    'a block with an entry of another type': block_replaced(
+        Block(0, b'["Tick","x"]\n').compressed()
     ),
-    'a session that is garbled': changed("UPDATE session SET began_ns = 'noon'"),
-    'a kart that no roster has': changed(EVENT.format('kart = -1', 9)),
-    'a kart with a number that no message holds': changed(EVENT.format('kart = 4294967296', 9)),
-    'a time that no clock shows': changed(EVENT.format('monotonic = 9e999', 9)),
 }
 
 
@@ -292,34 +285,12 @@ def test_of_a_damaged_record_what_can_be_read_is(
     way: str, harm: Harm, good: pathlib.Path, capsys: Capture
 ) -> None:
     harm(good)
-    code = rcs_record(arguments_of(way, good))
+    code = rcs_record([*arguments_of(way, good), '--run', '2'])
     told = capsys.readouterr()
     assert all(line.startswith('rcs_record: ') for line in told.err.splitlines())
-    if way == 'replay' and code == UNREADABLE:
-        # Without the first inputs no rule can be run.
-        assert len(told.err.splitlines()) == 1
-        return
-    # Inputs that are themselves damaged are a difference, which is named.
-    assert code == PARTLY or (way == 'replay' and code == FAILED)
-    assert sum(str(good) in line for line in told.err.splitlines()) == 1
-    assert told.out
-
-
-@pytest.mark.parametrize('where', [*places_in(json.loads(written(SETUP)))], ids=str)
-def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
-    where: tuple[int, ...], path: pathlib.Path, capsys: Capture
-) -> None:
-    record = Record(path)
-    record.begin(rules_version(), SETUP)
-    for events, block in Running(seed=1).run(20).handed_over:
-        record.put(events, block)
-    record.end()
-    for hostile in HOSTILE_JSON:
-        text = with_hostile(written(SETUP), where, hostile)
-        change(path, 'UPDATE session SET setup = ?', text)
-        for way in WAYS:
-            path.with_name('race.mcap').unlink(missing_ok=True)
-            assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
+    # Entries that are themselves damaged are a difference, which is named.
+    assert code == PARTLY or (way == 'replay' and code in (FAILED, UNREADABLE))
+    assert told.out or code == UNREADABLE
 
 
 @pytest.mark.parametrize('harm', DAMAGED_FILES)
@@ -337,8 +308,36 @@ def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
     assert harm in CUT_OFF or events[-1] == whole[-1]
 
 
+@pytest.mark.parametrize('harm', NEEDS_RECOVERY)
+def test_without_the_program_that_mends_it_a_damaged_record_gets_a_sentence_how_to_do_that(
+    harm: str, good: pathlib.Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    NEEDS_RECOVERY[harm](good)
+    monkeypatch.setenv('PATH', str(good.parent))
+    assert rcs_record([str(good)]) == UNREADABLE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f'sqlite3 {good} .recover | sqlite3 mended.sqlite3' in line
+
+
+@pytest.mark.parametrize(
+    'where', [*list(places_in(json.loads(encode(Rules('', SETUP)))))[1:]], ids=str
+)
+def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
+    where: tuple[int, ...], path: pathlib.Path, capsys: Capture
+) -> None:
+    Running(seed=1).run(20).write(path)
+    text = encode(Rules('', SETUP)).decode()
+    for hostile in HOSTILE_JSON:
+        harmed = Block(1, with_hostile(text, where, hostile).encode('latin-1') + b'\n')
+        query = 'UPDATE block SET data = ? WHERE number = 2'
+        change(path, query, harmed.compressed())
+        for way in WAYS:
+            path.with_name('race.mcap').unlink(missing_ok=True)
+            assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
+
+
 def test_the_report_of_a_damaged_record_says_so_at_the_top(good: pathlib.Path) -> None:
-    CUT_OFF['half'](good)
+    NEEDS_RECOVERY['half'](good)
     page = good.with_name('report.html')
     assert rcs_record(['report', str(good), '-o', str(page)]) == PARTLY
     text = page.read_text(encoding='utf-8')
@@ -355,13 +354,13 @@ def write_and_die(path: pathlib.Path) -> None:
     paper.drive()
     paper.command(CommandKind.KART_FINISH, 7)
     record = Record(path)
-    record.begin(rules_version(), Setup((), paper.race.times, (), 0.0))
-    record.put(paper.stamped)
+    record.begin(Rules(rules_version(), paper.setup))
+    record.put(paper.log.take())
     record.remember(paper.race.memory(), paper.now, surely=True)
     os._exit(0 if record.write() else 1)
 
 
-@pytest.mark.parametrize('way', ['show', 'results', 'report', MCAP])
+@pytest.mark.parametrize('way', EACH_WAY)
 def test_a_record_of_a_crash_is_read_to_its_end(
     way: str, path: pathlib.Path, capsys: Capture
 ) -> None:
@@ -393,9 +392,9 @@ def test_with_a_clock_that_was_set_back_the_timeline_has_the_order_and_both_time
     paper.write(path)
     assert rcs_record([str(path)]) == 0
     lines = capsys.readouterr().out.splitlines()[1:]
-    assert len(lines) == len(paper.events)
-    for line, event in zip(lines, paper.events, strict=True):
-        assert event.text in line
+    assert len(lines) == len(paper.stamped)
+    for line, each in zip(lines, paper.stamped, strict=True):
+        assert each.event.text in line
     clocks = [line.split()[0] for line in lines]
     seconds = [float(line.split()[1]) for line in lines]
     assert seconds == sorted(seconds)
@@ -425,7 +424,7 @@ def test_a_hostile_text_does_nothing_to_the_terminal(path: pathlib.Path, capsys:
     assert rcs_record([str(path)]) == 0
     told = capsys.readouterr()
     assert all(line.isprintable() for line in told.out.splitlines())
-    assert len(told.out.splitlines()) == 1 + len(paper.events)
+    assert len(told.out.splitlines()) == 1 + len(paper.stamped)
 
 
 def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
@@ -436,8 +435,8 @@ def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
     (first, *_) = paper.stamped
     told = first._replace(event=first.event._replace(text=HOSTILE))
     record = Record(path)
-    record.begin(HOSTILE, Setup((), paper.race.times, (), 0.0))
-    record.put([told])
+    record.begin(Rules(HOSTILE, paper.setup))
+    record.put(Batch(0, [told]))
     record.end()
     assert rcs_record(['replay', str(path)]) == 1
     assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())

@@ -16,7 +16,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Block, Setup
+from evgp_rcs.inputs import Batch, Began, Block, encode, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.laps import LapsMemory
 from evgp_rcs.race import (
     Command,
@@ -33,17 +33,19 @@ from evgp_rcs.race import (
 from evgp_rcs.rcs_record import main as print_timeline
 import evgp_rcs.record
 from evgp_rcs.record import (
+    blocks_of,
     events,
-    inputs_of,
     is_being_written,
     open_read_only,
+    PROGRAM,
     Record,
-    RecordedEvent,
+    sessions,
 )
+from evgp_rcs.runs import PARTLY
 import pytest
 from rig.needs import mount
 
-SETUP = Setup((), RaceTimes(), (), 0.0)
+RULES = Rules('rules', Setup((), RaceTimes(), (), 0.0))
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
 RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, Doubt.MOVING, False)})
 OPEN = dataclasses.replace(HOME, track_open=True)
@@ -73,8 +75,8 @@ def begin(path: pathlib.Path) -> Iterator[Begin]:
 def remembered(path: pathlib.Path) -> str:
     """Return what the newest run has written of its race, as JSON; empty: nothing."""
     with contextlib.closing(open_read_only(path)) as database:
-        ((memory,),) = database.execute('SELECT memory FROM session ORDER BY id DESC LIMIT 1')
-    return memory or ''
+        found = database.execute('SELECT data FROM memory ORDER BY run DESC LIMIT 1').fetchone()
+    return str(found[0]) if found else ''
 
 
 def event(sequence: int, text: str = 'something', **more: object) -> StampedEvent:
@@ -87,6 +89,10 @@ def ending(success: bool) -> StampedEvent:
     return StampedEvent(1, time.time_ns(), 0.1, Event(EventKind.ENDED, 'ends', success=success))
 
 
+def put(record: Record, *entries: Entry, first: int = 0) -> None:
+    record.put(Batch(first, entries))
+
+
 def have_written(record: Record, memory: RaceMemory) -> None:
     """Have this on the disk for the next run."""
     record.remember(memory, 0.0, surely=True)
@@ -95,13 +101,14 @@ def have_written(record: Record, memory: RaceMemory) -> None:
 
 def texts(path: pathlib.Path, run: int) -> list[str]:
     with contextlib.closing(open_read_only(path)) as database:
-        return [each.text for each in events(database, run)]
+        return [each.event.text for each in events(database, run)]
 
 
 def test_every_event_is_there_once_and_in_order(begin: Begin, path: pathlib.Path) -> None:
     record = begin()
     for first in range(1, 1000, 10):
-        record.put([event(first + n, f'event {first + n}') for n in range(10)])
+        new = [event(first + n, f'event {first + n}') for n in range(10)]
+        put(record, *new, first=first - 1)
     record.end()
     assert texts(path, 1) == [f'event {n}' for n in range(1, 1001)]
 
@@ -115,16 +122,39 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
     told += race.tick(4.0).events
     stamped = [StampedEvent(n, time.time_ns(), 1.5, each) for n, each in enumerate(told, 1)]
     record = begin()
-    record.put(stamped)
+    record.put(Batch(0, stamped))
     record.end()
     with contextlib.closing(open_read_only(path)) as database:
-        found = list(events(database, 1))
-    assert found == [RecordedEvent.of(each) for each in stamped]
-    (command,) = [each for each in found if each.kind == 'COMMAND']
-    assert (command.kart, command.command, command.hold) == (7, 'KART_RED_RED', 'RED_RED')
-    assert command.official == 'Ada\ufffd'
-    assert {each.alert for each in found} == {None, 'LOST_IN_MOTION'}
-    assert {each.hold for each in found} == {None, 'RED_RED'}
+        assert list(events(database, 1)) == stamped
+
+
+def test_a_run_has_an_id_of_its_own_and_says_which_program_wrote_it(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    for _ in range(2):
+        begin().end()
+    with contextlib.closing(open_read_only(path)) as database:
+        found = [next(entries_of(blocks_of(database, run))) for run in (1, 2)]
+        ids = [each.id for each in sessions(database)]
+    assert [type(each) for each in found] == [Began, Began]
+    assert {each.program for each in found if isinstance(each, Began)} == {PROGRAM}
+    assert len(set(ids)) == 2
+    assert all(len(each) == 16 for each in ids)
+
+
+def test_a_stream_that_another_program_wrote_is_no_run_of_race_control(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    have_written(record, HOME)
+    record.end()
+    timekeeper = Block(0, encode(Began('1234', 'timekeeper', time.time_ns()))).compressed()
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute('INSERT INTO block VALUES (2, 1, ?)', (timekeeper,))
+    record = begin()
+    assert record.left_behind == HOME
+    with contextlib.closing(open_read_only(path)) as database:
+        assert [run.number for run in sessions(database)] == [1, 3]
 
 
 @pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])
@@ -166,7 +196,8 @@ def test_results_are_left_behind_for_the_days_of_one_event(
     record.end()
     began_ns = time.time_ns() - days * 86_400 * 10**9
     with contextlib.closing(sqlite3.connect(path)) as database, database:
-        database.execute('UPDATE session SET began_ns = ?', (began_ns,))
+        began = Block(0, encode(Began('1', PROGRAM, began_ns))).compressed()
+        database.execute('UPDATE block SET data = ?', (began,))
 
     assert begin().left_behind == (memory if days == 2 else RACING)
 
@@ -226,7 +257,7 @@ def cut_short(path: pathlib.Path) -> None:
 
 def garble_the_memory(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE session SET memory = '[1, 2'")
+        database.execute("UPDATE memory SET data = '[1, 2'")
         database.commit()
 
 
@@ -263,12 +294,12 @@ def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
 
 def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
     record = begin()
-    record.put([event(1)])
+    put(record, event(1))
     assert record.write()
     with contextlib.closing(open_read_only(path)) as database:
         database.execute('BEGIN')
         assert len(list(events(database, 1))) == 1
-        record.put([event(2)])
+        put(record, event(2), first=1)
         assert record.write()
         assert len(texts(path, 1)) == 2
 
@@ -314,11 +345,11 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
 ) -> None:
     path = small_disk / 'record.sqlite3'
     record = Record(path)
-    record.put([event(1)])
+    put(record, event(1))
     assert record.write()
     ballast = filled(small_disk)
     count = 1000
-    record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)])
+    record.put(Batch(1, [event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)]))
     record.remember(RACING, 0.0, surely=True)
     assert not record.write()
     assert record.error == 'database or disk is full'
@@ -337,13 +368,13 @@ def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(
 ) -> None:
     path = small_disk / 'record.sqlite3'
     record = Record(path)
-    record.put([event(1)])
+    put(record, event(1))
     record.end()
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
     second = Record(path)
     assert second.error == 'read-only file system'
     assert second.left_behind is None
-    second.put([event(1, 'while it could not be written')])
+    put(second, event(1, 'while it could not be written'))
     assert not second.write()
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
     second.end()
@@ -356,7 +387,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     (tmp_path / 'folder').write_text('a file where a folder should be')
     record = Record(tmp_path / 'folder' / 'record.sqlite3')
     assert record.error
-    record.put([event(1)])
+    put(record, event(1))
     record.end()
 
 
@@ -367,7 +398,7 @@ def test_what_was_written_before_a_record_began_to_fail_is_left_behind(
     record = Record(path)
     have_written(record, HOME)
     ballast = filled(small_disk)
-    record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
+    record.put(Batch(0, [event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)]))
     record.end()
     assert record.error
     ballast.unlink()
@@ -390,21 +421,21 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = begin()
-    before.put([event(1)])
+    put(before, event(1))
     before.end()
     record = begin()
-    record.put([event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False)])
-    record.put([event(4, 'last')])
+    put(record, event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False))
+    put(record, event(4, 'last'), first=3)
     record.end()
-    assert print_timeline([str(path)]) == 0
+    assert print_timeline([str(path)]) == PARTLY
     before, head, *lines = capsys.readouterr().out.splitlines()
     assert 'The run before this one, 1, was not ended in good order' in before
     assert f'rcs_record {path} --run 1' in before
     assert head.split()[0] == '2'
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'last']
     assert ' ! refused' in lines[1]
-    assert '... 1 events are missing ...' in lines[2]
-    assert print_timeline([str(path), '--kart', '7']) == 0
+    assert '1 entry is missing' in lines[2]
+    assert print_timeline([str(path), '--kart', '7']) == PARTLY
     _, _, *lines = capsys.readouterr().out.splitlines()
     assert [line.split()[-1] for line in lines] == ['first', '...', 'last']
 
@@ -428,10 +459,10 @@ def test_the_list_has_every_run_and_how_it_ended(
 ) -> None:
     for success in (False, True):
         record = begin()
-        record.put([ending(success)])
+        put(record, ending(success))
         record.end()
     record = begin()
-    record.put([event(1)])
+    put(record, event(1))
     assert record.write()
     assert print_timeline([str(path), '--list']) == 0
     crashed, ended, running = capsys.readouterr().out.splitlines()
@@ -462,7 +493,7 @@ def test_the_default_record_is_read_and_help_says_where_it_is(
     assert print_timeline([]) == 2
     assert str(default) in capsys.readouterr().err
     record = begin()
-    record.put([event(1, 'something')])
+    put(record, event(1, 'something'))
     record.end()
     default.parent.mkdir()
     default.symlink_to(path)
@@ -481,49 +512,31 @@ def test_a_run_that_a_record_does_not_have_is_refused_with_those_it_has(
     assert f'{path} has no run 7; it has 1' in capsys.readouterr().err
 
 
-# ----- what goes into the rules ------------------------------------------------------------
+# ----- when it is written ------------------------------------------------------------------
 
 
-def blocks_of(path: pathlib.Path, run: int = 1) -> list[Block]:
-    with contextlib.closing(open_read_only(path)) as database:
-        return [Block.of(data) for _, data in inputs_of(database, run)]
-
-
-def block(entries: int, data: bytes = b'') -> Block:
-    return Block(entries, data + b'\n')
-
-
-def test_inputs_are_written_with_the_events_they_belong_to(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    record = begin()
-    record.begin('rules', SETUP)
-    for number in range(100):
-        record.put([event(number + 1)], block(number, b'x'))
-        assert record.write()
-        assert sum(each.length for each in blocks_of(path)) == len(texts(path, 1)) == number + 1
-
-
-def test_inputs_without_events_wait_for_others_but_not_for_long(
+def test_entries_without_events_wait_for_others_but_not_for_long(
     begin: Begin, path: pathlib.Path
 ) -> None:
     record = begin()
     assert record.due_in() is None
-    record.put([], block(0, b'a'))
-    record.put([], block(1, b'b'))
+    put(record, Tick(1.0))
+    put(record, Tick(2.0), first=1)
     due = record.due_in()
     assert due is not None
     assert 0 < due <= evgp_rcs.record.INPUTS_EVERY
     assert record.write()
     assert record.due_in() is None
-    assert b''.join(each.data for each in blocks_of(path)) == b'a\nb\n'
+    with contextlib.closing(open_read_only(path)) as database:
+        _, *found = entries_of(blocks_of(database, 1))
+    assert found == [Tick(1.0), Tick(2.0)]
 
 
 @pytest.mark.parametrize(
     'hand_over',
     [
-        lambda record: record.put([event(1)]),
-        lambda record: record.begin('rules', SETUP),
+        lambda record: put(record, event(1)),
+        lambda record: record.begin(RULES),
         lambda record: record.remember(HOME, 0.0),
     ],
     ids=['an event', 'the rules', 'a memory'],

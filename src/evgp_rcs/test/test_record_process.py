@@ -10,16 +10,15 @@ import contextlib
 import os
 import pathlib
 import signal
-import sqlite3
 import threading
 import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs import record_process
 from evgp_rcs.channel import Happened, pack
-from evgp_rcs.inputs import Block
+from evgp_rcs.inputs import Batch, entries_of, Gap
 from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_rcs.record import events, open_read_only, Record, RecordError
+from evgp_rcs.record import blocks_of, events, open_read_only, Record, RecordError
 from evgp_rcs.record_process import RecordProcess
 from evgp_rcs.run_mark import RUN_BEGAN
 from evgp_testing.process import freeze, wait_until_ended
@@ -47,11 +46,10 @@ def record(path: pathlib.Path) -> Iterator[RecordProcess]:
 
 
 def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
-    """Hand events over, each with an input."""
+    """Hand events over."""
     told = Event(EventKind.CONNECTED, text)
     stamped = [StampedEvent(number, time.time_ns(), 0.1, told) for number in numbers]
-    block = Block(numbers[0] - 1, b'x\n' * len(numbers))
-    record.put(len(stamped), pack(Happened(stamped)), block)
+    record.put(Batch(numbers[0] - 1, [None] * len(stamped), pack(Happened(stamped))))
 
 
 def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:
@@ -244,10 +242,9 @@ def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
     put(record, 101)
     record.end(PATIENCE, LastRun.UNKNOWN)
     assert numbers_in(path) == [*range(1, 101 - lost), 101]
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        blocks = [Block.of(data) for (data,) in database.execute('SELECT data FROM input')]
-    assert sum(block.length for block in blocks) == 101 - lost  # each with its events
-    assert blocks[-1].entries == 100
+    with contextlib.closing(open_read_only(path)) as database:
+        entries = entries_of(blocks_of(database, 1))
+        assert [each.entries for each in entries if isinstance(each, Gap)] == [lost]
 
 
 def test_a_record_that_another_race_control_has_is_refused(path: pathlib.Path) -> None:

@@ -14,9 +14,10 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs import run_mark, spare
+from evgp_rcs.inputs import Batch
 from evgp_rcs.neighbours import Found, Look, why_not
 from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_rcs.record import Record
+from evgp_rcs.record import events, Record
 from evgp_rcs.run_mark import RunMark
 from evgp_rcs.spare import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 import pytest
@@ -65,7 +66,8 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
     def race() -> None:
         record, numbers = Record(first / 'record.sqlite3'), itertools.count(1)
         while not ended.is_set():
-            record.put([happened(next(numbers)) for _ in range(10)])
+            new = [happened(next(numbers)) for _ in range(10)]
+            record.put(Batch(new[0].sequence - 1, new))
             # Some go into the file itself: its two files change at once.
             record.remember(RaceMemory(RaceState.IN_GARAGE, {}), time.monotonic(), surely=True)
             assert record.write(), record.error
@@ -81,7 +83,8 @@ def test_each_copy_of_a_record_that_is_being_written_is_one_moment_of_it(
             assert copy(first, folder) < 30
             with sqlite3.connect(folder / RECORD) as database:
                 assert database.execute('PRAGMA integrity_check').fetchone() == ('ok',)
-                counts += database.execute('SELECT count(*), max(sequence) FROM event')
+                told = [each.sequence for each in events(database, 1)]
+                counts.append((len(told), told[-1]))
             database.close()
     finally:
         ended.set()
@@ -95,7 +98,7 @@ def test_what_came_in_part_does_not_take_the_place_of_the_last_copy(
     cut: int, first: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
     record, folder = Record(first / 'record.sqlite3'), tmp_path / 'spare'
-    record.put([happened(1)])
+    record.put(Batch(0, [happened(1)]))
     record.end()
     copy(first, folder)
     before = [(folder / name).read_bytes() for name in NAMES]
@@ -132,7 +135,7 @@ def test_another_machine_is_asked_by_ssh_and_never_for_a_password(
     monkeypatch.setenv('PATH', f'{programs}:{os.environ["PATH"]}')
     monkeypatch.chdir(tmp_path)
     record = Record(first / 'record.sqlite3')
-    record.put([happened(1)])
+    record.put(Batch(0, [happened(1)]))
     record.end()
     source = 'anna@10.1.0.5:first'
 
@@ -197,7 +200,7 @@ def test_the_newest_copy_is_taken_and_after_a_takeover_what_that_has_made_of_it(
     with pytest.raises(SpareError):
         latest()
     record = Record(first / 'record.sqlite3')
-    record.put([happened(1)])
+    record.put(Batch(0, [happened(1)]))
     record.end()
     copy(first, spare.copies())
     assert latest() == spare.copies()

@@ -13,9 +13,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from evgp_rcs.record import RecordedEvent
+from evgp_protocol.states import RaceState
+from evgp_rcs.race import EventKind, StampedEvent
 
-LIMITS = {'GRID_ACTIVE': 120.0, 'GREEN_GREEN': 30.0, 'RED_FLAG': 15.0, 'RED_RED': 5.0}
+LIMITS = {
+    RaceState.GRID_ACTIVE: 120.0,
+    RaceState.GREEN_GREEN: 30.0,
+    RaceState.RED_FLAG: 15.0,
+    RaceState.RED_RED: 5.0,
+}
 """Time that a kart has to acknowledge a state, in seconds (§3.A)."""
 
 TOO_SOON = 0.2
@@ -25,9 +31,9 @@ RACED = 1.0
 """Time in GREEN_GREEN after which a kart drives, in seconds."""
 
 _WRONGS = {
-    'MALFORMED': 'sent what is no frame',
-    'WITHDRAWN': 'said another state after it had acknowledged',
-    'REFUSED_CONNECTION': 'connected so often that race control refused it',
+    EventKind.MALFORMED: 'sent what is no frame',
+    EventKind.WITHDRAWN: 'said another state after it had acknowledged',
+    EventKind.REFUSED_CONNECTION: 'connected so often that race control refused it',
 }
 """Events of the record that a good kart never causes, and what it did then."""
 
@@ -58,7 +64,7 @@ NO_CUT = Cut()
 
 
 def conduct(
-    events: Sequence[RecordedEvent], kart: int, cut: Cut = NO_CUT, until: float = math.inf
+    events: Sequence[StampedEvent], kart: int, cut: Cut = NO_CUT, until: float = math.inf
 ) -> list[Finding]:
     """
     Return what a kart did well and badly.
@@ -66,22 +72,22 @@ def conduct(
     :param events: of the record, in order.
     :param until: the time at which the events end: what had still time then is not judged.
     """
-    own = [event for event in events if event.kart == kart]
+    own = [event for event in events if event.event.kart == kart]
     findings: list[Finding] = []
     for index, event in enumerate(own):
-        if event.kind == 'KART_STATE' and event.state in LIMITS:
+        if event.event.kind is EventKind.KART_STATE and event.event.state in LIMITS:
             findings += _obeyed(own, index, cut, until)
     for kind, text in _WRONGS.items():
-        times = sum(event.kind == kind for event in own)
+        times = sum(event.event.kind is kind for event in own)
         if times:
             findings.append(Finding(False, f'{text} ({times} times)'))
     return [*findings, *_connected(own, cut)]
 
 
-def _connected(own: Sequence[RecordedEvent], cut: Cut) -> list[Finding]:
+def _connected(own: Sequence[StampedEvent], cut: Cut) -> list[Finding]:
     """Return how a kart kept its connection."""
-    back = [event.monotonic for event in own if event.kind == 'CONNECTED']
-    lost = [event.monotonic for event in own if event.kind == 'DISCONNECTED']
+    back = [event.monotonic for event in own if event.event.kind is EventKind.CONNECTED]
+    lost = [event.monotonic for event in own if event.event.kind is EventKind.DISCONNECTED]
     if not back:
         return [Finding(False, 'never connected')]
     excused = [at for at in lost if at >= cut.at][: cut.losses]
@@ -98,34 +104,36 @@ def _connected(own: Sequence[RecordedEvent], cut: Cut) -> list[Finding]:
     return [Finding(True, f'came back {waited:.1f} s after the incident ended its connection')]
 
 
-def _obeyed(own: Sequence[RecordedEvent], index: int, cut: Cut, until: float) -> list[Finding]:
+def _obeyed(own: Sequence[StampedEvent], index: int, cut: Cut, until: float) -> list[Finding]:
     """Return how a kart acknowledged one order; nothing if it had no time to."""
     order = own[index]
-    assert order.state is not None
-    limit = LIMITS[order.state]
+    assert order.event.state is not None
+    limit = LIMITS[order.event.state]
     # Until the next order, or the loss of the connection it came on: then another one counts.
     following = index + 1
     rest = own[following:]
-    stops = ('KART_STATE', 'DISCONNECTED')
-    end = next((at for at, each in enumerate(rest) if each.kind in stops), len(rest))
-    said = next((each for each in rest[:end] if each.kind == 'ACKNOWLEDGED'), None)
+    stops = (EventKind.KART_STATE, EventKind.DISCONNECTED)
+    end = next((at for at, each in enumerate(rest) if each.event.kind in stops), len(rest))
+    said = next((each for each in rest[:end] if each.event.kind is EventKind.ACKNOWLEDGED), None)
     if said is None:
         left = (rest[end].monotonic if end < len(rest) else until) - order.monotonic
         if left < limit:
             return []
-        return [Finding(False, f'did not acknowledge {order.state} within {limit:g} s')]
+        return [
+            Finding(False, f'did not acknowledge {order.event.state.value} within {limit:g} s')
+        ]
     took = said.monotonic - order.monotonic
-    text = f'acknowledged {order.state} after {took:.2f} s'
-    raced = _raced_until(own[: index + 1], cut) if order.state in _REDS else None
+    text = f'acknowledged {order.event.state.value} after {took:.2f} s'
+    raced = _raced_until(own[: index + 1], cut) if order.event.state in _REDS else None
     if raced is not None and said.monotonic - raced < TOO_SOON:
         return [Finding(False, f'{text}, and raced until then: no kart stands still so soon')]
     return [Finding(took <= limit, f'{text} (limit {limit:g} s)')]
 
 
-_REDS = ('RED_FLAG', 'RED_RED')
+_REDS = (RaceState.RED_FLAG, RaceState.RED_RED)
 
 
-def _raced_until(before: Sequence[RecordedEvent], cut: Cut) -> float | None:
+def _raced_until(before: Sequence[StampedEvent], cut: Cut) -> float | None:
     """
     Return from when on a kart that raced had to stop; None: it did not race, or has stood since.
 
@@ -133,11 +141,11 @@ def _raced_until(before: Sequence[RecordedEvent], cut: Cut) -> float | None:
     """
     green = stop = None
     for event in before:
-        if event.kind == 'KART_STATE' and event.state == 'GREEN_GREEN':
+        if event.event.kind is EventKind.KART_STATE and event.event.state is RaceState.GREEN_GREEN:
             green, stop = event.monotonic, None
-        elif event.kind == 'ACKNOWLEDGED' and event.state in _REDS:
+        elif event.event.kind is EventKind.ACKNOWLEDGED and event.event.state in _REDS:
             green = None
-        elif event.kind in ('KART_STATE', 'DISCONNECTED') and stop is None:
+        elif event.event.kind in (EventKind.KART_STATE, EventKind.DISCONNECTED) and stop is None:
             stop = event.monotonic
     if green is None or stop is None:
         return None

@@ -25,7 +25,7 @@ import time
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.record import RecordedEvent
+from evgp_rcs.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
@@ -324,7 +324,7 @@ def judge_wire(judge: Judge) -> Finding:
     )
 
 
-def judge_events(heard: Sequence[int], recorded: Sequence[RecordedEvent]) -> Finding:
+def judge_events(heard: Sequence[int], recorded: Sequence[StampedEvent]) -> Finding:
     """Return whether officials heard every event of the record, up to the last one they heard."""
     if not heard or list(heard) != [each.sequence for each in recorded[: len(heard)]]:
         return Finding(False, f'/rcs/events has gaps, or nothing at all: {len(heard)} events')

@@ -28,7 +28,8 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.messages import message_of, value_of
-from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rcs.race import StampedEvent
+from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.snapshot import Snapshot
 from evgp_rcs.spare import fetch, keep
 from evgp_rcs_msgs import msg
@@ -374,7 +375,7 @@ class Rehearsal(Part):
             times = list(self._times)
         return score(took, [_in_ticks(event, times) for event in self.events()], truth)
 
-    def events(self) -> list[RecordedEvent]:
+    def events(self) -> list[StampedEvent]:
         """Return all events of the record."""
         return recorded(self._folder)
 
@@ -555,7 +556,7 @@ class Rehearsal(Part):
             self.window.close()
 
 
-def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
+def recorded(folder: pathlib.Path) -> list[StampedEvent]:
     """Return all events of the record in a folder, of every run of race control."""
     # After a takeover the newest one has the runs before it, too.
     newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
@@ -574,7 +575,7 @@ WHEN = {
 """When an incident can begin, for who chooses it."""
 
 
-def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:
+def _in_ticks(event: StampedEvent, times: Sequence[float]) -> StampedEvent:
     """Return an event with its time on the field's clock, which stands while it is paused."""
     tick = bisect.bisect_left(times, event.monotonic)
-    return dataclasses.replace(event, monotonic=tick * TICK_LENGTH)
+    return event._replace(monotonic=tick * TICK_LENGTH)

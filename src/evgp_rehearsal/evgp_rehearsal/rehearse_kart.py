@@ -27,6 +27,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs.race import EventKind
 from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
 from evgp_rehearsal.event import recorded
 from evgp_testing.domains import Domain
@@ -241,7 +242,12 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
             until = clock.now()
         happened = recorded(pathlib.Path(folder))
         # Ctrl-C ends race control too. The kart has not caused what follows.
-        until = min([until, *(event.monotonic for event in happened if event.kind == 'ENDED')])
+        until = min(
+            [
+                until,
+                *(event.monotonic for event in happened if event.event.kind is EventKind.ENDED),
+            ]
+        )
         happened = [event for event in happened if event.monotonic <= until]
     unseen = INCIDENTS[given.incident].unseen
     if unseen and trial.cut is not NO_CUT:
@@ -258,7 +264,7 @@ def _race(trial: Trial, name: str, wait: float) -> None:
         official.bring_to(RaceState.IN_GARAGE)
     for state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
         what = f'your kart to acknowledge {state.value}'
-        with trial.awaiting(what, LIMITS[state.value]) as official:
+        with trial.awaiting(what, LIMITS[state]) as official:
             official.bring_to(state)
     trial.say(f'your kart races for {RACING:g} s')
     time.sleep(RACING)
@@ -266,7 +272,9 @@ def _race(trial: Trial, name: str, wait: float) -> None:
         trial.cut = Cut(clock.now(), incident.losses)
     trial.say(f'now: {name}')
     incident.play(trial)
-    with trial.awaiting('your kart to acknowledge a stop', BACK + LIMITS['RED_FLAG']) as official:
+    with trial.awaiting(
+        'your kart to acknowledge a stop', BACK + LIMITS[RaceState.RED_FLAG]
+    ) as official:
         official.wait_for_kart(
             kart,
             lambda seen: (

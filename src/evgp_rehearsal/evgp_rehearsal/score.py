@@ -30,7 +30,7 @@ import enum
 import math
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.record import RecordedEvent
+from evgp_rcs.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS
 
@@ -137,21 +137,19 @@ class Line:
         )
 
 
-def score(took: Iterable[Occurrence], events: Sequence[RecordedEvent], truth: Truth) -> list[Line]:
+def score(took: Iterable[Occurrence], events: Sequence[StampedEvent], truth: Truth) -> list[Line]:
     """Return a line for each incident; the times of the events are the field's, in seconds."""
     commands = []
     red: set[int] = set()
-    for event in events:
-        if event.kind == 'KART_STATE':
-            (red.add if event.state in _REDS else red.discard)(event.kart)
-        elif event.kind == 'COMMAND' and event.command and event.official != STEWARD:
-            kind = CommandKind[event.command]
-            tick = round(event.monotonic / TICK_LENGTH)
-            commands.append(_Command(tick, kind, event.kart, event.success, frozenset(red)))
+    for stamped in events:
+        event = stamped.event
+        if event.kind is EventKind.KART_STATE and event.state is not None:
+            (red.add if event.state.is_red else red.discard)(event.kart)
+        elif event.kind is EventKind.COMMAND and event.command and event.official != STEWARD:
+            tick = round(stamped.monotonic / TICK_LENGTH)
+            seen = frozenset(red)
+            commands.append(_Command(tick, event.command, event.kart, event.success, seen))
     return [_line(each, commands, truth) for each in took]
-
-
-_REDS = ('RED_FLAG', 'RED_RED')
 
 
 @dataclass(frozen=True)

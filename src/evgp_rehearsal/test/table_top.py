@@ -23,7 +23,6 @@ from evgp_rcs.race import (
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.line import TimingLine
@@ -49,7 +48,7 @@ class TableTop:
         """Have every kart in the race, in the garage."""
         self.field = Field(self.plan)
         self.race = self._race()
-        self.events: list[RecordedEvent] = []
+        self.events: list[StampedEvent] = []
         self.back_at = 0
         self.line = TimingLine('today')
         self._links = dict.fromkeys(self.plan.numbers, Connected.NOBODY)
@@ -162,8 +161,7 @@ class TableTop:
 
     def _take(self, outcome: Outcome) -> None:
         for event in outcome.events:
-            stamped = StampedEvent(len(self.events) + 1, 0, self.now, event)
-            self.events.append(RecordedEvent.of(stamped))
+            self.events.append(StampedEvent(len(self.events) + 1, 0, self.now, event))
 
 
 def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:

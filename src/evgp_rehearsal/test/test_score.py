@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from evgp_rcs.record import RecordedEvent
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
@@ -25,8 +26,18 @@ def sheet(
 ) -> Line:
     """Return the line for commands, each with its time after the beginning, in seconds."""
     events = [
-        RecordedEvent(
-            at, 0, 5.0 + seconds, 'COMMAND', kart, kind, accepted, None, '', official, None
+        StampedEvent(
+            at,
+            0,
+            5.0 + seconds,
+            Event(
+                EventKind.COMMAND,
+                '',
+                kart,
+                command=CommandKind[kind],
+                success=accepted,
+                official=official,
+            ),
         )
         for at, (seconds, kind, kart) in enumerate(commands, start=1)
     ]

@@ -7,17 +7,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from evgp_rcs.record import RecordedEvent
+from evgp_protocol.states import RaceState
+from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import conduct, Cut, LIMITS
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line
 
 
-def happened(*events: tuple[float, str, str | None]) -> list[RecordedEvent]:
+def happened(*events: tuple[float, str, str | None]) -> list[StampedEvent]:
     """Return events of kart 7, each at a time (s), of a kind, about a state."""
     return [
-        RecordedEvent(at, 0, seconds, kind, 7, None, True, state, '', '', None)
+        StampedEvent(
+            at, 0, seconds, Event(EventKind[kind], '', 7, RaceState[state] if state else None)
+        )
         for at, (seconds, kind, state) in enumerate(events, start=1)
     ]
 
@@ -88,8 +91,8 @@ def test_a_lost_connection_is_bad_unless_the_incident_ended_it() -> None:
 
 
 def test_a_kart_has_the_whole_limit_where_the_race_was_cut_short() -> None:
-    assert bad(*RACE, until=9.0 + LIMITS['RED_RED'] - 0.1) == 0
-    assert bad(*RACE, until=9.0 + LIMITS['RED_RED'] + 0.1) == 1
+    assert bad(*RACE, until=9.0 + LIMITS[RaceState.RED_RED] - 0.1) == 0
+    assert bad(*RACE, until=9.0 + LIMITS[RaceState.RED_RED] + 0.1) == 1
 
 
 def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:

@@ -6,40 +6,26 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
-import dataclasses
+from collections.abc import Sequence
 import datetime
 import hashlib
-import json
 import pathlib
 import re
 
-from evgp_rcs.laps import Laps
 from evgp_rcs.plain import plain
-from evgp_rcs.race import EventKind
-from evgp_rcs.record import is_being_written, RecordedEvent, Session
-from evgp_rcs.replay import Kept
-from evgp_rcs.report.lap_times import counted
-from evgp_rcs.report.model import Account, OF_LAPS, Part
+from evgp_rcs.record import is_being_written, Session
+from evgp_rcs.report.model import Account, Part
 from evgp_rcs.report.page import page
 from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import (
-    add_run_arguments,
-    CALLED,
-    DONE,
-    FAILED,
-    open_runs,
-    Runs,
-    say,
-    UnreadableError,
-)
+from evgp_rcs.runs import add_run_arguments, CALLED, FAILED, Kept, open_runs, PARTLY, Runs, say
 
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record report`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} report',
-        description='Write the report of the newest run, or of a part of it, as one HTML file.',
+        description='Write the report of the newest run, or of a part of it, as one HTML file. '
+        'The rules are run again for it, which takes some 20 s for an hour.',
         epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
         'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
         'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '
@@ -50,10 +36,7 @@ def options() -> argparse.ArgumentParser:
         '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
     )
     parser.add_argument(
-        '--quick',
-        action='store_true',
-        help='do not replay the run, which takes some 20 s for an hour, and count no laps; the '
-        'report then says so',
+        '--event', default='', metavar='NAME', help='the name of the event, for the head'
     )
     parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
     parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
@@ -76,59 +59,36 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
-        kept = Kept.read(runs, run)
-        sums = _sums(runs, kept.happened)
+        kept = runs.read(run)
+        sums = _sums(runs, kept)
     # With the record closed: the race must not wait for what follows.
-    account = kept.account()
+    account = Account(kept)
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
-    laps = _laps(kept, account, wanted.quick)
-    written = page(runs, kept, account, part, sums, _replay(kept, wanted.quick), laps)
+    written = page(runs, account, part, sums, wanted.event)
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')
     except OSError as error:
         say(f'{wanted.output} cannot be written: {error.strerror}')
         return FAILED
-    print(f'{plain(str(wanted.output))}: run {run.number}, {len(kept.happened)} events')
-    return runs.code
+    print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.events)} events')
+    return PARTLY if account.gaps else runs.code
 
 
-def _laps(kept: Kept, account: Account, quick: bool) -> tuple[dict[int, Laps], str]:
-    """Return the laps of each race, and why some are missing; to count them takes long."""
-    seen = any(event.kind in _SEEN or event.command in OF_LAPS for event in account.events)
-    if not seen and not any(race.taken_up for race in account.races):
-        return {}, ''
-    return ({}, '--quick was given') if quick else counted(kept)
-
-
-_SEEN = {EventKind.PASSING.name, EventKind.LAP.name}
-
-
-def _replay(kept: Kept, quick: bool) -> tuple[bool, str]:
-    """Return whether a replay went to the end without a difference, and what there is to say."""
-    if quick:
-        return False, 'This run was not replayed: --quick was given.'
-    try:
-        code, said = kept.judge()
-    except UnreadableError as error:
-        return False, f'It was not replayed: {error}.'
-    return code == DONE, ' '.join(['The rules were run again on all that went into them.', *said])
-
-
-def _sums(runs: Runs, happened: Iterable[RecordedEvent]) -> list[tuple[str, str]]:
+def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     """
     Return what was summed, and its SHA-256.
 
-    Always of the events that were read, so that a report can be held against the record at any
+    Always of the stream that was read, so that a report can be held against the record at any
     later time. And of the file, unless race control is writing it; with what SQLite keeps beside
     it after a crash.
     """
     digest = hashlib.sha256()
-    for event in happened:
-        digest.update(json.dumps(dataclasses.astuple(event)).encode() + b'\n')
-    sums = [('SHA-256 of the events of this run, as they were read', digest.hexdigest())]
+    for line in kept.lines():
+        digest.update(line)
+    sums = [('SHA-256 of the stream of this run (rcs_record show --stream)', digest.hexdigest())]
     if runs.present is None:
         files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
         of_files = [
@@ -162,8 +122,8 @@ def _part(
         raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
     if part.end is not None and part.end < (part.start or 0.0):
         raise ValueError(f'--to {end}: that is before the part begins')
-    if kart is not None and all(lane.kart != kart for lane in account.lanes):
-        known = ', '.join(str(lane.kart) for lane in account.lanes) or 'no kart'
+    if kart is not None and kart not in account.lanes:
+        known = ', '.join(map(str, account.lanes)) or 'no kart'
         raise ValueError(f'--kart {kart}: the run has {known}')
     return part
 

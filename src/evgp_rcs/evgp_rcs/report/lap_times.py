@@ -6,19 +6,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
-import dataclasses
+from collections.abc import Iterator, Sequence
 import json
-from typing import Any, get_args, NamedTuple
+from typing import Any, NamedTuple
 
-from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Recovered
 from evgp_rcs.laps import Format, Laps, overall
-from evgp_rcs.race import LastRun
-from evgp_rcs.replay import Kept
+from evgp_rcs.report.model import Account, standing, with_late_penalties
 from evgp_rcs.report.results import as_csv, defused, put, runs_of, table_options
-from evgp_rcs.runs import PARTLY, say
-
-_INPUTS = get_args(Input)
 
 
 def options() -> argparse.ArgumentParser:
@@ -43,75 +37,30 @@ def main(arguments: Sequence[str]) -> int:
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
-    kept, code = runs_of(wanted, inputs_too=True)
+    accounts, code = runs_of(wanted)
     races: list[Raced] = []
-    for run in kept:
-        laps, lacks = counted(run)
-        for number, each in laps.items():
+    for run in accounts:
+        for number, each in run.laps.items():
             if each.is_recalled and races and _is_same(races[-1].laps, each):
                 races.pop()
             races.append(Raced(run, number, each))
-        last = next(reversed(laps.values()), None)
+        last = next(reversed(run.laps.values()), None)
         if last is not None:
             races = [each._replace(laps=with_late_penalties(each.laps, last)) for each in races]
-        if lacks:
-            say(f'of run {run.run.number} not all can be read: {lacks}')
-            code = PARTLY
     rows = [row for each in races for row in _rows(*each)]
-    _place_overall(rows, standing(each.laps for each in races))
+    _place_overall(rows, standing([each.laps for each in races]))
     text = json.dumps(rows, indent=1) + '\n'
     if not wanted.json:
         text = as_csv(COLUMNS, ([_cell(row[name]) for name in COLUMNS] for row in rows))
-    return put(text, wanted.output, f'{len(rows)} results of {len(kept)} runs', code)
+    return put(text, wanted.output, f'{len(rows)} results of {len(accounts)} runs', code)
 
 
 class Raced(NamedTuple):
     """A race of a run, by its number there, with its laps."""
 
-    run: Kept
+    run: Account
     number: int
     laps: Laps
-
-
-def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
-    """
-    Return the laps of each race of a run, by its number, as they stood at last.
-
-    And why some are missing, as the rest of a sentence; empty: none is.
-    """
-    if kept.setup is None:
-        return {}, kept.lacks
-    race = kept.setup.race()
-    laps: dict[int, Laps] = {}
-    known: Laps | None = None
-    try:
-        for entry in entries_of(kept.blocks):
-            if isinstance(entry, _INPUTS):
-                feed(entry, race)
-            if isinstance(entry, Recovered) and entry.last_run is not LastRun.UNKNOWN:
-                known = race.laps  # that race was over, and its own run has it
-            if race.laps.karts and race.laps is not known:
-                laps[race.grids] = race.laps
-    except InputsError as error:
-        return laps, str(error)
-    except Exception as error:  # noqa: BLE001 - other rules may have recorded the inputs
-        return laps, f'the rules cannot run on it ({error!r})'
-    return {number: with_late_penalties(each, race.laps) for number, each in laps.items()}, ''
-
-
-def with_late_penalties(laps: Laps, last: Laps) -> Laps:
-    """Return laps with the penalties that officials gave once a later race had begun."""
-    kept = last.heats.by_name.get(laps.heat)
-    if kept is None or kept.counted != laps.counted:
-        return laps
-    return dataclasses.replace(laps, penalties=kept.penalties)
-
-
-def standing(races: Iterable[Laps]) -> list[Laps]:
-    """Return the races that count over all: of each heat the last one with a lap."""
-    every = list(races)
-    last = {each.heat: each for each in every if each.is_result}
-    return [each for each in every if last.get(each.heat, each) is each]
 
 
 def _is_same(laps: Laps, recalled: Laps) -> bool:
@@ -119,11 +68,11 @@ def _is_same(laps: Laps, recalled: Laps) -> bool:
     return (laps.heat, set(laps.karts)) == (recalled.heat, set(recalled.karts))
 
 
-def _rows(kept: Kept, number: int, laps: Laps) -> Iterator[dict[str, Any]]:
-    teams = {} if kept.setup is None else {kart.number: kart.team for kart in kept.setup.karts}
+def _rows(run: Account, number: int, laps: Laps) -> Iterator[dict[str, Any]]:
+    teams = run.teams
     for result in laps.results:
         yield {
-            'run': kept.run.number,
+            'run': run.kept.run.number,
             'race': number,
             'heat': laps.heat,
             'format': laps.format.value,

@@ -2,58 +2,55 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the recorded events of one run say: races, what each kart was sent, alerts, commands.
+What happened in a run: races, what each kart was sent, alerts, commands, laps.
 
-Pure. Everything here follows from the fields of the events alone; no sentence is read. Where the
-events cannot say what a kart was sent, that is `NOT_KNOWN`. All times are seconds since the first
-event of the run, by the clock of the rules: nobody sets that clock.
+One pass over the replay of its stream (``Replay.steps``): after each step, this looks at the race
+as the rules have it. Nothing is worked out a second time, and no sentence is read. Where the rules
+cannot follow the stream (a gap, or a difference), what karts are sent is `NOT_KNOWN`, and the
+events that follow are listed as they stand, no more.
+
+All times are seconds since the first event of the run, by the clock of the rules: nobody sets that
+clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 import dataclasses
 from dataclasses import dataclass, field
 import enum
-from itertools import pairwise
-from typing import NamedTuple, TypeVar
+import itertools
+import math
+from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import EventKind
-from evgp_rcs.record import RecordedEvent
+from evgp_rcs.inputs import CLOSED_BY_KART, Disconnected, Gap, Input, Recovered
+from evgp_rcs.laps import Laps
+from evgp_rcs.race import AlertKind, EventKind, Kart, LastRun, Race, StampedEvent
+from evgp_rcs.replay import clock_steps, Replay, Step
+from evgp_rcs.runs import Kept
 
 IN_GARAGE = RaceState.IN_GARAGE.name
-GRID_ACTIVE = RaceState.GRID_ACTIVE.name
 GREEN_GREEN = RaceState.GREEN_GREEN.name
-RED_FLAG = RaceState.RED_FLAG.name
-RED_RED = RaceState.RED_RED.name
+REDS = frozenset({RaceState.RED_FLAG.name, RaceState.RED_RED.name})
 
 NOT_CONNECTED = 'NOT_CONNECTED'
 """In the place of a state: race control sends the kart nothing, since it is not connected."""
 
 NOT_KNOWN = 'NOT_KNOWN'
-"""In the place of a state: the record does not say what the kart was sent."""
+"""In the place of a state: from here on the rules cannot follow the record."""
 
 NO_GRADE = Grade.UNKNOWN.name
 
-STOPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.stop)
-SENDS_RED = STOPS | {
-    kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
-}
+STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
+SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
 
-OF_LAPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.of_laps)
-
-OF_THE_SERVER = frozenset(
-    kind.name
-    for kind in (
-        EventKind.MALFORMED,
-        EventKind.REFUSED_CONNECTION,
-        EventKind.ENDED,
-    )
-)
-"""Events that no input of the rules makes; they say nothing of holds."""
+CORRECTIONS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.of_laps) - {
+    CommandKind.COUNT_PASSING
+} | {CommandKind.KART_UNDO_FINISH}
+"""Commands that change what was counted or given before; to count a passing does not."""
 
 
 @dataclass
@@ -61,45 +58,48 @@ class Band:
     """
     A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`.
 
-    Or in which a link had a grade: a name of ``Grade``.
+    Or in which a link had a grade, or a kart was held: see `Lane`.
+
+    :param acknowledged: when the kart first acknowledged it; None: not in this time.
+    :param delivered: when the kart's kernel had answered it; None: that was not seen.
     """
 
     start: float
     end: float
     what: str
     acknowledged: float | None = None
-    """When the kart first acknowledged it; None: not in this time."""
     delivered: float | None = None
-    """When the kart's kernel had answered it; None: that was not seen in this time."""
 
 
-@dataclass
-class Hold:
-    """A time in which a kart was certainly held; `command`: the stop it began with, or empty."""
+class Bands(list[Band]):
+    """Bands that follow each other; the last one goes on until another begins."""
 
-    start: float
-    end: float
-    command: str
+    def change(self, at: float, what: str) -> Band:
+        """Have something else begin now, unless it is the same; return the last band."""
+        if self and self[-1].what != what:
+            self[-1].end = at
+            if self[-1].start == at:
+                self.pop()  # it did not last
+        if not self or self[-1].what != what:
+            self.append(Band(at, math.inf, what))
+        self[-1].end = math.inf
+        return self[-1]
 
 
-@dataclass
-class Lane:
+class Lane(NamedTuple):
     """
-    One kart: what it was sent, when it was held, and how good its link was.
+    One kart.
 
-    :param links: each a name of ``Grade``; `NO_GRADE`: nothing is known.
+    :param bands: what it was sent.
+    :param links: how good its link was, names of ``Grade``.
+    :param holds: the states in which it was held on its own account; empty: it was not.
     """
 
     kart: int
     team: str
-    bands: list[Band]
-    links: list[Band]
-    holds: list[Hold] = field(default_factory=list)
-
-    @property
-    def sent(self) -> str:
-        """Return what it was sent last."""
-        return self.bands[-1].what
+    bands: Bands
+    links: Bands
+    holds: Bands
 
 
 @dataclass
@@ -107,15 +107,12 @@ class Alert:
     """
     An alert, and how long it stood.
 
-    :param raised: None: in a gap of the record.
-    :param ended: None: it had not, or in a gap.
-    :param lost_sight: events are missing after it was raised, which may have ended it.
+    :param ended: None: it had not.
+    :param lost_sight: the rules could not follow the record, and it may have ended since.
     """
 
-    kart: int
-    raised: float | None
-    text: str
-    sequence: int
+    event: StampedEvent
+    raised: float
     ended: float | None = None
     lost_sight: bool = False
 
@@ -135,15 +132,15 @@ class Why(enum.Enum):
     RACE_STOPPED = 'the race was stopped first'
     RACE_CONTROL_ENDED = 'race control ended first'
     STILL_RACING = 'it was still racing at the end of the record'
-    NOT_KNOWN = 'not known: events are missing, and it may have finished'
+    NOT_KNOWN = 'not known: the record cannot be followed to its end'
 
 
 class Out(NamedTuple):
-    """Why a kart did not finish, since when, and by which event; 0: none."""
+    """Why a kart did not finish, since when, and by which event; None: none."""
 
     why: Why
     at: float
-    sequence: int = 0
+    event: StampedEvent | None = None
 
 
 class Result(NamedTuple):
@@ -155,59 +152,49 @@ class Result(NamedTuple):
     out: Out | None = None
 
 
-class Silence(enum.Enum):
-    """Why the record has no acknowledgement of a stop, as far as it says, and since when."""
-
-    LOST = 'not acknowledged: it lost its connection at {}'
-    TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
-    NOT_KNOWN = 'not known: events are missing from {} on'
-    RECORD_ENDS = 'not acknowledged'
-
-
 class StopAnswer(NamedTuple):
     """
     What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
 
-    :param what: `NOT_CONNECTED`: it was sent nothing. `NOT_KNOWN`: the record does not say.
-    :param since: when it was first sent that: before the stop, if it was being sent it already.
-    :param until: when something else followed.
-    :param silence: why there is no acknowledgement; None: there is one, or nothing was sent.
+    :param band: since when it was sent what; it may have been before the stop.
+    :param then: what it was sent after that; empty: nothing, the record ends.
     """
 
     kart: int
-    what: str
-    since: float
-    delivered: float | None
-    acknowledged: float | None
-    until: float
-    silence: Silence | None
+    band: Band
+    then: str
+
+    @property
+    def is_silent(self) -> bool:
+        """Return whether it is certain that the kart did not acknowledge it."""
+        known = {self.band.what, self.then}.isdisjoint({NOT_KNOWN}) and self.band.what in REDS
+        return known and self.band.acknowledged is None
 
 
 class Stop(NamedTuple):
-    """
-    A stop, and what each kart was sent that it concerned.
+    """A stop: the event of the command, or of the race's state if no command stopped it."""
 
-    :param sequence: the event that says so: of a command, or of the race's state if no official's
-        command stopped it.
-    """
-
-    sequence: int
+    event: StampedEvent
     at: float
     told: tuple[StopAnswer, ...]
 
     def slowest(self) -> StopAnswer | None:
         """Return who took longest of those that it told something new, and acknowledged."""
-        new = (each for each in self.told if each.since == self.at and each.acknowledged)
-        return max(new, key=lambda each: each.acknowledged or 0.0, default=None)
+        new = [each for each in self.told if each.band.start == self.at]
+        answered = (each for each in new if each.band.acknowledged is not None)
+        return max(answered, key=lambda each: each.band.acknowledged or 0.0, default=None)
 
 
 class Change(NamedTuple):
-    """A race went to a state, by the command of the event `by`; 0: by none."""
+    """A race went to a state."""
 
     at: float
-    state: str
-    sequence: int
-    by: int
+    event: StampedEvent
+
+    @property
+    def state(self) -> str:
+        """Return the name of the state."""
+        return self.event.event.state.name if self.event.event.state else NOT_KNOWN
 
 
 @dataclass
@@ -216,44 +203,43 @@ class RaceAccount:
     One race, from GRID_ACTIVE to IN_GARAGE.
 
     :param began: the first time that is known of it.
-    :param heat: the name of the heat that an official had put into the race; empty: none.
     :param starters: who was sent GREEN_GREEN.
     :param finished: who was marked as finished when, in the order of their places.
     :param out: why each starter that dropped out did so, before it finished.
     :param results: race control's own sentence; empty: none was recorded.
-    :param incidents: the numbers of the events that a jury asks about first; ``stops``: of those
-        that are stops, of all or of one kart; ``refused``: of the commands that were refused.
+    :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
+        of all or of one kart; ``refused``: of the commands that were refused.
     :param taken_up: it was under way when the run began.
-    :param incomplete: events are missing in it.
+    :param incomplete: the rules could not follow it to its end.
     """
 
     number: int
     began: float
     heat: str
     taken_up: bool
-    incomplete: bool
+    incomplete: bool = False
     changes: list[Change] = field(default_factory=list)
     starters: list[int] = field(default_factory=list)
     finished: dict[int, float] = field(default_factory=dict)
     out: dict[int, Out] = field(default_factory=dict)
     results: str = ''
-    incidents: list[int] = field(default_factory=list)
-    stops: list[int] = field(default_factory=list)
-    refused: list[int] = field(default_factory=list)
+    incidents: list[StampedEvent] = field(default_factory=list)
+    stops: list[StampedEvent] = field(default_factory=list)
+    refused: list[StampedEvent] = field(default_factory=list)
 
     def _first(self, *states: str) -> Change | None:
         return next((change for change in self.changes if change.state in states), None)
 
     @property
     def green(self) -> float | None:
-        """Return when it was started; None: never, or the record does not say."""
+        """Return when it was started; None: never, or before this run."""
         change = self._first(GREEN_GREEN)
         return change.at if change is not None else None
 
     @property
     def stop(self) -> Change | None:
         """Return what stopped it as a whole; None: nothing did."""
-        return self._first(RED_FLAG, RED_RED)
+        return self._first(*REDS)
 
     @property
     def garage(self) -> float | None:
@@ -262,60 +248,86 @@ class RaceAccount:
         return change.at if change is not None else None
 
 
-class Gap(NamedTuple):
-    """Events that the record does not have, between two that it has."""
-
-    start: float
-    end: float
-    missing: int
-
-
-class ClockStep(NamedTuple):
-    """
-    The wall time goes on by so many seconds more, since the event before, than time did.
-
-    Somebody set the computer's clock, or changed the record: no rule can tell.
-    """
-
-    at: float
-    by: float
-    sequence: int
-
-
-@dataclass
 class Account:
     """
-    Everything that the events of a run say.
+    Everything that a run has to tell.
 
-    :param events: all of them, in order.
-    :param first: the first event of the run; None: there is none.
-    :param length: the time of the last event.
-    :param race_bands: the state of the race.
-    :param outside: the numbers of incidents outside any race.
-    :param ended: the event that says that race control ends; None: there is none.
+    :ivar replay: what was compared on the way.
+    :ivar events: all of them, in order.
+    :ivar length: the time of the last event.
+    :ivar known_until: up to when the rules could follow the record; None: to its end.
+    :ivar lost: how many connections to karts were lost in races; ``closed``: how many of these the
+        kart closed.
+    :ivar outside: incidents outside any race.
+    :ivar ended: the event that says that race control ends; None: there is none.
+    :ivar laps: of each race by its number, as they stood at last.
+    :ivar corrections: what officials corrected of a race, by its number, until the next one began.
     """
 
-    events: list[RecordedEvent]
-    first: RecordedEvent | None
-    length: float
-    lanes: list[Lane]
-    race_bands: list[Band]
-    clock_steps: list[ClockStep]
-    races: list[RaceAccount] = field(default_factory=list)
-    alerts: list[Alert] = field(default_factory=list)
-    gaps: list[Gap] = field(default_factory=list)
-    outside: list[int] = field(default_factory=list)
-    ended: RecordedEvent | None = None
+    def __init__(self, kept: Kept) -> None:
+        """Go through the run; that takes some 0.3 s for each minute of it."""
+        self.kept = kept
+        self.replay = Replay(kept)
+        self.events: list[StampedEvent] = []
+        self.gaps: list[tuple[float, Gap]] = []
+        self.length = 0.0
+        self.known_until: float | None = None
+        self.lanes: dict[int, Lane] = {}
+        self.race_bands = Bands()
+        self.races: list[RaceAccount] = []
+        self.alerts: list[Alert] = []
+        self.outside: list[StampedEvent] = []
+        self.ended: StampedEvent | None = None
+        self.lost = self.closed = 0
+        self.laps: dict[int, Laps] = {}
+        self.corrections: dict[int, list[StampedEvent]] = {}
+        self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
+        self._known_laps: Laps | None = None
+        last: Race | None = None
+        for step in self.replay.steps():
+            self._take(step)
+            last = step.race or last
+        if last is not None:
+            self.laps = {
+                number: with_late_penalties(each, last.laps) for number, each in self.laps.items()
+            }
+        self.clock_steps = clock_steps(self.events)
+        self._close()
+
+    # ----- what there is to see -----------------------------------------------------------
 
     @property
-    def commands(self) -> list[RecordedEvent]:
-        """Return the events of officials' commands."""
-        return [event for event in self.events if event.kind == EventKind.COMMAND.name]
+    def first(self) -> StampedEvent | None:
+        """Return the first event of the run; None: there is none."""
+        return self.events[0] if self.events else None
 
-    def at(self, event: RecordedEvent) -> float:
+    @property
+    def commands(self) -> list[StampedEvent]:
+        """Return the events of officials' commands."""
+        return [each for each in self.events if each.event.kind is EventKind.COMMAND]
+
+    @property
+    def teams(self) -> dict[int, str]:
+        """Return the team of each kart."""
+        return {lane.kart: lane.team for lane in self.lanes.values()}
+
+    @property
+    def lacks(self) -> str:
+        """Return why some of this is missing, as a clause; empty: nothing is."""
+        difference = self.replay.difference
+        if difference is not None:
+            return f'the record is not what the rules make of it ({difference.what} differs)'
+        missing = self.replay.missing
+        return missing if self.replay.rules else missing or 'with what the rules began is missing'
+
+    @property
+    def officials(self) -> list[str]:
+        """Return who gave commands, by their own word."""
+        return sorted({each.event.official for each in self.commands} - {''})
+
+    def at(self, event: StampedEvent) -> float:
         """Return when an event happened."""
-        assert self.first is not None
-        return event.monotonic - self.first.monotonic
+        return self._at(event.monotonic)
 
     def results(self, race: RaceAccount) -> list[Result]:
         """Return what became of each starter of a race: in the order of places, then the rest."""
@@ -326,355 +338,247 @@ class Account:
             *(Result(kart, out=self._out(race, kart)) for kart in rest),
         ]
 
-    def stops(self, race: RaceAccount) -> list[Stop]:
-        """Return the stops of a race, and what they told to whom; of the account of all karts."""
-        events = {event.sequence: event for event in self.events}
-        return [self._stop(race, events[number]) for number in race.stops if number in events]
-
-    def corrections(self, race: int) -> list[RecordedEvent]:
-        """Return what officials corrected of the laps of a race, until the next one began."""
-        found, number = [], 0
-        for event in self.events:
-            number = event.race or number  # in the garage there is none
-            is_correction = event.kind == EventKind.COMMAND.name and event.command in OF_LAPS
-            if number == race and is_correction and event.success:
-                found.append(event)
-        return found
-
-    def _stop(self, race: RaceAccount, event: RecordedEvent) -> Stop:
+    def stop(self, race: RaceAccount, event: StampedEvent) -> Stop:
+        """Return what a stop of a race told to whom."""
         at = self.at(event)
         told = []
-        for lane in self.lanes:
-            if event.kart not in (0, lane.kart):
+        for lane in self.lanes.values():
+            if event.event.kart not in (0, lane.kart):
                 continue
             later = [band for band in lane.bands if band.end > at]
             band, *after = later or lane.bands[-1:]
             sent = band.what not in (NOT_CONNECTED, NOT_KNOWN)
-            if sent and band.what not in (RED_FLAG, RED_RED):
+            if sent and band.what not in REDS:
                 continue
-            if not sent and lane.kart not in (event.kart, *race.starters):
+            if not sent and lane.kart not in (event.event.kart, *race.starters):
                 continue  # nobody had to tell it
             ends = self.ended is not None and band.end >= self.at(self.ended)
             then = after[0].what if after and not ends else ''
-            silence = None
-            if sent and band.acknowledged is None:
-                silence = _SILENCE.get(then, Silence.TOLD_ELSE)
-            arrived = band.delivered, band.acknowledged
-            told.append(StopAnswer(lane.kart, band.what, band.start, *arrived, band.end, silence))
-        return Stop(event.sequence, at, tuple(told))
+            told.append(StopAnswer(lane.kart, band, then))
+        return Stop(event, at, tuple(told))
 
     def _out(self, race: RaceAccount, kart: int) -> Out:
-        known = race.out.get(kart)
-        ends = race.stop.at if race.stop is not None else self.length
-        began = race.green or 0.0
-        gap = next((each for each in self.gaps if each.end >= began and each.start <= ends), None)
-        if gap is not None and (known is None or known.at > gap.start):
-            # It may even have finished there.
-            return Out(Why.NOT_KNOWN, gap.start)
-        if known is not None:
-            return known
+        if kart in race.out:
+            return race.out[kart]
         if race.stop is not None:
-            return Out(Why.RACE_STOPPED, race.stop.at, race.stop.by)
+            return Out(Why.RACE_STOPPED, *race.stop)
+        if race.incomplete:
+            return Out(Why.NOT_KNOWN, self.known_until or 0.0)
         if self.ended is not None:
-            return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended.sequence)
+            return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended)
         return Out(Why.STILL_RACING, self.length)
 
+    # ----- one step -----------------------------------------------------------------------
 
-_SILENCE = {
-    '': Silence.RECORD_ENDS,
-    NOT_CONNECTED: Silence.LOST,
-    NOT_KNOWN: Silence.NOT_KNOWN,
-}
-"""Why a kart did not acknowledge, by what it was sent then; of any other state, that one."""
+    def _close(self) -> None:
+        """Have all that goes on end with the record."""
+        of_karts = [(*each.bands, *each.links, *each.holds) for each in self.lanes.values()]
+        for band in itertools.chain(self.race_bands, *of_karts):
+            band.end = min(band.end, self.length)
 
-MOST_CLOCK_STEP = 0.1
-"""Maximum difference of the two clocks between two events that goes for none, in seconds."""
+    def _at(self, monotonic: float) -> float:
+        return max(0.0, monotonic - self.events[0].monotonic) if self.events else 0.0
 
+    def _take(self, step: Step) -> None:
+        self.events += step.events
+        for event in step.events:
+            self.length = self.at(event)
+        if isinstance(step.entry, Gap):
+            self.gaps.append((self.length, step.entry))
+        if step.race is None:
+            if self.known_until is None:
+                self._lose_sight()
+            for event in step.events:
+                self.ended = event if event.event.kind is EventKind.ENDED else self.ended
+            return
+        self._count(step, step.race)
+        if self.ended is not None:
+            return
+        for event in step.events:
+            self._look_at_event(step, event)
+        made = step.outcome
+        if made is not None and (made.events or made.orders or not self.lanes):
+            self._look_at_race(step, step.race)
 
-def clock_steps(events: Sequence[RecordedEvent]) -> list[ClockStep]:
-    """Return where the wall times do not go on as the clock of the rules does."""
-    steps = []
-    for before, event in pairwise(events):
-        by = (event.wall_ns - before.wall_ns) / 1e9 - (event.monotonic - before.monotonic)
-        if abs(by) > MOST_CLOCK_STEP:
-            steps.append(ClockStep(event.monotonic - events[0].monotonic, by, event.sequence))
-    return steps
-
-
-def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None) -> Account:
-    """
-    Return what the events of one run, in order, say.
-
-    :param teams: the teams of the roster, by the numbers of their karts, if they are recorded.
-    """
-    return _Reading(list(events), teams or {}).account
-
-
-class _Reading:
-    """One pass over the events."""
-
-    def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
-        first = events[0] if events else None
-        length = events[-1].monotonic - events[0].monotonic if events else 0.0
-        missing = events[0].sequence - 1 if events else 0
-        # No kart is connected when a run begins, in IN_GARAGE. One that takes up a race says so
-        # with its first event. What a refused command names need not be a kart of the roster.
-        refused = EventKind.COMMAND.name, False
-        numbers = {event.kart for event in events if (event.kind, event.success) != refused}
-        lanes = [
-            Lane(
-                number,
-                teams.get(number, ''),
-                [Band(0.0, length, NOT_KNOWN if missing else NOT_CONNECTED)],
-                [Band(0.0, length, NO_GRADE)],
-            )
-            for number in sorted((numbers | teams.keys()) - {0})
-        ]
-        self._lanes = {lane.kart: lane for lane in lanes}
-        self._holds: dict[int, Hold] = {}  # those that last
-        self._standing: dict[tuple[int, str | None], Alert] = {}
-        self._race: RaceAccount | None = None
-        self._command: RecordedEvent | None = None  # the last that was accepted
-        race_bands = [Band(0.0, length, NOT_KNOWN if missing else IN_GARAGE)]
-        self.account = Account(events, first, length, lanes, race_bands, clock_steps(events))
-        if missing:
-            self.account.gaps.append(Gap(0.0, 0.0, missing))
-        for before, event in pairwise([None, *events]):
-            assert event is not None
-            self._take(before, event)
-        for lane in lanes:
-            lane.bands = _lasting(lane.bands)
-            lane.links = _lasting(lane.links)
-            lane.holds = [hold for hold in lane.holds if hold.end > hold.start]
-        self.account.race_bands = _lasting(race_bands)
-
-    @property
-    def _state(self) -> str:
-        return self.account.race_bands[-1].what
-
-    def _take(self, before: RecordedEvent | None, event: RecordedEvent) -> None:
-        at = self.account.at(event)
-        if before is not None and event.sequence > before.sequence + 1:
-            self._lose_sight(self.account.at(before), at, event.sequence - before.sequence - 1)
-        self._race = self._race_of(event, at)
-        take = _TAKES.get(event.kind)
-        lane = self._lanes.get(event.kart)
-        if take is not None:
-            take(self, event, at)
-        elif lane is not None and event.kind in _TAKES_OF_A_KART:
-            _TAKES_OF_A_KART[event.kind](self, lane, event, at)
-        if event.kind not in OF_THE_SERVER:
-            self._see_holds(event, at)
-
-    def _lose_sight(self, since: float, at: float, missing: int) -> None:
-        """Take note of missing events: what stands may have ended there."""
-        self.account.gaps.append(Gap(since, at, missing))
-        _change(self.account.race_bands, since, NOT_KNOWN)
-        for kart, lane in self._lanes.items():
-            _change(lane.bands, since, NOT_KNOWN)
-            _change(lane.links, since, NO_GRADE)
-            self._release(kart, since)
+    def _lose_sight(self) -> None:
+        """Take it that from here on nothing is known."""
+        self.known_until = at = self.length
+        for lane in self.lanes.values():
+            lane.bands.change(at, NOT_KNOWN)
+            lane.links.change(at, NO_GRADE)
+            lane.holds.change(at, '')
+        self.race_bands.change(at, NOT_KNOWN)
         for alert in self._standing.values():
             alert.lost_sight = True
-        self._standing.clear()
-        self._command = None
-        for race in self.account.races[-1:]:
-            race.incomplete |= race.garage is None
+        for race in self.races[-1:]:
+            race.incomplete = race.garage is None
 
-    # ----- karts --------------------------------------------------------------------------
+    def _count(self, step: Step, race: Race) -> None:
+        """Take note of the laps as they are now."""
+        given = step.entry
+        if isinstance(given, Recovered) and given.last_run is not LastRun.UNKNOWN:
+            self._known_laps = race.laps  # that race was over, and its own run has it
+        if race.laps.karts and race.laps is not self._known_laps:
+            self.laps[race.grids] = race.laps
 
-    def _connected(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        # What it is sent follows, in an event of its own.
-        _change(lane.bands, at, NOT_KNOWN)
-
-    def _disconnected(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        _change(lane.bands, at, NOT_CONNECTED)
-        _change(lane.links, at, NO_GRADE)
-        if self.account.ended is None:
-            if self._race is not None:
-                self._incident(event)
-            self._drops_out(event, at, Why.LOST)
-
-    def _kart_state(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        if lane.sent == NOT_CONNECTED:
-            return  # what it would be sent
-        state = event.state or NOT_KNOWN
-        _change(lane.bands, at, state)
-        if state == GREEN_GREEN and self._race is not None:
-            if event.kart not in self._race.starters:
-                self._race.starters.append(event.kart)
-        elif self._state == GREEN_GREEN:
-            self._drops_out(event, at, Why.STOPPED)
-
-    def _delivered(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        band = self._answered(lane, event, at)
-        if band is not None and band.delivered is None:
-            band.delivered = min(at, band.start + event.after)
-
-    def _acknowledged(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        band = self._answered(lane, event, at)
-        if band is not None and band.acknowledged is None:
-            band.acknowledged = at
-
-    def _answered(self, lane: Lane, event: RecordedEvent, at: float) -> Band | None:
-        """Return what the kart, or its kernel, answers; None: it is not being sent that."""
-        state = event.state or NOT_KNOWN
-        if lane.sent == NOT_KNOWN:
-            # Only what a kart is being sent can be answered.
-            _change(lane.bands, at, state)
-        return lane.bands[-1] if lane.sent == state else None
-
-    def _link_grade(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        _change(lane.links, at, event.grade or NO_GRADE)
-
-    def _withdrawn(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        if lane.sent in (RED_FLAG, RED_RED):
-            self._incident(event)  # it had stopped, by its own word
-
-    def _see_holds(self, event: RecordedEvent, at: float) -> None:
-        """Take note of how the event says that its kart is held, or every kart."""
-        command = event.command if event.success and event.command in STOPS else ''
-        if event.hold is None:
-            self._release(event.kart, at)
-            return
-        for number in [event.kart] if event.kart else self._lanes:
-            if number in self._lanes and number not in self._holds:
-                self._holds[number] = Hold(at, self.account.length, command or '')
-                self._lanes[number].holds.append(self._holds[number])
-
-    def _release(self, kart: int, at: float) -> None:
-        if kart in self._holds:
-            self._holds.pop(kart).end = at
-
-    # ----- the race -----------------------------------------------------------------------
-
-    def _race_of(self, event: RecordedEvent, at: float) -> RaceAccount | None:
+    def _race_of(self, stamped: StampedEvent) -> RaceAccount | None:
         """Return the race that was under way; None: none was."""
-        races = self.account.races
+        event = stamped.event
         if not event.race:
             return None
-        if not races or races[-1].number != event.race:
-            taken_up = event.command != CommandKind.GRID_ACTIVE.name
-            incomplete = taken_up and event.sequence != 1
-            races.append(RaceAccount(event.race, at, event.heat, taken_up, incomplete))
-        return races[-1]
+        if not self.races or self.races[-1].number != event.race:
+            taken_up = event.command is not CommandKind.GRID_ACTIVE
+            at = self.at(stamped)
+            self.races.append(RaceAccount(event.race, at, event.heat, taken_up))
+        return self.races[-1]
 
-    def _race_state(self, event: RecordedEvent, at: float) -> None:
-        before, state = self._state, event.state or NOT_KNOWN
-        _change(self.account.race_bands, at, state)
-        race = self._race
-        if race is None:
-            return
-        cause = self._cause(event)
-        change = Change(at, state, event.sequence, cause.sequence if cause is not None else 0)
-        race.changes.append(change)
-        if change is race.stop and change.by:
-            # Who was stopped with all others was not stopped alone.
-            race.out = {kart: out for kart, out in race.out.items() if out.sequence != change.by}
-        goes_on = event.sequence != 1 and before != NOT_KNOWN
-        if state in (RED_FLAG, RED_RED) and goes_on and change.by not in race.stops:
-            race.stops.append(event.sequence)
+    def _look_at_event(self, step: Step, stamped: StampedEvent) -> None:
+        event, at = stamped.event, self.at(stamped)
+        race = self._race_of(stamped)
+        if event.kind is EventKind.COMMAND:
+            self._look_at_command(race, stamped)
+        elif event.kind is EventKind.RACE_STATE and race is not None:
+            race.changes.append(Change(at, stamped))
+            sent_red = event.state is not None and event.state.is_red
+            if (
+                sent_red
+                and cause_of(step) not in race.stops
+                and not isinstance(step.entry, Recovered)
+            ):
+                race.stops.append(stamped)
+        elif event.kind is EventKind.RESULTS and race is not None:
+            race.results = event.text
+        elif event.kind is EventKind.ALERT_RAISED:
+            alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
+            self.alerts.append(alert)
+        elif event.kind is EventKind.ALERT_CLEARED:
+            if (event.kart, event.alert) in self._standing:
+                self._standing.pop((event.kart, event.alert)).ended = at
+        elif event.kind is EventKind.DISCONNECTED and race is not None:
+            self._incident(race, stamped)
+        elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
+            self._incident(race, stamped)  # it had stopped, by its own word
+        elif event.kind is EventKind.ENDED:
+            self.ended = stamped
+            for lane in self.lanes.values():
+                if lane.bands[-1].what != NOT_CONNECTED:
+                    # The last that every connected kart hears.
+                    lane.bands.change(at, RaceState.RED_RED.name)
 
-    def _cause(self, event: RecordedEvent) -> RecordedEvent | None:
-        """Return the event of the command that caused this one: it stands before its effects."""
-        return self._command if event.command else None
-
-    def _commanded(self, event: RecordedEvent, at: float) -> None:
-        race = self._race
+    def _look_at_command(self, race: RaceAccount | None, stamped: StampedEvent) -> None:
+        event = stamped.event
         if not event.success:
             if race is not None:
-                race.refused.append(event.sequence)
+                race.refused.append(stamped)
             return
-        self._command = event
-        if event.command in SENDS_RED and race is not None:
-            race.stops.append(event.sequence)
+        if event.command in CORRECTIONS:
+            number = race.number if race else self.races[-1].number if self.races else 0
+            self.corrections.setdefault(number, []).append(stamped)
         if event.command in STOPS:
-            self._incident(event)
-        if race is None or event.kart not in self._lanes:
+            self._incident(race, stamped)
+        if race is None:
             return
-        if event.command == CommandKind.KART_FINISH.name:
-            race.finished[event.kart] = at
-        elif event.command == CommandKind.KART_UNDO_FINISH.name:
+        if event.command in SENDS_RED:
+            race.stops.append(stamped)
+        elif event.command is CommandKind.KART_FINISH:
+            race.finished[event.kart] = self.at(stamped)
+        elif event.command is CommandKind.KART_UNDO_FINISH:
             race.finished.pop(event.kart, None)  # later places move up
-            if self._lanes[event.kart].sent != GREEN_GREEN:
-                self._drops_out(event, at, Why.FINISH_UNDONE)
 
-    def _drops_out(self, event: RecordedEvent, at: float, why: Why) -> None:
-        race, kart = self._race, event.kart
-        if race is None or race.green is None or race.stop is not None:
+    def _incident(self, race: RaceAccount | None, event: StampedEvent) -> None:
+        incidents = self.outside if race is None else race.incidents
+        if event not in incidents[-1:]:
+            incidents.append(event)
+
+    def _sent(self, kart: int) -> str:
+        return self.lanes[kart].bands[-1].what if kart in self.lanes else NOT_CONNECTED
+
+    # ----- the race as it is now ----------------------------------------------------------
+
+    def _look_at_race(self, step: Step, race: Race) -> None:
+        assert isinstance(step.entry, Input)
+        assert step.outcome is not None
+        at = self._at(step.entry.at)
+        self.race_bands.change(at, race.state.name)
+        made = step.outcome.events
+        under_way = self.races[-1] if self.races and made and made[0].race else None
+        if under_way is not None:
+            lost = sum(each.kind is EventKind.DISCONNECTED for each in made)
+            given = step.entry
+            self.lost += lost
+            if isinstance(given, Disconnected) and given.reason == CLOSED_BY_KART:
+                self.closed += lost
+        cause = cause_of(step)
+        for kart in race.karts.values():
+            lane = self._look_at_kart(kart, at)
+            if under_way is None:
+                continue
+            if lane.bands[-1].what == GREEN_GREEN:
+                if kart.number not in under_way.starters:
+                    under_way.starters.append(kart.number)
+            elif race.state is RaceState.GREEN_GREEN:
+                self._drops_out(step, cause, under_way, kart, at)
+
+    def _look_at_kart(self, kart: Kart, at: float) -> Lane:
+        lane = self.lanes.get(kart.number)
+        if lane is None:
+            lane = Lane(kart.number, kart.team, Bands(), Bands(), Bands())
+            self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
+            lane.bands.change(0.0, NOT_CONNECTED)
+            lane.links.change(0.0, NO_GRADE)
+        band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
+        if kart.delivered_at is not None and band.delivered is None:
+            band.delivered = self._at(kart.delivered_at)
+        if kart.acknowledged_at is not None and band.acknowledged is None:
+            band.acknowledged = self._at(kart.acknowledged_at)
+        lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
+        lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
+        return lane
+
+    def _drops_out(
+        self,
+        step: Step,
+        cause: StampedEvent | None,
+        race: RaceAccount,
+        kart: Kart,
+        at: float,
+    ) -> None:
+        """Take note of a starter that does not drive any more, and has no place."""
+        number = kart.number
+        if number not in race.starters or number in race.out or number in race.finished:
             return
-        if kart in race.starters and kart not in race.out and kart not in race.finished:
-            cause = self._cause(event)
-            if why is Why.STOPPED and cause is not None and cause.kart:
-                why = Why.STOPPED_ALONE
-            race.out[kart] = Out(why, at, (cause or event).sequence)
-            self._incident(cause or event)
-
-    def _incident(self, event: RecordedEvent) -> None:
-        incidents = self.account.outside if self._race is None else self._race.incidents
-        if event.sequence not in incidents[-1:]:
-            incidents.append(event.sequence)
-
-    def _results(self, event: RecordedEvent, at: float) -> None:
-        if self._race is not None:
-            self._race.results = event.text
-
-    # ----- the rest -----------------------------------------------------------------------
-
-    def _alert_raised(self, event: RecordedEvent, at: float) -> None:
-        alert = Alert(event.kart, at, event.text, event.sequence)
-        self.account.alerts.append(alert)
-        self._standing[event.kart, event.alert] = alert
-
-    def _alert_cleared(self, event: RecordedEvent, at: float) -> None:
-        alert = self._standing.pop((event.kart, event.alert), None)
-        if alert is None:
-            alert = Alert(event.kart, None, event.text, event.sequence)
-            self.account.alerts.append(alert)
-        alert.ended = at
-
-    def _race_control_ends(self, event: RecordedEvent, at: float) -> None:
-        self.account.ended = event
-        for lane in self._lanes.values():
-            if lane.sent not in (NOT_CONNECTED, NOT_KNOWN):
-                # The last that every connected kart hears.
-                _change(lane.bands, at, RED_RED)
+        why = Why.STOPPED
+        if not kart.connected:
+            why = Why.LOST
+        elif cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
+            why = Why.FINISH_UNDONE
+        elif cause is not None and cause.event.kart:
+            why = Why.STOPPED_ALONE
+        if cause is None:
+            cause = next((each for each in step.events if each.event.kart == number), None)
+        race.out[number] = Out(why, at, cause)
+        if cause is not None:
+            self._incident(race, cause)
 
 
-_TAKES: Mapping[str, Callable[[_Reading, RecordedEvent, float], None]] = {
-    EventKind.COMMAND.name: _Reading._commanded,
-    EventKind.RACE_STATE.name: _Reading._race_state,
-    EventKind.ALERT_RAISED.name: _Reading._alert_raised,
-    EventKind.ALERT_CLEARED.name: _Reading._alert_cleared,
-    EventKind.RESULTS.name: _Reading._results,
-    EventKind.ENDED.name: _Reading._race_control_ends,
-}
-
-_TAKES_OF_A_KART: Mapping[str, Callable[[_Reading, Lane, RecordedEvent, float], None]] = {
-    EventKind.KART_STATE.name: _Reading._kart_state,
-    EventKind.DELIVERED.name: _Reading._delivered,
-    EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
-    EventKind.LINK_GRADE.name: _Reading._link_grade,
-    EventKind.WITHDRAWN.name: _Reading._withdrawn,
-    EventKind.CONNECTED.name: _Reading._connected,
-    EventKind.DISCONNECTED.name: _Reading._disconnected,
-}
+def cause_of(step: Step) -> StampedEvent | None:
+    """Return the event of the command that a step has put in force; None: it has put in none."""
+    commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
+    return next((each for each in commands if each.event.success), None)
 
 
-def _change(bands: list[Band], at: float, what: str) -> None:
-    """End the last band, and begin another that lasts to where the last one would have."""
-    end, bands[-1].end = bands[-1].end, at
-    bands.append(Band(at, end, what))
+def with_late_penalties(laps: Laps, last: Laps) -> Laps:
+    """Return laps with the penalties that officials gave once a later race had begun."""
+    kept = last.heats.by_name.get(laps.heat)
+    if kept is None or kept.counted != laps.counted:
+        return laps
+    return dataclasses.replace(laps, penalties=kept.penalties)
 
 
-def _lasting(bands: Sequence[Band]) -> list[Band]:
-    """Return the bands that last, and the last one, however short it is."""
-    return [band for band in bands[:-1] if band.end > band.start] + list(bands[-1:])
-
-
-# ----- a part of a run ------------------------------------------------------------------------
-
-_Span = TypeVar('_Span', Band, Hold)
+def standing(races: Sequence[Laps]) -> list[Laps]:
+    """Return the races that count over all: of each heat the last one with a lap."""
+    last = {each.heat: each for each in races if each.is_result}
+    return [each for each in races if last.get(each.heat, each) is each]
 
 
 @dataclass(frozen=True)
@@ -691,77 +595,26 @@ class Part:
     end: float | None = None
     kart: int | None = None
 
-    @property
-    def whole(self) -> bool:
-        """Return whether nothing is left out."""
-        return self.start is None and self.end is None and self.kart is None
-
     def span(self, account: Account) -> tuple[float, float]:
         """Return the times between which it shows what happened."""
         start = 0.0 if self.start is None else max(0.0, self.start)
         end = account.length if self.end is None else min(account.length, self.end)
         return start, max(start, end)
 
-    def narrow(self, account: Account) -> Account:
-        """Return the account of this part; what a kart was sent before it is not forgotten."""
-        if self.whole:
-            return account
+    def concerns(self, kart: int) -> bool:
+        """Return whether it shows this kart; 0: what concerns no single kart."""
+        return self.kart is None or kart in (0, self.kart)
+
+    def events(self, account: Account, events: Sequence[StampedEvent]) -> list[StampedEvent]:
+        """Return those of the events that it shows."""
         start, end = self.span(account)
-
-        def concerns(kart: int) -> bool:
-            return self.kart is None or kart in (0, self.kart)
-
-        def touches(begins: float | None, ends: float | None) -> bool:
-            last = account.length if ends is None else ends
-            return (begins or 0.0) <= end and last >= start
-
-        def cut(spans: list[_Span]) -> list[_Span]:
-            return [
-                dataclasses.replace(each, start=max(each.start, start), end=min(each.end, end))
-                for each in spans
-                if touches(each.start, each.end)
-            ]
-
-        events = [
-            event
-            for event in account.events
-            if concerns(event.kart) and start <= account.at(event) <= end
+        return [
+            each
+            for each in events
+            if self.concerns(each.event.kart) and start <= account.at(each) <= end
         ]
-        kept = {event.sequence for event in events}
 
-        def in_part(numbers: list[int]) -> list[int]:
-            return [number for number in numbers if number in kept]
-
-        return dataclasses.replace(
-            account,
-            events=events,
-            lanes=[
-                dataclasses.replace(
-                    lane,
-                    bands=cut(lane.bands),
-                    links=cut(lane.links),
-                    holds=cut(lane.holds),
-                )
-                for lane in account.lanes
-                if concerns(lane.kart)
-            ],
-            race_bands=cut(account.race_bands),
-            races=[
-                dataclasses.replace(
-                    race,
-                    incidents=in_part(race.incidents),
-                    stops=in_part(race.stops),
-                    refused=in_part(race.refused),
-                )
-                for race in account.races
-                if touches(race.began, race.garage)
-            ],
-            alerts=[
-                alert
-                for alert in account.alerts
-                if concerns(alert.kart) and touches(alert.raised, alert.ended)
-            ],
-            gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
-            clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
-            outside=in_part(account.outside),
-        )
+    def touches(self, account: Account, begins: float, ends: float | None) -> bool:
+        """Return whether it shows something of what lasted so long; None: to the end."""
+        start, end = self.span(account)
+        return begins <= end and (account.length if ends is None else ends) >= start

@@ -17,11 +17,10 @@ import pathlib
 import unicodedata
 
 from evgp_rcs.plain import plain
-from evgp_rcs.replay import Kept
 from evgp_rcs.report import wording
 from evgp_rcs.report.model import Account, RaceAccount, Result
 from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import add_run_arguments, CALLED, FAILED, open_runs, say
+from evgp_rcs.runs import add_run_arguments, CALLED, FAILED, open_runs, PARTLY, say
 
 COLUMNS = (
     'run',
@@ -51,7 +50,7 @@ def options() -> argparse.ArgumentParser:
         'Write the results of each race as CSV: the order, the time from GREEN_GREEN '
         'to the finish, who did not finish and why. A race that is under way is in it as it '
         'stands.',
-        'Results are not replayed; rcs_record replay does that, and rcs_record report. A '
+        'The rules are run again for it, which takes some 20 s for an hour. A '
         'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
         'gets an apostrophe in front.',
     )
@@ -77,7 +76,7 @@ def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentP
     return parser
 
 
-def runs_of(wanted: argparse.Namespace, inputs_too: bool) -> tuple[list[Kept], int]:
+def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
     """
     Return the runs that the command line names, oldest first, and the exit code so far.
 
@@ -88,8 +87,15 @@ def runs_of(wanted: argparse.Namespace, inputs_too: bool) -> tuple[list[Kept], i
         chosen = [newest] if wanted.run is not None else runs.day_of(newest)
         if wanted.all:
             chosen = runs.listed
-        kept = [Kept.read(runs, run, inputs_too=inputs_too) for run in chosen]
-    return kept, runs.code
+        kept = [runs.read(run) for run in chosen]
+        code = runs.code
+    # With the record closed: the race must not wait for what follows.
+    accounts = [Account(each) for each in kept]
+    for account in accounts:
+        if lacks := account.lacks:
+            say(f'run {account.kept.run.number} is known in part only: {lacks}')
+            code = PARTLY
+    return accounts, code
 
 
 def put(text: str, output: pathlib.Path | None, what: str, code: int) -> int:
@@ -123,53 +129,50 @@ def main(arguments: Sequence[str]) -> int:
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
-    kept, code = runs_of(wanted, inputs_too=False)
+    accounts, code = runs_of(wanted)
     rows: list[tuple[str, ...]] = []
-    for each in kept:
-        account = each.account()
-        number = each.run.number
-        first_ns = account.first.wall_ns if account.first is not None else each.run.began_ns
+    for account in accounts:
+        run = account.kept.run
+        clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
         for race in account.races:
-            of_race = _rows(account, race, Clock(first_ns), each.damaged)
-            rows += ((str(number), *row) for row in of_race)
+            rows += ((str(run.number), *row) for row in _rows(account, race, clock))
             if race.taken_up:
                 say(
-                    f'race {race.number} of run {number} began before this run: who started it is '
-                    'not known here'
+                    f'race {race.number} of run {run.number} began before this run: who started '
+                    'it is not known here'
                 )
             elif race.green is None:
-                say(f'race {race.number} of run {number} was never started')
-        if each.goes_on:
-            say(f'race control still writes run {number}: these are the results up to now')
+                say(f'race {race.number} of run {run.number} was never started')
+        if account.kept.goes_on:
+            say(f'race control still writes run {run.number}: these are the results up to now')
     races = len({row[:2] for row in rows})
-    return put(as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(kept)} runs', code)
+    return put(
+        as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(accounts)} runs', code
+    )
 
 
-def _rows(
-    account: Account, race: RaceAccount, clock: Clock, damaged: bool
-) -> Iterator[tuple[str, ...]]:
-    teams = {lane.kart: lane.team for lane in account.lanes}
-
+def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[str, ...]]:
     def moment(at: float | None) -> str:
         if at is None:
             return ''
         return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
 
-    complete = race.stop is not None and not (race.incomplete or race.taken_up or damaged)
+    complete = race.stop is not None and not (race.incomplete or race.taken_up)
     for result in account.results(race):
         out = result.out
+        event = None if out is None else out.event
         yield (
             str(race.number),
             defused(race.heat),
             str(result.place or ''),
             str(result.kart),
-            defused(teams.get(result.kart, '')),
+            defused(account.teams.get(result.kart, '')),
             _seconds(race, result),
             moment(race.green),
             moment(result.finished),
             'FINISHED' if out is None else out.why.name,
             '' if out is None else wording.why_out(out, clock),
-            str(out.sequence or '') if out is not None else '',
+            '' if event is None else str(event.sequence),
             'yes' if complete else 'no',
         )
 

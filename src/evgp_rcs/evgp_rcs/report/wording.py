@@ -8,58 +8,48 @@ from __future__ import annotations
 import datetime
 
 from evgp_protocol.clock import duration as duration
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.plain import plain
-from evgp_rcs.report.model import (
-    GREEN_GREEN,
-    GRID_ACTIVE,
-    IN_GARAGE,
-    NOT_CONNECTED,
-    NOT_KNOWN,
-    Out,
-    RED_FLAG,
-    RED_RED,
-    Silence,
-    Stop,
-    StopAnswer,
-    Why,
-)
+from evgp_rcs.race import EventKind
+from evgp_rcs.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
 
-STATES = {
-    IN_GARAGE: 'IN GARAGE',
-    GRID_ACTIVE: 'GRID ACTIVE',
-    GREEN_GREEN: 'GREEN GREEN',
-    RED_FLAG: 'RED FLAG',
-    RED_RED: 'RED RED',
+STATES = {state.name: state.name.replace('_', ' ') for state in RaceState} | {
     NOT_CONNECTED: 'not connected',
     NOT_KNOWN: 'not known',
 }
 
 KINDS = {
-    'COMMAND': "Officials' command",
-    'RACE_STATE': 'State of the race',
-    'KART_STATE': 'Sent to a kart',
-    'DELIVERED': 'Delivered to a kart',
-    'ACKNOWLEDGED': 'Acknowledgement',
-    'WITHDRAWN': 'Acknowledgement withdrawn',
-    'REPORTED': 'A kart says another state',
-    'CONNECTED': 'Kart connected',
-    'DISCONNECTED': 'Connection lost',
-    'REFUSED_CONNECTION': 'Connection refused',
-    'MALFORMED': 'Message that means nothing',
-    'LINK_GRADE': 'Quality of a link',
-    'ALERT_RAISED': 'Alert',
-    'ALERT_CLEARED': 'Alert ended',
-    'ALL_ACKNOWLEDGED': 'Every kart has acknowledged',
-    'RESULTS': 'Results',
-    'PASSING': 'Seen at the line',
-    'LAP': 'Lap',
-    'ENDED': 'Race control ends',
+    EventKind.COMMAND: "Officials' command",
+    EventKind.RACE_STATE: 'State of the race',
+    EventKind.KART_STATE: 'Sent to a kart',
+    EventKind.DELIVERED: 'Delivered to a kart',
+    EventKind.ACKNOWLEDGED: 'Acknowledgement',
+    EventKind.WITHDRAWN: 'Acknowledgement withdrawn',
+    EventKind.REPORTED: 'A kart says another state',
+    EventKind.CONNECTED: 'Kart connected',
+    EventKind.DISCONNECTED: 'Connection lost',
+    EventKind.REFUSED_CONNECTION: 'Connection refused',
+    EventKind.MALFORMED: 'Message that means nothing',
+    EventKind.LINK_GRADE: 'Quality of a link',
+    EventKind.ALERT_RAISED: 'Alert',
+    EventKind.ALERT_CLEARED: 'Alert ended',
+    EventKind.ALL_ACKNOWLEDGED: 'Every kart has acknowledged',
+    EventKind.RESULTS: 'Results',
+    EventKind.PASSING: 'Seen at the line',
+    EventKind.LAP: 'Lap',
+    EventKind.ENDED: 'Race control ends',
 }
 """What each kind of event is called."""
 
-SILENT = frozenset(Silence) - {Silence.NOT_KNOWN}
-"""Where it is certain that a kart did not acknowledge."""
+SILENCES = {
+    '': 'not acknowledged',
+    NOT_CONNECTED: 'not acknowledged: it lost its connection at {}',
+    NOT_KNOWN: 'not known: the record cannot be followed from {} on',
+}
+"""Why there is no acknowledgement, by what followed; before any state, `TOLD_ELSE`."""
+
+TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
 
 MOST_OF_A_NAME = 80
 """Maximum length of an official's or a team's name, in characters; the event has all of it."""
@@ -96,9 +86,9 @@ def elapsed(seconds: float, digits: int = 1) -> str:
     return f'+{front}:{second:02}' + (f'.{rest:0{digits}}' if digits else '')
 
 
-def command(kind: str | None, kart: int) -> str:
+def command(kind: CommandKind | None, kart: int = 0) -> str:
     """Return what an official's command is called."""
-    label = CATALOGUE[CommandKind[kind]].label if kind else 'a command'
+    label = CATALOGUE[kind].label if kind else 'a command'
     return f'{label}, kart {kart}' if kart else label
 
 
@@ -170,19 +160,20 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
 
     After how long its kernel did, when the kart acknowledged it, and after how long.
     """
-    if told.what == NOT_CONNECTED:
+    band = told.band
+    if band.what == NOT_CONNECTED:
         return 'nothing: it was not connected', '', '', ''
-    what = STATES[told.what]
-    if told.what != NOT_KNOWN and told.since < stop.at:
-        what += f', already since {clock.at(told.since, 3)}'
-    arrived = '' if told.what == NOT_KNOWN else 'not seen'
-    if told.delivered is not None:
-        arrived = exact(told.since, told.delivered)
-    if told.acknowledged is not None:
-        at = clock.at(told.acknowledged, 3)
-        return what, arrived, at, exact(told.since, told.acknowledged)
-    silence = '' if told.silence is None else told.silence.value
-    return what, arrived, silence.format(clock.at(told.until, 3)), ''
+    what = STATES[band.what]
+    if band.what != NOT_KNOWN and band.start < stop.at:
+        what += f', already since {clock.at(band.start, 3)}'
+    arrived = '' if band.what == NOT_KNOWN else 'not seen'
+    if band.delivered is not None:
+        arrived = exact(band.start, band.delivered)
+    if band.acknowledged is not None:
+        at = clock.at(band.acknowledged, 3)
+        return what, arrived, at, exact(band.start, band.acknowledged)
+    silence = '' if band.what == NOT_KNOWN else SILENCES.get(told.then, TOLD_ELSE)
+    return what, arrived, silence.format(clock.at(band.end, 3)), ''
 
 
 def _nearest(number: int, unit: int) -> int:
