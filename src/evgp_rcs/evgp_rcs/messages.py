@@ -51,7 +51,7 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
 }
 """The message that has the constants of each enum."""
 
-OF_THE_SERVER = ('sequence', 'stamp', 'monotonic')
+STAMPED = ('sequence', 'stamp', 'monotonic')
 """What a message of an event has of the ``StampedEvent`` around it."""
 
 _Value = TypeVar('_Value')
@@ -100,7 +100,7 @@ def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]
     return [
         (slot, names[slot], *_both(hints[names[slot]], slot_type))
         for slot, slot_type in message.get_fields_and_field_types().items()
-        if slot not in OF_THE_SERVER or kind is not Event
+        if slot not in STAMPED or kind is not Event
     ]
 
 
