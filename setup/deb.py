@@ -163,6 +163,12 @@ def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
         names += [re.split(r'[^\w.-]', each)[0] for each in asked]
 
 
+def need_libraries() -> None:
+    """End with what to install, where a library that goes along is not installed."""
+    if subprocess.run(['dpkg', '-L', *NOT_ON_ALL.split()], capture_output=True).returncode:
+        prepare.stop(f"Install what the package takes along: 'apt-get install {NOT_ON_ALL}'.")
+
+
 def copy_environment() -> None:
     """Copy what is needed of .venv."""
     for distribution in needed(NEEDED.split()):
@@ -340,6 +346,7 @@ def main() -> None:
         return
     if prepare.is_sourced(os.environ):
         prepare.stop('The package carries the wheels of ROS: use a shell without a sourced ROS.')
+    need_libraries()
     xml = (prepare.ROOT / 'src/evgp_rcs/package.xml').read_text()
     version = (*sys.argv[1:], *re.findall('<version>(.*)</version>', xml))[0]
     compression = (*sys.argv[2:], 'gzip')[0]

@@ -69,6 +69,17 @@ def test_a_command_of_the_package_runs_what_make_runs(
     assert found.stdout == wanted.stdout
 
 
+@pytest.mark.skipif(shutil.which('dpkg') is None, reason='no dpkg')
+def test_a_library_that_is_missing_is_named_in_one_sentence(
+    deb: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(deb, 'NOT_ON_ALL', 'libevgp-none')
+    with pytest.raises(SystemExit):
+        deb.need_libraries()
+    said = "Install what the package takes along: 'apt-get install libevgp-none'.\n"
+    assert capsys.readouterr().err == said
+
+
 def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
     deb: ModuleType,
 ) -> None:
