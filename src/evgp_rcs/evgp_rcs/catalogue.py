@@ -103,8 +103,8 @@ class Entry:
         is the kart.
     :param sends: the state that it sends, if it asks first.
     :param then: what follows, to one kart and to several.
-    :param of_laps: bookkeeping of laps and results, which no kart sees. ``~/race`` does not offer
-        it.
+    :param bookkeeping: no button of §4.B: GRID_ACTIVE stays the last one that was pressed.
+    :param of_laps: it is about laps and results, which no kart sees. ``~/race`` does not offer it.
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
     :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
         doubt what officials see.
@@ -134,6 +134,7 @@ class Entry:
     condition: str = ''
     sends: RaceState | None = None
     then: tuple[str, str] = ('', '')
+    bookkeeping: bool = False
     of_laps: bool = False
     stop: bool = False
     loosens: bool = False
@@ -294,6 +295,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         condition='{kart} has not finished',
         call_is_statement=True,
         to_one_kart=True,
+        bookkeeping=True,
     ),
     CommandKind.KART_IN_GARAGE: Entry(
         'GARAGE',
@@ -324,6 +326,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         place=5,
         key='Ctrl+J',
         to_one_kart=True,
+        bookkeeping=True,
     ),
     CommandKind.LEAVE_RACE: Entry(
         'LEAVE',
@@ -335,6 +338,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         key='Ctrl+J',
         undoes=CommandKind.JOIN_RACE,
         to_one_kart=True,
+        bookkeeping=True,
     ),
     CommandKind.SET_HEAT: Entry(
         'HEAT',
@@ -343,6 +347,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         names_heat=True,
         word='heat',
         key='Ctrl+H',
+        bookkeeping=True,
     ),
     CommandKind.OPEN_TRACK: Entry(
         'OPEN TRACK',
@@ -361,6 +366,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         key='F7',
         condition='teams may go onto the track',
         loosens=True,
+        bookkeeping=True,
     ),
     CommandKind.CLOSE_TRACK: Entry(
         'CLOSE TRACK',
@@ -371,6 +377,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         undoes=CommandKind.OPEN_TRACK,
         statement='no_race_anywhere',  # of the request that the two share; to close needs none
         key='F7',
+        bookkeeping=True,
     ),
     CommandKind.COUNT_PASSING: Entry(
         'COUNT PASSING',
@@ -378,6 +385,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/count_passing',
         to_one_kart=True,
         short='LAP',
+        bookkeeping=True,
         of_laps=True,
     ),
     CommandKind.STRIKE_PASSING: Entry(
@@ -386,6 +394,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_passing_struck',
         fixed={'struck': True},
         takes=('source', 'session', 'number', 'reason'),
+        bookkeeping=True,
         of_laps=True,
     ),
     CommandKind.RESTORE_PASSING: Entry(
@@ -394,6 +403,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_passing_struck',
         fixed={'struck': False},
         takes=('source', 'session', 'number', 'reason'),
+        bookkeeping=True,
         of_laps=True,
     ),
     CommandKind.GIVE_TRANSPONDER: Entry(
@@ -402,6 +412,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/give_transponder',
         to_one_kart=True,
         takes=('transponder',),
+        bookkeeping=True,
         of_laps=True,
     ),
     CommandKind.PENALISE: Entry(
@@ -410,6 +421,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/penalise',
         to_one_kart=True,
         takes=('heat', 'seconds', 'laps', 'disqualified', 'reason'),
+        bookkeeping=True,
         of_laps=True,
     ),
     CommandKind.UNDO_PENALTY: Entry(
@@ -418,6 +430,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/undo_penalty',
         to_one_kart=True,
         takes=('heat',),
+        bookkeeping=True,
         of_laps=True,
     ),
 }

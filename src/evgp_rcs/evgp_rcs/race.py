@@ -926,7 +926,7 @@ class Race:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
             rule = COMMANDS[command.kind]
-            if rule.is_command:
+            if not CATALOGUE[command.kind].bookkeeping:
                 self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
             self._by = command
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
@@ -2358,14 +2358,12 @@ class Rule:
     :param refusal: why the command is refused now; empty if it is not.
     :param statement: what the official must state; empty if nothing.
     :param karts: the karts it starts or releases.
-    :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
     """
 
     effect: Callable[[Race, Command, float], str]
     refusal: Guard = lambda race, command: ''
     statement: Guard = lambda race, command: ''
     karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
-    is_command: bool = True
 
 
 COMMANDS: dict[CommandKind, Rule] = {
@@ -2406,21 +2404,18 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._kart_undo_finish,
         Race._no_undo_finish,
         lambda race, command: f'{race.karts[command.kart]} has not finished',
-        is_command=False,
     ),
-    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, is_command=False),
-    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave, is_command=False),
-    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
-    CommandKind.OPEN_TRACK: Rule(
-        Race._open_track, Race._no_open_track, Race._state_no_race, is_command=False
-    ),
-    CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join),
+    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
+    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
+    CommandKind.CLOSE_TRACK: Rule(Race._close_track),
     # Bookkeeping of laps.
-    CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started, is_command=False),
-    CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
-    CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
-    CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder, is_command=False),
-    CommandKind.PENALISE: Rule(Race._penalise, Race._not_started, is_command=False),
-    CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty, is_command=False),
+    CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started),
+    CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps),
+    CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps),
+    CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder),
+    CommandKind.PENALISE: Rule(Race._penalise, Race._not_started),
+    CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty),
 }
 """What every command of §4.B does, when it is refused, and what the official must state."""

@@ -149,7 +149,8 @@ GREEN_GREEN after another command than GRID_ACTIVE: available-from, availability
     [grid]
     _decide: grid_was_last = command => grid_was_last |= command
 closing the track comes between GRID_ACTIVE and GREEN_GREEN: availability [grid]
-    COMMANDS: Rule(Race._close_track, is_command=False) => Rule(Race._close_track)
+    _decide: CATALOGUE[command.kind].bookkeeping => (CATALOGUE[command.kind].bookkeeping and
+        command.kind is not CommandKind.CLOSE_TRACK)
 GREEN_GREEN while a kart is not connected: availability, green-needs-acks
     _no_green_green: not (each.connected and each.acknowledged) => each.connected and not
         each.acknowledged
@@ -641,7 +642,8 @@ a passing that nobody saw is struck out: availability [laps by hand]
 a transponder that is given counts from now on only: lap-count, alerts [laps by hand]
     _give_transponder: self.laps.again( => dataclasses.replace(self.laps,
 a transponder takes GREEN_GREEN away: available-from, availability [laps on the grid]
-    COMMANDS: Rule(Race._give_transponder, is_command=False) => Rule(Race._give_transponder)
+    _decide: CATALOGUE[command.kind].bookkeeping => (CATALOGUE[command.kind].bookkeeping and
+        command.kind is not CommandKind.GIVE_TRANSPONDER)
 a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps by hand]
     _penalise: self.laps = self.laps.penalise(penalty, command.heat) => self.laps =
         self.laps.penalise(penalty, command.heat) ¶ self._hold(self.karts[command.kart], RED_RED,

@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import enum
 import math
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
 from evgp_rcs.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS
@@ -255,7 +255,12 @@ def _judge(
 _HARMLESS = (
     CommandKind.CLOSE_TRACK,
     CommandKind.KART_FINISH,
-    *(kind for kind, entry in CATALOGUE.items() if entry.of_laps),
+    # Bookkeeping that changes nothing of what karts are in the race, or of the track.
+    *(
+        kind
+        for kind, e in CATALOGUE.items()
+        if e.bookkeeping and not e.names_heat and e.result == Result()
+    ),
 )
 
 

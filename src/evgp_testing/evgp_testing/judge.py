@@ -43,17 +43,7 @@ STRICTNESS: dict[str, int] = {
 }
 REDS = ('RED_FLAG', 'RED_RED')
 
-OF_LAPS = tuple(kind for kind, entry in CATALOGUE.items() if entry.of_laps)
 MEMBERSHIP = (CommandKind.SET_HEAT, CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE)
-# They are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
-BOOKKEEPING = (
-    *MEMBERSHIP,
-    *OF_LAPS,
-    CommandKind.OPEN_TRACK,
-    CommandKind.CLOSE_TRACK,
-    CommandKind.KART_UNDO_FINISH,
-)
-
 RELEASES = (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE)
 EXPLAINS: dict[tuple[str, str], tuple[CommandKind, ...]] = {
     ('IN_GARAGE', 'GRID_ACTIVE'): (CommandKind.GRID_ACTIVE,),
@@ -589,7 +579,7 @@ class Judge:
         return any(
             other.began > (first.ended or 0.0) and (other.ended or 0.0) <= second.began
             for command, calls in self._accepted.items()
-            if command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
+            if not CATALOGUE[command].bookkeeping and command is not CommandKind.GRID_ACTIVE
             for other in calls
             if other is not second
         )
