@@ -160,7 +160,8 @@ def test_a_bag_whose_race_ends_where_inputs_are_missing_says_so(
     with contextlib.closing(sqlite3.connect(race)) as database, database:
         blocks = blocks_of(database, 1)
         with_events = [n for n, data in blocks if b'"StampedEvent"' in Block.of(data).data]
-        database.execute('DELETE FROM block WHERE number = ?', (with_events[len(with_events) // 2],))
+        middle = with_events[len(with_events) // 2]
+        database.execute('DELETE FROM block WHERE number = ?', (middle,))
     cut = bagged(race, code=3)
     assert len(capsys.readouterr().out.splitlines()) == 2
     assert 0 < len(cut['/rcs/events']) < len(whole['/rcs/events'])
