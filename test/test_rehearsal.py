@@ -21,6 +21,8 @@ import urllib.error
 import urllib.request
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import EventKind
 from evgp_rehearsal.conduct import TOO_SOON
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS
@@ -106,8 +108,9 @@ def test_the_steward_begins_in_red_with_an_open_track_and_closes_it_before_the_g
         lambda: rehearsal.state is RaceState.GRID_ACTIVE,
         30,
     )
-    given = [event.command for event in rehearsal.events() if event.kind == 'COMMAND']
-    assert given[-2:] == ['CLOSE_TRACK', 'GRID_ACTIVE']
+    happened = [each.event for each in rehearsal.events()]
+    given = [each.command for each in happened if each.kind is EventKind.COMMAND]
+    assert given[-2:] == [CommandKind.CLOSE_TRACK, CommandKind.GRID_ACTIVE]
 
 
 def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
@@ -182,9 +185,11 @@ def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
         events = rehearsal.events()
     assert line.passed, line
     for kart in rehearsal.plan.numbers[-2:]:
-        said = [e.state for e in events if e.kart == kart and e.kind == 'ACKNOWLEDGED']
-        assert said[0] == 'IN_GARAGE'  # which our bridge says back
-        assert said[1:4] == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG']
+        own = [each.event for each in events if each.event.kart == kart]
+        said = [each.state for each in own if each.kind is EventKind.ACKNOWLEDGED]
+        assert said[0] is RaceState.IN_GARAGE  # which our bridge says back
+        raced = [RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN, RaceState.RED_FLAG]
+        assert said[1:4] == raced
 
 
 @pytest.mark.parametrize(

@@ -231,7 +231,7 @@ class Replay:
             self._differ('an order', 'none', _order(self._orders[0]))
         for event in self._made:
             if not event.chatter:
-                self._differ('an event', 'none', _words(event))
+                self._differ('an event', 'none', _fields(event))
         given, self._given = self._given, None
         told, self._told = self._told, []
         self._made = []
@@ -267,7 +267,7 @@ class Replay:
             left.pop(0)
         first = next(iter(left or made), None)
         if self._given is None or not left or first != entry.event:
-            self._differ(name, _words(entry.event), _words(first))
+            self._differ(name, _fields(entry.event), _fields(first) if first else 'no such event')
         elif entry.monotonic != self._given.at:
             self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
         self._made = left[1:]
@@ -338,12 +338,6 @@ def clock_steps(events: Sequence[StampedEvent]) -> list[ClockStep]:
         for before, event in pairwise(events)
     )
     return [step for step in by if abs(step.by) > MOST_CLOCK_STEP]
-
-
-def _words(event: Event | None) -> str:
-    if event is None:
-        return 'no such event'
-    return _fields(event)
 
 
 def _order(order: Order | None) -> str:

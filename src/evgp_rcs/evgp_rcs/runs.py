@@ -77,13 +77,11 @@ class Kept:
     The stream of a run, as it was read.
 
     :param goes_on: race control still writes it.
-    :param damaged: the record was damaged; this is what was mended.
     """
 
     run: Session
     blocks: list[tuple[int, bytes]]
     goes_on: bool = False
-    damaged: bool = False
 
     def entries(self) -> Iterator[Entry | Gap]:
         """Yield what is in it, and what is missing; a terminal shows how far that is."""
@@ -143,7 +141,7 @@ class Runs:
     def read(self, run: Session) -> Kept:
         """Read the stream of a run."""
         blocks = list(blocks_of(self.database, run.number))
-        return Kept(run, blocks, run is self.present, bool(self.damage))
+        return Kept(run, blocks, run is self.present)
 
 
 def _day(run: Session) -> datetime.date:
