@@ -19,7 +19,7 @@ import zlib
 
 from evgp_protocol import frames
 from evgp_protocol.states import RaceState
-from evgp_rcs import roster
+from evgp_rcs.files import roster
 from evgp_timing.kinds import DECODERS
 from recorded_bytes import check_stream
 import yaml

@@ -35,7 +35,7 @@ def fuzz(name: str, options: list[str]) -> None:
     import atheris
 
     with atheris.instrument_imports(
-        include=['evgp_protocol.frames', 'evgp_rcs.roster', 'evgp_timing', 'yaml'],
+        include=['evgp_protocol.frames', 'evgp_rcs.files.roster', 'evgp_timing', 'yaml'],
         enable_loader_override=False,
     ):
         import fuzz_targets

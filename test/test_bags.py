@@ -14,11 +14,11 @@ import sys
 from typing import Any
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.inputs import Block, Entry
-from evgp_rcs.race import StampedEvent
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record import blocks_of, events, open_read_only, sessions
-from evgp_rcs.teller import EVENTS_QOS, RACE_QOS, RESULTS_QOS
+from evgp_rcs.record.store import blocks_of, events, open_read_only, sessions
+from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS, RESULTS_QOS
+from evgp_rcs.rules.inputs import Block, Entry
+from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
@@ -180,7 +180,7 @@ def test_a_file_that_is_there_is_not_written_over(
 def test_without_the_package_for_bags_it_is_said_how_to_get_it(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delitem(sys.modules, 'evgp_rcs.bag', raising=False)
+    monkeypatch.delitem(sys.modules, 'evgp_rcs.ros.bag', raising=False)
     for name in [name for name in sys.modules if name.split('.')[0] == 'mcap']:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, 'mcap', None)

@@ -22,10 +22,10 @@ from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.laps import KartResult, Status
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.race import Kart, Race
-from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of, Standings
+from evgp_rcs.rules.laps import KartResult, Status
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import Kart, Race
+from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of, Standings
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process

@@ -13,8 +13,8 @@ import sys
 from typing import get_type_hints
 
 from evgp_node.services import service_class
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
-from evgp_rcs.race import Command, COMMANDS
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
+from evgp_rcs.rules.race import Command, COMMANDS
 from evgp_rcs_msgs import msg
 import pytest
 import race_oracle
@@ -130,7 +130,10 @@ def test_the_oracle_knows_every_command_and_calls_it_what_the_catalogue_does() -
 
 
 def test_who_reads_the_catalogue_needs_no_ros() -> None:
-    code = "import evgp_rcs.catalogue, sys; assert not {'rclpy', 'evgp_rcs_msgs'} & {*sys.modules}"
+    code = (
+        'import evgp_rcs.rules.catalogue, sys\n'
+        "assert not {'rclpy', 'evgp_rcs_msgs'} & {*sys.modules}"
+    )
 
     subprocess.run([sys.executable, '-c', code], check=True)
 

@@ -12,8 +12,8 @@ import signal
 import subprocess
 import sys
 
-from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.demo import judge_end, judge_events, judge_wire
 from evgp_testing.judge import Judge
 import pytest

@@ -24,11 +24,11 @@ from evgp_inspection.traces import BEAT
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
 from evgp_protocol.link import Grade, GRADE_WINDOW, GRADES
-from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
-from evgp_rcs.kart_client import KART_SERVER_SILENCE
-from evgp_rcs.kart_server import ROS_HALF_SILENCE
-from evgp_rcs.race import RaceTimes
-from evgp_rcs.settings import read_settings as read_race_control_settings
+from evgp_rcs.karts.server import ROS_HALF_SILENCE
+from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
+from evgp_rcs.ros.settings import read_settings as read_race_control_settings
+from evgp_rcs.rules.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
+from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_console.button import read_settings as read_button_settings
 from evgp_rcs_console.view import BEGINS_WITHIN
 from evgp_rehearsal.rehearse_kart import SILENCE
@@ -272,7 +272,8 @@ NAMESPACES = ('texts.py', 'style.py')
 def constants() -> dict[str, dict[str, Any]]:
     """Return the plain constants of the product: by name, in which module, which value."""
     found: dict[str, dict[str, Any]] = {}
-    for path in sorted(ROOT.glob('src/evgp_*/evgp_*/*.py')):
+    paths = [*ROOT.glob('src/evgp_*/evgp_*/*.py'), *ROOT.glob('src/evgp_*/evgp_*/*/*.py')]
+    for path in sorted(paths):
         if path.name in NAMESPACES or path.parent.name == 'evgp_testing':
             continue
         for node in ast.parse(path.read_text(encoding='utf-8')).body:

@@ -21,7 +21,7 @@ import sys
 import threading
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.priority import NICENESS
+from evgp_rcs.karts.priority import NICENESS
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl

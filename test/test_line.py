@@ -14,7 +14,7 @@ import time
 from evgp_node.qos import latched
 from evgp_node.stamps import stamp_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.line import LINE_QOS
+from evgp_rcs.ros.line import LINE_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace

@@ -21,7 +21,7 @@ from evgp_node.process import IN_THE_WAY
 from evgp_node.states import state_of
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
-from evgp_rcs.network_cards import cards
+from evgp_rcs.karts.network_cards import cards
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -267,7 +267,7 @@ CAUTIOUS = (*PLAIN, '--no-new-privs')
 
 ASKING = """
 import sys
-from evgp_rcs.neighbours import ask
+from evgp_rcs.spare.neighbours import ask
 found, what = ask(sys.argv[1], 'eth0', 1.0)
 print(found.name, what)
 """

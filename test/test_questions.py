@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.messages import message_of, value_of
-from evgp_rcs.race import (
+from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import (
     Command,
     Doubt,
     Kart,
@@ -31,7 +31,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StartPhase,
 )
-from evgp_rcs.snapshot import KartSnapshot, Snapshot, snapshot_of
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
 from evgp_rcs_console.commands import Effects, effects
 from evgp_rcs_console.view import Button, show

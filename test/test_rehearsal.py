@@ -21,8 +21,8 @@ import urllib.error
 import urllib.request
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import EventKind
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import EventKind
 from evgp_rehearsal.conduct import TOO_SOON
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS

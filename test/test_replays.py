@@ -12,9 +12,9 @@ import subprocess
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import EventKind, StampedEvent
-from evgp_rcs.record import events, open_read_only
+from evgp_rcs.record.store import events, open_read_only
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.wire_race import WireRace

@@ -20,8 +20,8 @@ from evgp_inspection.report import as_html, Header
 from evgp_inspection.verdicts import Clause, Finding, Result, Verdict
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_msgs import msg
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl

@@ -12,7 +12,7 @@ from evgp_node import graph
 from evgp_node.process import IN_THE_WAY
 from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
-from evgp_rcs.rival import look_for_rivals
+from evgp_rcs.ros.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import StartRaceControl

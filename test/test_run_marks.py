@@ -19,8 +19,8 @@ import time
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.race import LastRun
-from evgp_rcs.run_mark import place, RUN_BEGAN, RunMark
+from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
+from evgp_rcs.rules.race import LastRun
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official

@@ -11,11 +11,11 @@ import random
 
 from evgp_board import view as board
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Format
-from evgp_rcs.messages import message_of, value_of
-from evgp_rcs.race import Heat, LastRun, Race
-from evgp_rcs.snapshot import Snapshot, snapshot_of, Standings, standings_of
+from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Format
+from evgp_rcs.rules.race import Heat, LastRun, Race
+from evgp_rcs.rules.snapshot import Snapshot, snapshot_of, Standings, standings_of
 from evgp_rcs_console import results
 from evgp_rcs_console.view import show, table
 from evgp_rcs_msgs import msg

@@ -16,8 +16,8 @@ import sys
 from types import ModuleType
 from typing import Any
 
-from evgp_rcs import race as rules
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
+from evgp_rcs.rules import race as rules
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
 from evgp_testing import judge as judge_module
 from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest

@@ -17,10 +17,10 @@ from evgp_node import graph
 from evgp_node.restarting import IN_THE_WAY
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
-from evgp_rcs.neighbours import ask, Found, Look
-from evgp_rcs.race import LastRun
-from evgp_rcs.run_mark import place, RUN_BEGAN, RunMark
-from evgp_rcs.spare import ORIGIN
+from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
+from evgp_rcs.rules.race import LastRun
+from evgp_rcs.spare.copy import ORIGIN
+from evgp_rcs.spare.neighbours import ask, Found, Look
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
@@ -182,7 +182,7 @@ def test_a_machine_without_race_control_that_still_has_its_power_is_no_dead_one(
 
 HOLDING = """
 import ipaddress, sys
-from evgp_rcs.takeover import held
+from evgp_rcs.spare.takeover import held
 with held(ipaddress.IPv4Interface('10.77.0.1/24'), 'lo'):
     print('held', flush=True)
     sys.stdin.read()

@@ -14,7 +14,7 @@ import sys
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import race
+from evgp_rcs.rules import race
 from evgp_testing.judge import Judge
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_testing.wire_race import WireRace

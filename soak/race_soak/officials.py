@@ -11,7 +11,7 @@ import threading
 import time
 from typing import Any
 
-from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Judge
 from evgp_testing.official import Official, SERVICES

@@ -16,9 +16,9 @@ from evgp_kart_bridge.orders import Order
 from evgp_kart_bridge.shortest_stack import Stack
 from evgp_node.process import run_node
 from evgp_node.states import state_of
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.node import RcsNode
-from evgp_rcs.race import Answer, Command
+from evgp_rcs.ros.node import RcsNode
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Answer, Command
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType

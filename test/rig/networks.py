@@ -48,7 +48,8 @@ def own_disk(folder: pathlib.Path) -> tuple[str, ...]:
     """
     Return words that run a command as on a machine of its own, which keeps its mark in a folder.
 
-    Only what race control keeps of itself beside its record is its own (``evgp_rcs.run_mark``).
+    Only what race control keeps of itself beside its record is its own
+    (``evgp_rcs.record.run_mark``).
     """
     folder.mkdir(exist_ok=True)
     script = 'mount --bind "$0" /var/tmp && exec "$@"'

@@ -10,7 +10,7 @@ import contextlib
 import os
 import threading
 
-from evgp_rcs.priority import come_first
+from evgp_rcs.karts.priority import come_first
 
 
 @contextlib.contextmanager

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import pathlib
 
-from evgp_rcs.replay import Replay
-from evgp_rcs.runs import open_runs
+from evgp_rcs.record.replay import Replay
+from evgp_rcs.record.runs import open_runs
 
 
 def replay_without_difference(record: pathlib.Path) -> list[Replay]:

@@ -26,8 +26,8 @@ from evgp_node.parameters import check_address, ParameterError, Parameters, Stri
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_protocol import clock
-from evgp_rcs.messages import event_of, value_of
-from evgp_rcs.snapshot import Snapshot, Standings
+from evgp_rcs.ros.messages import event_of, value_of
+from evgp_rcs.rules.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
@@ -62,7 +62,6 @@ class BoardNode(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters, listen to race control, and serve."""
         super().__init__('board', **{'namespace': 'rcs', **node_options})
         parameters = Parameters(self)
         self._address = parameters.declare(

@@ -152,7 +152,6 @@ class Server:
     """
 
     def __init__(self, look: Callable[[float], Now]) -> None:
-        """Read the pages."""
         self._look = look
         self._now = look(clock.now())
         self._streams: dict[str, _Stream] = {}

@@ -18,9 +18,9 @@ import time
 from typing import Any, NamedTuple
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.laps import Format, KartResult, Status
-from evgp_rcs.race import AlertKind, EventKind, StampedEvent
-from evgp_rcs.snapshot import KartSnapshot, NOTHING, Snapshot, Standings
+from evgp_rcs.rules.laps import Format, KartResult, Status
+from evgp_rcs.rules.race import AlertKind, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot, Standings
 from evgp_rcs.words import (
     Cell,
     does,

@@ -18,7 +18,7 @@ from evgp_board import server
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard
 from evgp_protocol import clock
-from evgp_rcs.snapshot import NOTHING
+from evgp_rcs.rules.snapshot import NOTHING
 import pytest
 
 PATIENCE = 20.0
@@ -28,7 +28,6 @@ class Board:
     """A server whose race a test changes."""
 
     def __init__(self) -> None:
-        """Begin to serve."""
         self.now = Now(Heard(), None)
         self._listening = socket.create_server(('127.0.0.1', 0), backlog=128)
         self.port = self._listening.getsockname()[1]

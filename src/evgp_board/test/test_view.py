@@ -13,11 +13,18 @@ from evgp_board import view
 from evgp_board.view import Heard
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.laps import Format, KartResult, Penalty, Status
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.messages import value_of
-from evgp_rcs.race import Alert, AlertKind, Kart, Race, TrackAccess
-from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot, snapshot_of, Standings
+from evgp_rcs.ros.messages import value_of
+from evgp_rcs.rules.laps import Format, KartResult, Penalty, Status
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import Alert, AlertKind, Kart, Race, TrackAccess
+from evgp_rcs.rules.snapshot import (
+    HeatSnapshot,
+    KartSnapshot,
+    NOTHING,
+    Snapshot,
+    snapshot_of,
+    Standings,
+)
 from evgp_rcs_msgs import msg
 from hypothesis import given, settings
 from hypothesis import strategies as st

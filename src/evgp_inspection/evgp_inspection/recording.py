@@ -26,7 +26,6 @@ class Recording:
     """Writes a `Trace` in one event loop; times are seconds since it was made."""
 
     def __init__(self) -> None:
-        """Begin now."""
         self.trace = Trace()
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()

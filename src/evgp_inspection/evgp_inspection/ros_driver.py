@@ -28,7 +28,7 @@ class RosDriver:
 
     def __init__(self) -> None:
         """Join the graph."""
-        self._catalogue: Any = importlib.import_module('evgp_rcs.catalogue')
+        self._catalogue: Any = importlib.import_module('evgp_rcs.rules.catalogue')
         self._messages: Any = importlib.import_module('evgp_rcs_msgs.msg')
         testing: Any = importlib.import_module('evgp_testing.official')
         domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)

@@ -94,7 +94,6 @@ class LinkSurvey:
     """
 
     def __init__(self) -> None:
-        """Begin before the first connection."""
         self.seconds: list[Second] = []
         self.losses: list[tuple[float, str]] = []
         self._connected = False

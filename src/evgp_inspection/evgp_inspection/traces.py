@@ -18,7 +18,7 @@ import enum
 from evgp_protocol.frames import FrameDecoder, StateFrame
 from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
-from evgp_rcs.hearing import Hearing, NO_ORDER
+from evgp_rcs.rules.hearing import Hearing, NO_ORDER
 
 STRANGER = 'stranger'
 """The name of whoever connects to race control from an address that is no kart."""
@@ -88,7 +88,7 @@ class Said:
 
     :ivar state: the state; None: the bytes are no frame.
     :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
-    :ivar answers: what it acknowledges, by the rules of race control (`evgp_rcs.hearing`): not
+    :ivar answers: what it acknowledges, by race control's rules (`evgp_rcs.rules.hearing`): not
         always what is being sent, since it may have been said before that was read; None: nothing.
     :ivar reason: what is wrong with bytes that are no frame.
     """

@@ -18,8 +18,10 @@ from evgp_inspection.inspector import Inspector, Unattended
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME
 from evgp_inspection.verdicts import select, Verdict
-from evgp_rcs import kart_link, kart_server, race
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.karts import link as kart_link
+from evgp_rcs.karts import server as kart_server
+from evgp_rcs.rules import race
+from evgp_rcs.rules.catalogue import CommandKind
 from inspecting import inspect_all, those
 import pytest
 from rig.faults import module_with

@@ -57,7 +57,6 @@ class Wish:
     """
 
     def __init__(self, client: Client, request: Callable[[bool], Any]) -> None:
-        """Ask for nothing yet."""
         self.stop, self.granted = True, False
         self._client, self._request = client, request
         self._asking: Future | None = None
@@ -93,7 +92,6 @@ class AutowareAdapter(StrictNode):
     """Tells Autoware when to stop, and race control what it has done."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Watch the race state and begin to ask for stops."""
         super().__init__('autoware_adapter', **node_options)
         Parameters(self).refuse_unknown()
         self._mode, self._motion = OperationModeState(), MotionState()

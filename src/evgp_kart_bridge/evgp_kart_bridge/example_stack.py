@@ -76,7 +76,6 @@ class ExampleStack(StrictNode):
     """Drives where the race state lets it."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Watch the race state and begin to drive."""
         super().__init__('example_stack', **node_options)
         parameters = Parameters(self)
         command = parameters.declare(

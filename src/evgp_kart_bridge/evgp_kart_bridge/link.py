@@ -115,7 +115,6 @@ class Link:
         tell: Tell,
         on_failure: Callable[[BaseException], None],
     ) -> None:
-        """Prepare the thread; nothing happens before ``start``."""
         self._arbiter = arbiter
         self._settings = settings
         self._tell = tell

@@ -136,7 +136,6 @@ class KartBridge(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters, offer the topics and services, and begin to connect."""
         super().__init__('kart_bridge', **node_options)
         link_settings, settings, lease = read_settings(Parameters(self))
         self._peer = peer_of(link_settings)

@@ -75,7 +75,6 @@ class Orders:
     """
 
     def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
-        """Begin without a bridge, in RED_RED."""
         self.said: Said | None = None
         self._lease = lease
         self._forgiven = forgiven

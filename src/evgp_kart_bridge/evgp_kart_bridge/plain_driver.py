@@ -29,7 +29,6 @@ class Driver(Node):
     """Drives straight ahead in GREEN_GREEN, if it heard the GRID_ACTIVE before that."""
 
     def __init__(self) -> None:
-        """Listen, and begin to drive."""
         super().__init__('driver')
         self.state = 'RED_RED'
         self.heard_at = -math.inf  # s

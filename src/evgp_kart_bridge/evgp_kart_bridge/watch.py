@@ -125,7 +125,6 @@ class RaceStateWatch:
         topic: str = 'kart_bridge/race_state',
         lease: float = LEASE,
     ) -> None:
-        """Subscribe."""
         self.message: KartRaceState | None = None
         self._on_change = on_change
         # Of its own, so that subscription and alarm wait for the same things: see `_hear`.

@@ -182,7 +182,7 @@ def bind_graph() -> None:
         os.environ.pop(name, None)
     # Of all ranges only this one leaves everything to what follows.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    # A call of a process to itself is to show that calls can come in (evgp_rcs.node).
+    # A call of a process to itself is to show that calls can come in (evgp_rcs.ros.node).
     profile = _private_file(fast_dds_profile(interface, intraprocess=False))
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
@@ -314,7 +314,6 @@ class Inbox:
     """
 
     def __init__(self) -> None:
-        """Begin with the sockets that there are."""
         with udp_sockets() as found:
             read = {os.fstat(each.fileno()).st_ino: each for each, _ in found if _is_read(each)}
             self._sockets = [each.dup() for each in read.values()]

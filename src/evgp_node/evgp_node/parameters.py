@@ -87,7 +87,6 @@ class Parameters:
     """The parameters of one node, all of them declared through here."""
 
     def __init__(self, node: StrictNode) -> None:
-        """Declare nothing yet."""
         self._node = node
         self._declared: list[str] = []
 

@@ -50,7 +50,6 @@ class Ends:
     """
 
     def __init__(self, now: float, *, gives_way: bool = False) -> None:
-        """Begin with a program that was never up."""
         self._tries_since = now
         self._gives_way = gives_way
         self._was_up = False

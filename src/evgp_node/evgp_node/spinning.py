@@ -36,7 +36,6 @@ class Spinning:
         on_failure: Callable[[BaseException], None],
         only_serves: bool = False,
     ) -> None:
-        """Begin to run them."""
         self._on_failure = on_failure
         self._ending = threading.Event()
         for service in node.services:

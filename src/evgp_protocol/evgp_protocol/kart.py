@@ -39,7 +39,6 @@ class Kart:
     """
 
     def __init__(self, settings: Settings | None = None) -> None:
-        """Begin: RED_RED, until race control is heard and says otherwise."""
         self.malformed = 0
         self._arbiter = Arbiter(settings or Settings(), first_order=1)
         self._decoder: FrameDecoder | None = None  # of the present connection, if there is one

@@ -200,7 +200,6 @@ class Answers:
     """
 
     def __init__(self) -> None:
-        """Begin with a new connection."""
         self.written = 0
         self.answered = 0
         self.wrote_at = 0.0

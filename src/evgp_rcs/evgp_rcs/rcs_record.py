@@ -16,10 +16,11 @@ import pathlib
 import sys
 from types import ModuleType
 
-from evgp_rcs import mcap_export, replay, timeline
-from evgp_rcs.report import command as report
-from evgp_rcs.report import lap_times, results
-from evgp_rcs.runs import CALLED, say, UNREADABLE, UnreadableError
+from evgp_rcs.record import replay, timeline
+from evgp_rcs.record.report import command as report
+from evgp_rcs.record.report import lap_times, results
+from evgp_rcs.record.runs import CALLED, say, UNREADABLE, UnreadableError
+from evgp_rcs.ros import mcap_export
 
 WAYS: dict[str, tuple[ModuleType, str]] = {
     'show': (timeline, 'print a run as a timeline; the word show may be left out'),

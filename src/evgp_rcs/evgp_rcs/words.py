@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.laps import Status
-from evgp_rcs.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.laps import Status
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED

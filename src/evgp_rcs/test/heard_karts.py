@@ -19,7 +19,7 @@ import itertools
 
 from evgp_protocol.frames import encode, StateFrame
 from evgp_protocol.states import RaceState
-from evgp_rcs.hearing import Hearing
+from evgp_rcs.rules.hearing import Hearing
 
 GARAGE = RaceState.IN_GARAGE
 

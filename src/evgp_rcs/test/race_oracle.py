@@ -27,8 +27,8 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.laps import Format, Passing
-from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.rules.laps import Format, Passing
+from evgp_rcs.rules.link_quality import NOT_MEASURED
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -179,7 +179,6 @@ class RuleBrokenError(AssertionError):
     """The rules broke a property."""
 
     def __init__(self, name: str, detail: str) -> None:
-        """Name the property and say how it broke."""
         assert name in PROPERTIES, name
         super().__init__(f'[{name}] {PROPERTIES[name]}: {detail}')
         self.name = name
@@ -1908,7 +1907,6 @@ class Scratch:
     """
 
     def __init__(self, race: Any) -> None:
-        """Take a race to load states into."""
         self.race = race
         self.karts = list(race.karts.values())
         self._names = self.karts[0].__slots__
@@ -2034,7 +2032,6 @@ class Search:
         laps: bool = False,
         then: Iterable[Input] = (),
     ) -> None:
-        """Set the karts up and bring them to where the search begins."""
         self.rules = rules
         self.times = rules.RaceTimes(
             **{

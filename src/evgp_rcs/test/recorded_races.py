@@ -15,9 +15,12 @@ from typing import Any, cast
 
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
-from evgp_rcs import inputs
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.inputs import (
+from evgp_rcs.record.report.model import Account
+from evgp_rcs.record.runs import Kept
+from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.inputs import (
     Batch,
     Began,
     Block,
@@ -30,9 +33,9 @@ from evgp_rcs.inputs import (
     Rules,
     Setup,
 )
-from evgp_rcs.laps import Passing
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.race import (
+from evgp_rcs.rules.laps import Passing
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import (
     Command,
     Event,
     EventKind,
@@ -42,9 +45,6 @@ from evgp_rcs.race import (
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.record import blocks_of, PROGRAM, Record, rules_version, Session
-from evgp_rcs.report.model import Account
-from evgp_rcs.runs import Kept
 
 PATIENCE = 60.0
 BEGAN = 1_780_135_500_000_000_000

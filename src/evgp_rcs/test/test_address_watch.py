@@ -13,7 +13,7 @@ import functools
 import ipaddress
 
 from evgp_node.graph import EVERY
-from evgp_rcs.address_watch import (
+from evgp_rcs.karts.address_watch import (
     ANNOUNCEMENTS,
     ASK_EVERY,
     Claim,
@@ -23,7 +23,7 @@ from evgp_rcs.address_watch import (
     packet,
     to_be_asked,
 )
-from evgp_rcs.network_cards import Card, LOOPBACK_CARD
+from evgp_rcs.karts.network_cards import Card, LOOPBACK_CARD
 from hypothesis import given, strategies
 import pytest
 

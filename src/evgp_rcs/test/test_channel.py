@@ -8,9 +8,9 @@ from __future__ import annotations
 import io
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.channel import Alive, Listening, pack, Request, Unpacker
-from evgp_rcs.race import Command
+from evgp_rcs.karts.channel import Alive, Listening, pack, Request, Unpacker
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Command
 from hypothesis import given, strategies
 
 commands = strategies.builds(

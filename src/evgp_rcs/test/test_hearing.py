@@ -11,8 +11,8 @@ import itertools
 
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
-from evgp_rcs import hearing
-from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
+from evgp_rcs.rules import hearing
+from evgp_rcs.rules.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -26,7 +26,6 @@ class OneKart:
     """What is heard of a kart whose TCP answers every order at once, unless told otherwise."""
 
     def __init__(self, beat_rate: float = 20.0) -> None:
-        """Begin without an order."""
         self.hearing = Hearing(beat_rate)
         self.pause = round(QUIET * beat_rate) + 1
         self._sent = 0

@@ -10,9 +10,10 @@ import json
 import pathlib
 import re
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.encoding import read, written
-from evgp_rcs.laps import (
+from evgp_rcs.rcs_record import main
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.encoding import read, written
+from evgp_rcs.rules.laps import (
     Format,
     Heats,
     KartResult,
@@ -23,9 +24,8 @@ from evgp_rcs.laps import (
     MOST_OF_HEATS,
     overall,
 )
-from evgp_rcs.race import Answer, Command, Heat, Kart, LastRun, Race, RaceMemory
-from evgp_rcs.rcs_record import main
-from evgp_rcs.snapshot import snapshot_of, standings_of
+from evgp_rcs.rules.race import Answer, Command, Heat, Kart, LastRun, Race, RaceMemory
+from evgp_rcs.rules.snapshot import snapshot_of, standings_of
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

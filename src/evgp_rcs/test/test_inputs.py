@@ -16,12 +16,24 @@ from typing import Any, get_args, get_type_hints
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs import inputs, kart_process, kart_server, laps
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.encoding import read, written
-from evgp_rcs.inputs import Batch, Block, decode, encode, entries_of, Gap, InputsError, joined, Log
-from evgp_rcs.link_quality import LinkQuality
-from evgp_rcs.race import (
+from evgp_rcs.karts import process as kart_process
+from evgp_rcs.karts import server as kart_server
+from evgp_rcs.rules import inputs, laps
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.encoding import read, written
+from evgp_rcs.rules.inputs import (
+    Batch,
+    Block,
+    decode,
+    encode,
+    entries_of,
+    Gap,
+    InputsError,
+    joined,
+    Log,
+)
+from evgp_rcs.rules.link_quality import LinkQuality
+from evgp_rcs.rules.race import (
     AlertKind,
     Attendance,
     Command,

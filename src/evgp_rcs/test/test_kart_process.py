@@ -19,9 +19,8 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs import kart_client
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.channel import (
+from evgp_rcs.files.roster import Roster, RosterEntry
+from evgp_rcs.karts.channel import (
     Alive,
     ANSWER_TIMEOUT,
     Answered,
@@ -36,13 +35,14 @@ from evgp_rcs.channel import (
     ServerSettings,
     Unpacker,
 )
-from evgp_rcs.kart_client import KartServerClient
-from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
-from evgp_rcs.race import Command, EventKind, RaceTimes
-from evgp_rcs.record import events, open_read_only, sessions
-from evgp_rcs.roster import Roster, RosterEntry
-from evgp_rcs.run_mark import place, RUN_BEGAN
-from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.karts.server import KartServerError, ROS_HALF_SILENCE
+from evgp_rcs.record.run_mark import place, RUN_BEGAN
+from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.ros import kart_client
+from evgp_rcs.ros.kart_client import KartServerClient
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Command, EventKind, RaceTimes
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
@@ -74,7 +74,7 @@ class Half:
         self.end.settimeout(TIMEOUT)
         with other:
             self.process = subprocess.Popen(
-                [sys.executable, '-m', 'evgp_rcs.kart_process', str(other.fileno())],
+                [sys.executable, '-m', 'evgp_rcs.karts.process', str(other.fileno())],
                 pass_fds=(other.fileno(),),
                 stderr=subprocess.DEVNULL,
             )

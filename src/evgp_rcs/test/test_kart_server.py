@@ -21,9 +21,8 @@ from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs import kart_server
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.channel import (
+from evgp_rcs.karts import server as kart_server
+from evgp_rcs.karts.channel import (
     Alive,
     Happened,
     Passings,
@@ -31,10 +30,8 @@ from evgp_rcs.channel import (
     ServerSettings,
     Unpacker,
 )
-from evgp_rcs.hearing import FLOOD_BYTES
-from evgp_rcs.inputs import Batch, Commanded, Ordered, Passed
-from evgp_rcs.kart_link import KartLink
-from evgp_rcs.kart_server import (
+from evgp_rcs.karts.link import KartLink
+from evgp_rcs.karts.server import (
     HELD_UP,
     KartServer,
     KartServerError,
@@ -43,8 +40,11 @@ from evgp_rcs.kart_server import (
     RosHalfGoneError,
     Waiting,
 )
-from evgp_rcs.laps import Format, Laps, Passing
-from evgp_rcs.race import (
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.hearing import FLOOD_BYTES
+from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Passed
+from evgp_rcs.rules.laps import Format, Laps, Passing
+from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
     Command,
@@ -57,7 +57,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StampedEvent,
 )
-from evgp_rcs.snapshot import Snapshot, Standings
+from evgp_rcs.rules.snapshot import Snapshot, Standings
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
@@ -665,7 +665,7 @@ def test_each_link_is_measured_and_a_new_connection_begins_unknown(
 def test_a_kernel_of_another_kind_is_no_error(
     run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr('evgp_rcs.kart_link.read', lambda link: None)
+    monkeypatch.setattr('evgp_rcs.karts.link.read', lambda link: None)
     running = run(beat_rate=20.0)
     connect(running, 1)
     (event,) = running.wait_for(EventKind.LINK_GRADE, 1)

@@ -11,10 +11,10 @@ import json
 import pathlib
 import re
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.laps import Format
-from evgp_rcs.race import Heat
 from evgp_rcs.rcs_record import main
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.laps import Format
+from evgp_rcs.rules.race import Heat
 import pytest
 from recorded_races import PaperRace
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import itertools
 from typing import Any
 
-from evgp_rcs.encoding import read, written
-from evgp_rcs.laps import (
+from evgp_rcs.rules.encoding import read, written
+from evgp_rcs.rules.laps import (
     BY_HAND,
     Format,
     KartResult,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
-from evgp_rcs.link_quality import BYTES_PER_SECOND, LinkMeter, LinkQuality, MEASURE_EVERY
+from evgp_rcs.rules.link_quality import BYTES_PER_SECOND, LinkMeter, LinkQuality, MEASURE_EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -9,12 +9,12 @@ import dataclasses
 import random
 from typing import Any, get_type_hints
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.laps import Judged, KartResult, Passing, Penalty
-from evgp_rcs.link_quality import LinkQuality
-from evgp_rcs.messages import CONSTANTS, event_of, events_message, message_of, value_of
-from evgp_rcs.race import Alert, AlertKind, Availability, TrackAccess
-from evgp_rcs.snapshot import (
+from evgp_rcs.ros.messages import CONSTANTS, event_of, events_message, message_of, value_of
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.laps import Judged, KartResult, Passing, Penalty
+from evgp_rcs.rules.link_quality import LinkQuality
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, TrackAccess
+from evgp_rcs.rules.snapshot import (
     HeatSnapshot,
     KartSnapshot,
     Snapshot,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from evgp_rcs.presence import BUTTON, MOST_PROGRAMS, Presences, SILENT_AFTER
+from evgp_rcs.ros.presence import BUTTON, MOST_PROGRAMS, Presences, SILENT_AFTER
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

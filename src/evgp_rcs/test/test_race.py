@@ -11,10 +11,10 @@ from typing import Any
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Passing
-from evgp_rcs.link_quality import NOT_MEASURED, POOR_LATELY
-from evgp_rcs.race import (
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Passing
+from evgp_rcs.rules.link_quality import NOT_MEASURED, POOR_LATELY
+from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
     Attendance,
@@ -34,7 +34,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StartPhase,
 )
-from evgp_rcs.snapshot import snapshot_of
+from evgp_rcs.rules.snapshot import snapshot_of
 import pytest
 
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from evgp_rcs import race
+from evgp_rcs.rules import race
 import pytest
 import race_oracle as oracle
 

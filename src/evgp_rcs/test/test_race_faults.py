@@ -13,7 +13,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from evgp_rcs import race
+from evgp_rcs.rules import race
 import pytest
 import race_oracle as oracle
 from rig.faults import faults_in, module_with

@@ -8,8 +8,8 @@ from __future__ import annotations
 from typing import Any
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import race as rules
-from evgp_rcs.snapshot import snapshot_of
+from evgp_rcs.rules import race as rules
+from evgp_rcs.rules.snapshot import snapshot_of
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (

@@ -18,12 +18,12 @@ import sqlite3
 import subprocess
 import sys
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Batch, Block, encode, Rules
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
-from evgp_rcs.record import default_path, Record, rules_version
-from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
+from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
+from evgp_rcs.record.store import default_path, Record, rules_version
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import Batch, Block, encode, Rules
 import pytest
 from recorded_races import PaperRace
 from test_inputs import HOSTILE_JSON, places_in, with_hostile

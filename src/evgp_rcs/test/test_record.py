@@ -15,10 +15,32 @@ import subprocess
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Batch, Began, Block, encode, entries_of, Entry, Rules, Setup, Tick
-from evgp_rcs.laps import LapsMemory
-from evgp_rcs.race import (
+from evgp_rcs.rcs_record import main as print_timeline
+from evgp_rcs.record.runs import PARTLY
+import evgp_rcs.record.store
+from evgp_rcs.record.store import (
+    blocks_of,
+    events,
+    is_being_written,
+    open_read_only,
+    PROGRAM,
+    Record,
+    sessions,
+)
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import (
+    Batch,
+    Began,
+    Block,
+    encode,
+    entries_of,
+    Entry,
+    Rules,
+    Setup,
+    Tick,
+)
+from evgp_rcs.rules.laps import LapsMemory
+from evgp_rcs.rules.race import (
     Command,
     Doubt,
     Event,
@@ -30,18 +52,6 @@ from evgp_rcs.race import (
     RaceTimes,
     StampedEvent,
 )
-from evgp_rcs.rcs_record import main as print_timeline
-import evgp_rcs.record
-from evgp_rcs.record import (
-    blocks_of,
-    events,
-    is_being_written,
-    open_read_only,
-    PROGRAM,
-    Record,
-    sessions,
-)
-from evgp_rcs.runs import PARTLY
 import pytest
 from rig.needs import mount
 
@@ -524,7 +534,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     put(record, Tick(2.0), first=1)
     due = record.due_in()
     assert due is not None
-    assert 0 < due <= evgp_rcs.record.INPUTS_EVERY
+    assert 0 < due <= evgp_rcs.record.store.INPUTS_EVERY
     assert record.write()
     assert record.due_in() is None
     with contextlib.closing(open_read_only(path)) as database:

@@ -14,13 +14,13 @@ import threading
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import record_process
-from evgp_rcs.channel import Happened, pack
-from evgp_rcs.inputs import Batch, entries_of, Gap
-from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_rcs.record import blocks_of, events, open_read_only, Record, RecordError
-from evgp_rcs.record_process import RecordProcess
-from evgp_rcs.run_mark import RUN_BEGAN
+from evgp_rcs.karts import record_process
+from evgp_rcs.karts.channel import Happened, pack
+from evgp_rcs.karts.record_process import RecordProcess
+from evgp_rcs.record.run_mark import RUN_BEGAN
+from evgp_rcs.record.store import blocks_of, events, open_read_only, Record, RecordError
+from evgp_rcs.rules.inputs import Batch, entries_of, Gap
+from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
 

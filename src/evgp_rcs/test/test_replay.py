@@ -14,12 +14,16 @@ import sqlite3
 from typing import Any, cast
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import inputs
-from evgp_rcs import race as rules
-from evgp_rcs.catalogue import CATALOGUE
-from evgp_rcs.inputs import Entrant, Entry, Ordered, Rules, Setup
-from evgp_rcs.laps import Passing
-from evgp_rcs.race import (
+from evgp_rcs.rcs_record import main
+from evgp_rcs.record.replay import OF_THE_SERVER, Replay
+from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
+from evgp_rcs.record.store import rules_version
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules import race as rules
+from evgp_rcs.rules.catalogue import CATALOGUE
+from evgp_rcs.rules.inputs import Entrant, Entry, Ordered, Rules, Setup
+from evgp_rcs.rules.laps import Passing
+from evgp_rcs.rules.race import (
     Attendance,
     Command,
     Event,
@@ -30,10 +34,6 @@ from evgp_rcs.race import (
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.rcs_record import main
-from evgp_rcs.record import rules_version
-from evgp_rcs.replay import OF_THE_SERVER, Replay
-from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import change_event, edit, kept, PaperRace
 from rig.faults import module_with

@@ -12,16 +12,11 @@ import re
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs import inputs
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import CLOSED_BY_KART
-from evgp_rcs.race import Event, EventKind, Heat, LastRun, StampedEvent
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record import Record
-from evgp_rcs.report import wording
-from evgp_rcs.report.command import seconds_of
-from evgp_rcs.report.drawing import drawing, NAMES, WIDTH
-from evgp_rcs.report.model import (
+from evgp_rcs.record.report import wording
+from evgp_rcs.record.report.command import seconds_of
+from evgp_rcs.record.report.drawing import drawing, NAMES, WIDTH
+from evgp_rcs.record.report.model import (
     Account,
     GREEN_GREEN,
     IN_GARAGE,
@@ -31,8 +26,13 @@ from evgp_rcs.report.model import (
     Stop,
     Why,
 )
-from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import open_runs, PARTLY
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.record.runs import open_runs, PARTLY
+from evgp_rcs.record.store import Record
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import CLOSED_BY_KART
+from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import change_event, edit, PaperRace
 

@@ -11,13 +11,13 @@ import io
 import pathlib
 import re
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Began, Rules
-from evgp_rcs.race import EventKind, Heat
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record import PROGRAM, Record
-from evgp_rcs.report.model import Result, Why
-from evgp_rcs.report.results import COLUMNS, defused
+from evgp_rcs.record.report.model import Result, Why
+from evgp_rcs.record.report.results import COLUMNS, defused
+from evgp_rcs.record.store import PROGRAM, Record
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.inputs import Began, Rules
+from evgp_rcs.rules.race import EventKind, Heat
 import pytest
 from recorded_races import edit, PaperRace
 

@@ -8,10 +8,17 @@ from __future__ import annotations
 import pathlib
 import re
 
-from evgp_rcs.laps import Format
-from evgp_rcs.race import Heat
-from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
-from evgp_rcs.roster_check import main as check_roster
+from evgp_rcs.files.roster import (
+    load_roster,
+    MAX_BYTES,
+    parse_roster,
+    Roster,
+    RosterEntry,
+    RosterError,
+)
+from evgp_rcs.files.roster_check import main as check_roster
+from evgp_rcs.rules.laps import Format
+from evgp_rcs.rules.race import Heat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest

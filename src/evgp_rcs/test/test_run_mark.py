@@ -13,9 +13,8 @@ import stat
 import subprocess
 import tempfile
 
-from evgp_rcs import run_mark
-from evgp_rcs.race import LastRun
-from evgp_rcs.run_mark import (
+from evgp_rcs.record import run_mark
+from evgp_rcs.record.run_mark import (
     FOLDER,
     InUseError,
     leave_began,
@@ -24,6 +23,7 @@ from evgp_rcs.run_mark import (
     RunMark,
     why_not_lasting,
 )
+from evgp_rcs.rules.race import LastRun
 import pytest
 from rig.needs import mount
 

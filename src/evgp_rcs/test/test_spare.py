@@ -13,13 +13,14 @@ import threading
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_rcs import run_mark, spare
-from evgp_rcs.inputs import Batch
-from evgp_rcs.neighbours import Found, Look, why_not
-from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_rcs.record import events, Record
-from evgp_rcs.run_mark import RunMark
-from evgp_rcs.spare import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
+from evgp_rcs.record import run_mark
+from evgp_rcs.record.run_mark import RunMark
+from evgp_rcs.record.store import events, Record
+from evgp_rcs.rules.inputs import Batch
+from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
+from evgp_rcs.spare import copy as spare
+from evgp_rcs.spare.copy import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
+from evgp_rcs.spare.neighbours import Found, Look, why_not
 import pytest
 
 KARTS = 'karts:\n- {number: 7, team: A, address: 10.0.0.107, in_race: true}\n'

@@ -14,9 +14,9 @@ import time
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.link import BEAT_RATE, Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.race import AlertKind, Command, EventKind, Kart, Race, RaceTimes
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import AlertKind, Command, EventKind, Kart, Race, RaceTimes
 from evgp_rcs_msgs import msg
 from evgp_testing.official import Official
 from evgp_testing.race_control import address_of, RaceControl

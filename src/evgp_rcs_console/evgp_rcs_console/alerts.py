@@ -20,7 +20,7 @@ import wave
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
@@ -50,7 +50,6 @@ class AlertPlace(Painted):
     """One alert: what to do, the kart, the sentence, and SEEN."""
 
     def __init__(self, number: int) -> None:
-        """Be empty."""
         super().__init__(f'alert_{number}')
         self._notice: Notice | None = None
         self.seen = self.put(Push(f'seen_{number}'), -82, 4, -4, 26)
@@ -117,7 +116,6 @@ class AlertsArea(Card):
     mute = Signal()
 
     def __init__(self) -> None:
-        """Have no alert."""
         super().__init__('banner')
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
@@ -225,7 +223,6 @@ class Alarm:
     """
 
     def __init__(self, area: AlertsArea) -> None:
-        """Begin with no alert, and with the sound on."""
         self._area = area
         self._book = AlertBook()
         self._known = False

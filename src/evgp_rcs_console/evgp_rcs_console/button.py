@@ -23,7 +23,7 @@ from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.button_devices import (
     attend,

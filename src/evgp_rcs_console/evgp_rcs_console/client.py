@@ -37,11 +37,11 @@ from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
 from evgp_protocol.clock import duration, now
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.messages import event_of, value_of
-from evgp_rcs.official import MOST_OF_NAME
-from evgp_rcs.race import Answer, StampedEvent
-from evgp_rcs.snapshot import Snapshot, Standings
+from evgp_rcs.ros.messages import event_of, value_of
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.official import MOST_OF_NAME
+from evgp_rcs.rules.race import Answer, StampedEvent
+from evgp_rcs.rules.snapshot import Snapshot, Standings
 from evgp_rcs.words import STATES
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import (
@@ -89,7 +89,6 @@ class Sources:
     """Hears the numbers of snapshots."""
 
     def __init__(self) -> None:
-        """Begin with nothing heard."""
         self._last: int | None = None
         self._falls: deque[float] = deque(maxlen=2)
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import enum
 import os
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 Report = Callable[..., None]
 """

@@ -24,9 +24,9 @@ import math
 
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
-from evgp_rcs.race import Availability
-from evgp_rcs.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
+from evgp_rcs.rules.race import Availability
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,6 @@ class Outcome:
     """
 
     def __init__(self, given: Given, at: float) -> None:
-        """Wait for a snapshot that shows the effect."""
         self.given = given
         self._at = at
         self._seen: object = None
@@ -262,7 +261,6 @@ class RaceBegan:
     """
 
     def __init__(self) -> None:
-        """Begin with no snapshot heard."""
         self._difference = math.inf
 
     def hear(self, stamp: float, since: float | None, now: float) -> float:
@@ -302,7 +300,6 @@ class StandingStops:
     """The stops that are being pressed, by command and kart."""
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._stops: dict[tuple[CommandKind, int], Standing] = {}
 
     @property
@@ -420,7 +417,6 @@ class Unanswered:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self.stops: tuple[Standing, ...] = ()
         self._given: dict[tuple[CommandKind, int], Given] = {}
 

@@ -24,8 +24,8 @@ from types import FrameType
 from typing import Any, NoReturn
 
 from evgp_protocol.clock import now
-from evgp_rcs.catalogue import CATALOGUE
-from evgp_rcs.official import tidy
+from evgp_rcs.rules.catalogue import CATALOGUE
+from evgp_rcs.rules.official import tidy
 from evgp_rcs_console import texts
 from evgp_rcs_console.command_line import (
     COMMANDS,
@@ -58,7 +58,6 @@ class TimedProcess:
     """
 
     def __init__(self, work: Callable[[Report], object]) -> None:
-        """Start it."""
         fork = multiprocessing.get_context('fork')
         self._hear, tell = fork.Pipe(duplex=False)
         self._process = fork.Process(target=_do, args=(work, tell, os.getpid()))

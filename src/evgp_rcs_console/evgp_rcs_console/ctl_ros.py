@@ -15,11 +15,11 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_protocol.clock import now
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Judged
-from evgp_rcs.official import said_by, tidy
-from evgp_rcs.race import Answer, Availability, StampedEvent
-from evgp_rcs.snapshot import KartSnapshot, Snapshot, Standings
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Judged
+from evgp_rcs.rules.official import said_by, tidy
+from evgp_rcs.rules.race import Answer, Availability, StampedEvent
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, Standings
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
@@ -46,7 +46,6 @@ class Hearing:
     """What the client hears, for a caller that waits for it."""
 
     def __init__(self) -> None:
-        """Begin with nothing heard."""
         self.news = threading.Condition()
         self.race: Snapshot | None = None
         self.two = False

@@ -19,9 +19,9 @@ from typing import NamedTuple
 
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import Answer, EventKind, StampedEvent
-from evgp_rcs.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
@@ -92,7 +92,6 @@ class SeenCommands:
     """
 
     def __init__(self, window: QtWidgets.QWidget) -> None:
-        """Begin with nothing shown."""
         self._window = window
         self.screen: Screen | None = None
         self._aim: Aim[Shown] = Aim()
@@ -151,7 +150,6 @@ class Areas(Area):
     """A button was pressed: its command when it went down, and when it was let go."""
 
     def __init__(self) -> None:
-        """Put the areas in their places."""
         super().__init__('window')
         press = self.commanded.emit
         self.seen = SeenCommands(self)
@@ -299,7 +297,6 @@ class Inbox(QtCore.QObject):
     dropped = Signal(object, str)
 
     def __init__(self) -> None:
-        """Have heard nothing."""
         super().__init__()
         self.waiting: deque[Heard] = deque()
 
@@ -337,7 +334,6 @@ class ChosenKart(KartField):
     """
 
     def __init__(self, areas: Areas) -> None:
-        """Choose none."""
         super().__init__()
         self._areas = areas
         self._rows: tuple[Row, ...] = ()
@@ -386,7 +382,6 @@ class BottomLine:
     """
 
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
-        """Say that the window is ready."""
         self._label = label
         self._unanswered = unanswered
         self._message = Cell(texts.BEGIN)
@@ -488,7 +483,6 @@ class Display(QtCore.QObject):
     """
 
     def __init__(self, areas: Areas, looking: str) -> None:
-        """Begin with no race heard."""
         super().__init__(areas)  # of the Qt thread: what is heard is queued for it
         self.areas = areas
         self.unanswered = Unanswered()

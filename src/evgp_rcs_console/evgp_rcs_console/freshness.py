@@ -60,7 +60,6 @@ class InputClock:
     """
 
     def __init__(self) -> None:
-        """Begin with no input seen."""
         self._clocks: list[tuple[float, float]] = []  # smallest difference (ms), seen when (s)
 
     def age(self, stamp: int, now: float) -> float:
@@ -92,7 +91,6 @@ class Beat:
     """
 
     def __init__(self, period: float, now: float) -> None:
-        """Begin in time."""
         self._period = period
         self._last = now
         self._late = 0.0
@@ -122,7 +120,6 @@ class Repeats:
     """Keys that are pressed twice in a row, as in a double click."""
 
     def __init__(self) -> None:
-        """Begin with none pressed."""
         self._name = ''
         self._at = 0.0
 
@@ -137,7 +134,6 @@ class Aim(Generic[T]):
     """What the official who presses now had in front of them, when what is shown has changed."""
 
     def __init__(self) -> None:
-        """Begin with no change."""
         self._shown: list[tuple[T, float]] = []
 
     def change(self, before: T, at: float) -> None:

@@ -135,7 +135,6 @@ class Battery:
     """The battery of this machine, read in a thread of its own: some take long to answer."""
 
     def __init__(self, folder: pathlib.Path = pathlib.Path('/sys/class/power_supply')) -> None:
-        """Begin to read it."""
         self.low: int | None = None
         self._folder = folder
         threading.Thread(target=self._read, name='battery', daemon=True).start()

@@ -14,8 +14,8 @@ from dataclasses import replace
 import time
 
 from evgp_protocol import clock
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Judged
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Judged
 from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
 from evgp_rcs_console.commands import Given
@@ -45,7 +45,6 @@ class Presses(QtCore.QObject):
     def __init__(
         self, give: Give, signature: Signature, display: Display, late: LateInput
     ) -> None:
-        """Wait for a press."""
         super().__init__(display.areas)
         self._give = give
         self._late = late
@@ -219,7 +218,6 @@ class LateInput:
     """
 
     def __init__(self, period: float, display: Display) -> None:
-        """Begin in time."""
         self._chosen = display.chosen
         self._bottom = display.bottom
         self._clock = InputClock()
@@ -267,7 +265,6 @@ class Mouse:
     """Takes the mouse."""
 
     def __init__(self, presses: Presses, late: LateInput) -> None:
-        """Wait for a click."""
         self._active_since: float | None = None
         self._brought_forward = False
         self._areas = presses.display.areas
@@ -346,7 +343,6 @@ class Keyboard:
     """Takes the keyboard."""
 
     def __init__(self, presses: Presses, late: LateInput) -> None:
-        """Wait for a key."""
         self._areas = presses.display.areas
         self._presses = presses
         self._late = late

@@ -62,7 +62,6 @@ class KartRow(Painted):
     chosen = Signal(int)
 
     def __init__(self, pressed: Pressed) -> None:
-        """Wait to be told the kart."""
         super().__init__()
         self.number = 0
         self._row: Row | None = None
@@ -243,7 +242,6 @@ class Tiles(Painted):
     chosen = Signal(int)
 
     def __init__(self) -> None:
-        """Be empty."""
         super().__init__('overview')
         self._rows: tuple[Row, ...] = ()
         self._chosen = 0
@@ -294,7 +292,6 @@ class Rows(QtWidgets.QScrollArea):
     """
 
     def __init__(self, scrolling: Scrolling) -> None:
-        """Have no rows."""
         super().__init__()
         self._scrolling = scrolling
 
@@ -323,7 +320,6 @@ class KartList(QtWidgets.QWidget):
     """By a click on its tile: its row may be out of sight."""
 
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
-        """Have no kart."""
         super().__init__()
         self._pressed = pressed
         self.rows: list[KartRow] = []

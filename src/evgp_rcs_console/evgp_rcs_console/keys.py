@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import enum
 import string
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.view import FINISH_KEYS, LETTER_COMMANDS
@@ -176,7 +176,6 @@ class KartField:
     """
 
     def __init__(self) -> None:
-        """Begin empty, without a roster."""
         self._teams: Mapping[int, str] = {}
         self._digits = ''
         self._typed_at = 0.0

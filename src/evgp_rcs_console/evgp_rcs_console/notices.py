@@ -14,9 +14,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from evgp_rcs.official import UNNAMED
-from evgp_rcs.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
-from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.rules.official import UNNAMED
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import numbered, time_of_day
 from evgp_rcs_console import texts
 
@@ -85,7 +85,6 @@ class AlertBook:
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
         self._notices: list[Notice] = []
         self._count = 0
 
@@ -197,7 +196,6 @@ class Officials:
     """Who has commanded: each is called by name, unless two of one name have."""
 
     def __init__(self) -> None:
-        """Know none."""
         self._claims: dict[str, set[str]] = {}
 
     def take(self, claim: str) -> None:
@@ -264,7 +262,6 @@ class EventLog:
     """
 
     def __init__(self, most: int = 2000) -> None:
-        """Begin with none."""
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
         self.officials = Officials()

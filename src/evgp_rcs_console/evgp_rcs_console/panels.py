@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import time
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import StampedEvent
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import concerns, EventLog, Line
@@ -42,7 +42,6 @@ class StatePanel(Painted):
     """The state of the race in its colour: since when, and by whom."""
 
     def __init__(self) -> None:
-        """Wait to be told."""
         super().__init__('state_panel')
         self._tone = Tone.PLAIN
         title = Text('state', HUGE, True, colour=self._ink)
@@ -69,7 +68,6 @@ class TrackPanel(Painted):
     """Whether humans may be on the track, and the command that opens or closes it."""
 
     def __init__(self, pressed: Pressed) -> None:
-        """Wait to be told."""
         super().__init__('track_panel')
         self._humans = self.put(Text('humans', LARGE, True), 20, 7, -176, 35)
         self._reason = self.put(Text('humans_reason', TEXT, wrap=True), 20, 35, -176, -7)
@@ -98,7 +96,6 @@ class ClockPanel(Painted):
     """The time of day, the time since GREEN GREEN, and what is in the race."""
 
     def __init__(self) -> None:
-        """Show the time."""
         super().__init__('clock')
         self._now = self.put(Text('', LARGE + 4, True, RIGHT), 0, 4, -4, 38)
         self._race = self.put(Text('', TEXT, True, RIGHT), 0, 38, -4, 58)
@@ -139,7 +136,6 @@ class KillBox(Area):
     """ALL KILL, and in it its keys, or for how long it has had no answer."""
 
     def __init__(self) -> None:
-        """Be ready."""
         super().__init__()
         kill = KillButton('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
         self.button = self.put(kill, 0, 0, 0, 0)
@@ -164,7 +160,6 @@ class Steps(QtWidgets.QWidget):
     """The commands to the race from left to right, as a race goes."""
 
     def __init__(self, pressed: Pressed) -> None:
-        """Wait to be told what is possible."""
         super().__init__()
         self._steps = [StepButton(pressed) for _ in range(6)]
         for step in self._steps:
@@ -188,7 +183,6 @@ class Strip(Painted):
     """What is true of the race in a line: which karts do what, who is missing, who commands."""
 
     def __init__(self, pressed: Pressed) -> None:
-        """Wait to be told."""
         super().__init__('strip')
         self._texts = ('', '', '', '')
         self._stale = False
@@ -246,7 +240,6 @@ class DangerPanel(Painted):
     """Race control is gone, or must not be relied on: in the largest type."""
 
     def __init__(self) -> None:
-        """Say nothing yet."""
         super().__init__('danger')
         white, yellow = (lambda: WHITE), (lambda: YELLOW)
         self._title = self.put(
@@ -272,7 +265,6 @@ class NumberField(Painted):
     """The kart that a command by key acts on; or that no key acts at all."""
 
     def __init__(self) -> None:
-        """Be empty."""
         super().__init__('number_field')
         self._off = False
         title = Text('number', LARGE + 6, True, colour=self._colour)
@@ -318,7 +310,6 @@ class EventPanel(Card):
     """The official wants the events of one kart only, or of all again."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         super().__init__('events')
         self.log = EventLog()
         self._kart = 0
@@ -412,7 +403,6 @@ class Foot(Area):
     """The official wants to say who they are."""
 
     def __init__(self) -> None:
-        """Begin with nothing."""
         super().__init__()
         status = Text('status', TEXT + 1, True, LEFT, True, fills=True)
         self.status = self.put(status, 0, 0, -280, 0)

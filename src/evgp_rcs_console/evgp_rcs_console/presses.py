@@ -56,7 +56,6 @@ class Presses:
     """
 
     def __init__(self, key: int = 0, normally_closed: bool = False) -> None:
-        """Begin with nothing known."""
         self.count = 0
         self._key = key
         self._normally_closed = normally_closed

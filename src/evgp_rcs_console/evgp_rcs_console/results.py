@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from evgp_rcs.laps import Judged, KartResult, Mark
-from evgp_rcs.snapshot import Standings
+from evgp_rcs.rules.laps import Judged, KartResult, Mark
+from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs.words import lap_time, STATUS
 from evgp_rcs_console import texts
 

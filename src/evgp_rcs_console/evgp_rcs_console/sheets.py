@@ -14,10 +14,10 @@ import functools
 import time
 
 from evgp_protocol import clock
-from evgp_rcs.catalogue import CATALOGUE
-from evgp_rcs.laps import Judged
-from evgp_rcs.official import MOST_OF_NAME
-from evgp_rcs.snapshot import Standings
+from evgp_rcs.rules.catalogue import CATALOGUE
+from evgp_rcs.rules.laps import Judged
+from evgp_rcs.rules.official import MOST_OF_NAME
+from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.freshness import AIM, SEEN
@@ -50,7 +50,6 @@ class Sheet(Painted):
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
-        """Be hidden."""
         super().__init__(name)
         self.setParent(parent)
         self.hide()
@@ -123,7 +122,6 @@ class Question(Sheet):
     answered = Signal(bool)
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        """Ask nothing yet."""
         super().__init__(parent, 'question')
         self.button: Button | None = None
         self.shown_at = 0.0
@@ -223,7 +221,6 @@ class Heats(Sheet):
     """Offers the heats of the roster."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
-        """Have none yet."""
         super().__init__(parent, 'heats', texts.HEATS_TITLE)
         self._pressed = pressed
         self._heats: list[CommandButton] = []
@@ -299,7 +296,6 @@ class CrossingRow(Painted):
     """It has become another one's, or another official's, just before the click."""
 
     def __init__(self, number: int) -> None:
-        """Show none."""
         super().__init__(f'crossing_{number}')
         self._judged: Judged | None = None
         self._since = 0.0
@@ -357,7 +353,6 @@ class ResultsSheet(Sheet):
     """Those of its passings."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        """Have no results yet."""
         super().__init__(parent, 'results')
         self._shown_results: tuple[Standings, Mapping[int, str], bool] = Standings(), {}, False
         self._page, self._pages = 0, 1
@@ -468,7 +463,6 @@ class WhyStruck(Sheet):
     answered = Signal(object, str)
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        """Ask nothing yet."""
         super().__init__(parent, 'why_struck', texts.WHY_TITLE)
         self._judged: Judged | None = None
         self._about = Text('why_about', wrap=True)
@@ -505,7 +499,6 @@ class YourName(Sheet):
     """The official has typed a name; empty: unnamed."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        """Begin empty."""
         super().__init__(parent, 'your_name', texts.NAME_TITLE)
         self._name = ''
         about = Text('', wrap=True)
@@ -573,7 +566,6 @@ class Help(Sheet):
     """Shows the keys."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        """List them."""
         super().__init__(parent, 'help', texts.HELP_TITLE)
         close = Push('close_help', texts.HELP_CLOSE, 'Esc')
         close.clicked.connect(self.close_sheet)

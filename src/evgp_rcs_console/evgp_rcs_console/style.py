@@ -104,7 +104,6 @@ class Look:
     """
 
     def __init__(self) -> None:
-        """Begin by day, on a 1366 by 768 screen."""
         self.palette = DAY
         self.by = 1.0
 

@@ -14,8 +14,8 @@ from collections.abc import Iterable, Sequence
 import math
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES
 from evgp_rcs_console.commands import Effects, Given
 

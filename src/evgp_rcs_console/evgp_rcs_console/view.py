@@ -18,10 +18,10 @@ import string
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.link_quality import LinkQuality
-from evgp_rcs.race import Alert, AlertKind, Availability
-from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.link_quality import LinkQuality
+from evgp_rcs.rules.race import Alert, AlertKind, Availability
+from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
 from evgp_rcs.words import (
     Cell,
     clock,

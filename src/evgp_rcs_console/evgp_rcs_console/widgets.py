@@ -9,7 +9,7 @@ from collections.abc import Callable
 import functools
 from typing import NamedTuple, TypeVar
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
@@ -97,7 +97,6 @@ class Pen:
     """
 
     def __init__(self, widget: QtWidgets.QWidget) -> None:
-        """Begin to draw."""
         self.painter = QtGui.QPainter(widget)
         self.painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
         self.drawn: list[Drawn] = []
@@ -174,7 +173,6 @@ class Area(QtWidgets.QWidget):
     """A widget whose parts keep their distances from its edges."""
 
     def __init__(self, name: str = '') -> None:
-        """Have no part."""
         super().__init__()
         self.setObjectName(name)
         self._parts: dict[QtWidgets.QWidget, tuple[float, float, float, float]] = {}
@@ -217,7 +215,6 @@ class Painted(Area):
     """
 
     def __init__(self, name: str = '') -> None:
-        """Be empty."""
         super().__init__(name)
         self.drawn: list[Drawn] = []
         self._shown: object = None
@@ -268,7 +265,6 @@ class Text(Painted):
         fills: bool = False,
         colour: Callable[[], str] | None = None,
     ) -> None:
-        """Be empty."""
         super().__init__(name)
         self.cell = Cell('')
         self._size = size
@@ -330,7 +326,6 @@ class Push(QtWidgets.QPushButton):
     """
 
     def __init__(self, name: str = '', text: str = '', key: str = '') -> None:
-        """Show a text, and the key that does the same."""
         super().__init__()
         self.setObjectName(name)
         self.words = self.key = ''
@@ -410,7 +405,6 @@ class CommandButton(Push):
     """
 
     def __init__(self, pressed: Pressed) -> None:
-        """Wait to be told the command."""
         super().__init__()
         self.button: Button | None = None
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)

@@ -35,7 +35,6 @@ class ConsoleWindow(Areas):
     """
 
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
-        """Show that race control is being looked for."""
         super().__init__()
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)

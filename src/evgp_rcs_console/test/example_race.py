@@ -9,9 +9,9 @@ import dataclasses
 from typing import Any, TypeVar
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import Availability, Kart, Race, TrackAccess
-from evgp_rcs.snapshot import NOTHING, snapshot_of
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Availability, Kart, Race, TrackAccess
+from evgp_rcs.rules.snapshot import NOTHING, snapshot_of
 
 _Value = TypeVar('_Value')
 

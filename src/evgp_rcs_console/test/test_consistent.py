@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.link_quality import NOT_MEASURED
-from evgp_rcs.race import Alert, AlertKind, TrackAccess
-from evgp_rcs.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.link_quality import NOT_MEASURED
+from evgp_rcs.rules.race import Alert, AlertKind, TrackAccess
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Given

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.keys import Act, FORGOTTEN, is_kill, KartField, key_name, KEYS, meaning
 from evgp_rcs_console.view import (
     ANSWER_KEYS,

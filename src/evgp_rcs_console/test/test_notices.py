@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary

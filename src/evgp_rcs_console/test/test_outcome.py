@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.snapshot import HeatSnapshot, Snapshot
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot
 from evgp_rcs_console.commands import Given, Outcome, SETTLED
 from example_race import KART, RACE, replace
 import pytest

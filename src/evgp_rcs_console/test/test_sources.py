@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_rcs.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
-from evgp_rcs.messages import message_of, value_of
-from evgp_rcs.snapshot import Standings
+from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.rules.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs_console.client import Sources, spoken, WITHIN
 from evgp_rcs_msgs import msg
 import pytest

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.commands import (
     CERTAIN,
     Given,

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.commands import Given, LATE, Standing, Unanswered
 
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.race import Alert, AlertKind, Availability, TrackAccess
-from evgp_rcs.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, TrackAccess
+from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request

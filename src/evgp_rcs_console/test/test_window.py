@@ -16,8 +16,8 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
 
 try:
     from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -25,8 +25,8 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
-from evgp_rcs.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.race import (
+from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
+from evgp_rcs.rules.race import (
     Alert,
     AlertKind,
     Answer,
@@ -36,7 +36,7 @@ from evgp_rcs.race import (
     StampedEvent,
     TrackAccess,
 )
-from evgp_rcs.snapshot import HeatSnapshot, Snapshot, Standings
+from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot, Standings
 from evgp_rcs.words import STATE_CELLS
 from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
@@ -83,7 +83,6 @@ class Console:
     """A window, what it is told, and what it sent."""
 
     def __init__(self, application: Any, width: int = 1366, height: int = 768) -> None:
-        """Open it."""
         self.application = application
         self.sent: list[Given] = []
         self._race = RACE

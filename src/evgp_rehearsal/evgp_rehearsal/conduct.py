@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import math
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.race import EventKind, StampedEvent
+from evgp_rcs.rules.race import EventKind, StampedEvent
 
 LIMITS = {
     RaceState.GRID_ACTIVE: 120.0,

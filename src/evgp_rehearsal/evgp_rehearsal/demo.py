@@ -24,8 +24,8 @@ import time
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import StampedEvent
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
@@ -89,7 +89,6 @@ class Show:
     """
 
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
-        """Show nothing yet."""
         self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
         self.official.timeout = MUTE_TIMEOUT if mute else TIMEOUT
         self.teams: dict[int, Team] = {}

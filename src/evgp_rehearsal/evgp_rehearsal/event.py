@@ -26,12 +26,12 @@ import time
 from evgp_node.qos import latched
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.messages import message_of, value_of
-from evgp_rcs.race import StampedEvent
-from evgp_rcs.record import events, open_read_only, sessions
-from evgp_rcs.snapshot import Snapshot
-from evgp_rcs.spare import fetch, keep
+from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import StampedEvent
+from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.spare.copy import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
@@ -83,7 +83,6 @@ class DrivenKart(WireKart):
         hear: Callable[[int, RaceState], None],
         judge: Judge | None = None,
     ) -> None:
-        """Connect."""
         self._hear = hear
         super().__init__(address_of(number), port, Acknowledges.NEVER, judge=judge, kart=number)
 

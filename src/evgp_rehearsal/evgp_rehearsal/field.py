@@ -212,7 +212,6 @@ class Field:
     """
 
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
-        """Put every kart onto the grid, standing."""
         self.plan = plan
         self.rng = random.Random(plan.seed)  # noqa: S311 - the same again with the same seed
         self.finish = plan.laps * plan.track.length

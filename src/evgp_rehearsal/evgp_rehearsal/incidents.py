@@ -17,7 +17,7 @@ import enum
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rehearsal.field import Call, Failure, Fault, Field, TICK_LENGTH
 
 LAST_METRES = 25.0

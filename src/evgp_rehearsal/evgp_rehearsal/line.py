@@ -9,7 +9,7 @@ Pure. It knows each kart, misses some crossings and makes some up, as the field 
 
 from __future__ import annotations
 
-from evgp_rcs.laps import Passing
+from evgp_rcs.rules.laps import Passing
 from evgp_rehearsal.field import Field
 
 SOURCE = 'line'
@@ -25,7 +25,6 @@ class TimingLine:
     """
 
     def __init__(self, session: str) -> None:
-        """Have said nothing yet."""
         self._session = session
         self._read = 0
         self._said = 0

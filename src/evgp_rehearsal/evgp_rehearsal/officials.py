@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rehearsal.field import Call, Field, Message
 
 K = CommandKind
@@ -94,7 +94,6 @@ class Steward:
     """
 
     def __init__(self, goal: RaceState) -> None:
-        """Have done nothing yet."""
         self._goal = goal
         self._gathered = False
 
@@ -133,7 +132,6 @@ class Good:
     """An official who knows the rules."""
 
     def __init__(self) -> None:
-        """Have done nothing yet."""
         self._recorded = False
         self._started = False
         self._corrected: list[Message] = []

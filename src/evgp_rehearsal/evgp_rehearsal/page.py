@@ -98,7 +98,6 @@ class Page(Part):
     """
 
     def __init__(self, rehearsal: Rehearsal, port: int = 0) -> None:
-        """Serve it."""
         self._server = http.server.ThreadingHTTPServer((HERE, port), _handler(rehearsal))
         self._server.daemon_threads = True
         self.url = f'http://{HERE}:{self._server.server_port}/'

@@ -27,7 +27,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.race import EventKind
+from evgp_rcs.rules.race import EventKind
 from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
 from evgp_rehearsal.event import recorded
 from evgp_testing.domains import Domain

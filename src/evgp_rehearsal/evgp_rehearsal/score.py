@@ -29,8 +29,8 @@ from dataclasses import dataclass, replace
 import enum
 import math
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
-from evgp_rcs.race import EventKind, StampedEvent
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
+from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import (
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import (
     Command,
     Kart,
     LastRun,

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pathlib
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rehearsal.field import Field
 from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.officials import Act, Good, View

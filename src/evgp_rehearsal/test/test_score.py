@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import Event, EventKind, StampedEvent
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth

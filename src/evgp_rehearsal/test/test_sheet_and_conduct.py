@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.race import Event, EventKind, StampedEvent
+from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import conduct, Cut, LIMITS
 from evgp_rehearsal.incidents import INCIDENTS

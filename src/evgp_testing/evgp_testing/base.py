@@ -52,7 +52,6 @@ class Motion:
         braking: float = 8.0,
         place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Stand."""
         self.speed = self.distance = self.heading = 0.0
         self.x, self.y = place
         self._acceleration, self._braking = acceleration, braking

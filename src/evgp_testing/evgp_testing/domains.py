@@ -59,7 +59,7 @@ def _own_ports() -> Iterator[int]:
     Return the ports that are this process's until it ends, each in its turn, without end.
 
     A lock on a file counts in every network namespace, as the mark of a race control does
-    (``evgp_rcs.run_mark``). The kernel lets it go when the process ends.
+    (``evgp_rcs.record.run_mark``). The kernel lets it go when the process ends.
 
     :raises RuntimeError: if every port is taken.
     """
@@ -100,7 +100,6 @@ class Domain(Part):
     """
 
     def __init__(self) -> None:
-        """Take a domain that is free."""
         self.number, self._lock = take_one('ros-domain', _DOMAINS)
 
     def close(self) -> None:

@@ -31,7 +31,7 @@ import heapq
 import itertools
 import threading
 
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Entry
 
 # Loosest first.
 STRICTNESS: dict[str, int] = {
@@ -169,7 +169,6 @@ class Judge:
     """
 
     def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
-        """Begin with a race in the garage."""
         self._stops = {kind: _least_red(kind) for kind in CATALOGUE if CATALOGUE[kind].overtakes}
         matters = {kind for kind, entry in CATALOGUE.items() if entry.sends or _joins(entry)}
         unknown = matters - self._stops.keys() - SEEN.keys()

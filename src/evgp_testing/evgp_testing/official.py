@@ -16,7 +16,7 @@ from evgp_node.qos import latched
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
@@ -100,7 +100,6 @@ class Official(RosSide):
         judge: Judge | None = None,
         hears: Collection[str] = ('race', 'events'),
     ) -> None:
-        """Join race control's domain."""
         super().__init__(name, domain)
         self._name = name
         self._judge = judge

@@ -68,7 +68,6 @@ class Program(Part):
         environment: Mapping[str, str] | None = None,
         end: str = 'KILL',
     ) -> None:
-        """Start it."""
         self.name = name
         self.lines: list[str] = []
         self._news = threading.Condition()

@@ -10,8 +10,8 @@ import os
 import pathlib
 import signal
 
-from evgp_rcs.channel import ServerSettings
-from evgp_rcs.run_mark import place
+from evgp_rcs.karts.channel import ServerSettings
+from evgp_rcs.record.run_mark import place
 from evgp_testing.domains import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family

@@ -110,7 +110,6 @@ class KartLink:
         receive_buffer: int = 0,
         timeout: float = PATIENCE,
     ) -> None:
-        """Connect."""
         began = time.monotonic()
         self.socket = kart_socket(address, to, receive_buffer, timeout)
         self.address = address
@@ -254,7 +253,6 @@ class WireKart(KartLink, Part):
         kart: int = 0,
         timeout: float = PATIENCE,
     ) -> None:
-        """Connect."""
         super().__init__(address, (host, port), judge, kart, timeout=timeout)
         self.acknowledges = acknowledges
         self.ended = False

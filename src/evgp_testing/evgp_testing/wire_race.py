@@ -38,7 +38,6 @@ class WireRace(Part):
         absent: Collection[int] = (),
         parameters: Mapping[str, object] | None = None,
     ) -> None:
-        """Start everything, and wait until the karts are connected."""
         self.racing = tuple(racing)
         present = [number for number in (*racing, *others) if number not in absent]
         with contextlib.ExitStack() as stack:

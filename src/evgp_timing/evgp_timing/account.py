@@ -51,7 +51,6 @@ class Account:
     """
 
     def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:
-        """Begin with nothing; `now` and every later one in seconds, never less than before."""
         self.session = secrets.token_hex(4)
         self.counts = dict.fromkeys(Trouble, 0)
         self.taken = 0

@@ -18,7 +18,6 @@ class Contact:
     """
 
     def __init__(self, debounce: float) -> None:
-        """Begin as if the beam had been broken until now."""
         self._debounce = debounce
         self._broken_at: float | None = None
         self._free_at = 0.0

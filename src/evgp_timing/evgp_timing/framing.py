@@ -126,7 +126,6 @@ class MarkedDecoder:
     """
 
     def __init__(self, begin: int, end: int, read: Callable[[bytes], Event]) -> None:
-        """Begin outside."""
         self._begin, self._end = bytes((begin,)), bytes((end,))
         self._marks = re.compile(b'(?=[%b])' % re.escape(self._begin + self._end))
         self._read = read

@@ -1,0 +1,635 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The roster: which karts there are, who of them is in the first race, and the heats (§3.F, §4.A).
+
+Parsing only: text in, a ``Roster`` or one ``RosterError`` out. An official edits this file by
+hand, minutes before a race, so every fault is told at once, with its line and with what would be
+right. The YAML is read as a tree of nodes that know their lines, and never turned into objects:
+whatever YAML could mean beyond these fields is refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+import contextlib
+import dataclasses
+import datetime
+import ipaddress
+import pathlib
+import re
+from typing import TypeVar
+
+from evgp_rcs.files.entry_list import as_roster
+from evgp_rcs.rules.laps import Format
+from evgp_rcs.rules.race import Heat
+import yaml
+
+MOST_ENTRIES = 200
+"""Maximum number of karts. Race control is built for 20 and tried with 100."""
+
+# A roster of so many fits, with comments.
+MAX_BYTES = 200_000
+MAX_NUMBER = 9999
+# What still fits beside the buttons of a GUI.
+MAX_TEAM_LENGTH = 64
+MAX_HEAT_LENGTH = 32
+MAX_TRANSPONDER_LENGTH = 32
+MOST_LAPS = 999
+# A file with more faults is not a roster.
+MOST_FAULTS = 100
+
+_FIELDS = ('number', 'team', 'address', 'in_race')
+
+_OPTIONAL = ('inspected', 'transponders')
+
+_OF_A_HEAT = ('format', 'laps', 'grid_from')
+
+_INT = 'tag:yaml.org,2002:int'
+_BOOL = 'tag:yaml.org,2002:bool'
+_STR = 'tag:yaml.org,2002:str'
+
+_Read = TypeVar('_Read')
+
+
+class RosterError(ValueError):
+    """
+    A roster that cannot be used; its text is for the official who wrote it.
+
+    One line for each fault, in the order of the file. Each names the file and, where the fault
+    is in a line, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
+    give every kart its own address`.
+
+    :ivar as_roster: another program's list of karts as a roster with gaps; empty: it is none.
+    """
+
+    as_roster = ''
+
+
+@dataclasses.dataclass(frozen=True)
+class RosterEntry:
+    """
+    One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race.
+
+    :ivar inspected: the date of its inspection, YYYY-MM-DD; empty: it has none.
+    :ivar transponders: those it carries; no other kart has one of them.
+    """
+
+    number: int
+    team: str
+    address: str
+    in_race: bool
+    inspected: str = ''
+    transponders: tuple[str, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Roster:
+    """
+    The karts of the event, at least one, and its heats, in the order of the file.
+
+    No number, address, transponder or name of a heat is in it twice; a heat has only karts of the
+    roster, and its order of start is from another heat of it or from a format.
+    """
+
+    entries: tuple[RosterEntry, ...]
+    heats: tuple[Heat, ...] = ()
+
+
+def load_roster(path: pathlib.Path) -> Roster:
+    """
+    Return the roster in a YAML file (§3.F: the list that race control is provided with).
+
+    Raise RosterError where the file cannot be read or is not a roster.
+    """
+    try:
+        if path.is_fifo():
+            raise RosterError(f'{path}: is a pipe, not a file; name a readable file')
+        with path.open('rb') as file:
+            content = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RosterError(f'{path}: cannot be read ({reason}); name a readable file') from error
+    except ValueError as error:  # a path no file can have, such as one with a null byte
+        raise RosterError(f'{path!s}: is no file name ({error}); name a readable file') from error
+    # Judged before decoding, which a cut in the middle of a character would fail for.
+    if len(content) > MAX_BYTES:
+        raise _too_large(str(path))
+    try:
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        line = content.count(b'\n', 0, error.start) + 1
+        raise RosterError(
+            f'{path}:{line}: is not UTF-8 text (byte 0x{content[error.start]:02x}); '
+            'save the file as UTF-8'
+        ) from error
+    return parse_roster(text.removeprefix('\ufeff'), str(path))
+
+
+def parse_roster(text: str, source: str) -> Roster:
+    """
+    Return the roster in a YAML text; source is what messages call the file.
+
+    Raise RosterError, and nothing else, whatever the text is.
+    """
+    return _Parser(source).parse(text)
+
+
+def _too_large(source: str) -> RosterError:
+    return RosterError(
+        f'{source}: is larger than {MAX_BYTES:,} bytes; give the file of the roster, '
+        'which needs four short lines for each kart'
+    )
+
+
+class _FaultError(Exception):
+    """A fault at a line, 0 for the whole file; raised where reading cannot go on behind it."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(line, reason)
+        self.line = line
+        self.reason = reason
+
+
+class _Parser:
+    """The parsing of one text: it gathers the faults, so that all can be told at once."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+        self._faults: list[_FaultError] = []
+        self._lines_of_numbers: dict[int, int] = {}
+        self._every_number_known = True
+
+    def parse(self, text: str) -> Roster:
+        if len(text) > MAX_BYTES:
+            raise _too_large(self._source)
+        foreign, missing = as_roster(text)
+        if foreign:
+            error = RosterError(
+                f"{self._source}: is a list of another program, not a roster. 'make -s roster "
+                f"ROSTER={self._source} > new.yaml' makes one of it (rcs_roster check): fill in "
+                f'each {missing}, and check it again'
+            )
+            error.as_roster = foreign
+            raise error
+        try:
+            roster = self._read(text)
+        except _FaultError as fault:
+            self._faults.append(fault)
+        if not self._faults:
+            return roster
+        self._faults.sort(key=lambda fault: fault.line)
+        lines = [self._in_words(fault) for fault in self._faults[:MOST_FAULTS]]
+        if len(self._faults) > MOST_FAULTS:
+            lines.append(f'{self._source}: {len(self._faults) - MOST_FAULTS} more faults')
+        raise RosterError('\n'.join(lines))
+
+    def _in_words(self, fault: _FaultError) -> str:
+        return f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
+
+    def _read(self, text: str) -> Roster:
+        root = self._compose(text)
+        if root is None:
+            raise _FaultError(0, "is empty; list the karts under 'karts:'")
+        fields = self._fields(root, ('karts',), 'the roster', optional=('heats',))
+        entries: list[RosterEntry] = []
+        karts = fields.get('karts')
+        if karts is not None:
+            if not isinstance(karts, yaml.SequenceNode):
+                self._note(karts, "'karts' is not a list; begin each kart with '- number: ...'")
+            elif not karts.value:
+                self._note(karts, "'karts' is empty; list at least one kart")
+            elif len(karts.value) > MOST_ENTRIES:
+                raise _fault(
+                    karts,
+                    f'lists {len(karts.value)} karts; list {MOST_ENTRIES} at most, and keep the '
+                    'others in a roster of their own',
+                )
+            else:
+                entries = list(self._entries(karts.value))
+        heats = fields.get('heats')
+        return Roster(tuple(entries), tuple(self._heats(heats)) if heats is not None else ())
+
+    def _compose(self, text: str) -> yaml.Node | None:
+        """
+        Return the tree of the text, with no node in it twice and no type named by the file.
+
+        Anchors and tags have no use in a roster, and are what makes YAML able to grow without
+        bound and to mean more than it says. They are refused as events, before there is a tree.
+        """
+        depth = 0
+        with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # said below
+            self._refuse_cuts(text)
+        try:
+            for event in yaml.parse(text, Loader=yaml.SafeLoader):
+                if isinstance(event, yaml.NodeEvent) and event.anchor is not None:
+                    raise _fault(event, 'anchors (&, *) are not used here; write it out')
+                if getattr(event, 'tag', None) is not None:
+                    raise _fault(event, 'tags (!) are not used here; leave it out')
+                if isinstance(event, yaml.CollectionStartEvent):
+                    depth += 1
+                elif isinstance(event, yaml.CollectionEndEvent):
+                    depth -= 1
+                # The fields of a kart are three deep; composing recurses.
+                if depth > 10:
+                    raise _fault(event, "is nested too deep; list the karts under 'karts:'")
+            return yaml.compose(text, Loader=yaml.SafeLoader)
+        except yaml.MarkedYAMLError as error:
+            raise _broken(text, error) from error
+        except yaml.reader.ReaderError as error:  # a character that YAML forbids
+            line = text.count('\n', 0, error.position) + 1
+            reason = f'the character #x{error.character:04x} is not allowed'
+            raise _not_yaml(line, reason) from error
+        except (ValueError, OverflowError) as error:
+            # PyYAML lets these out where an escape or a directive has a number it cannot take.
+            raise _not_yaml(0, error) from error
+
+    def _refuse_cuts(self, text: str) -> None:
+        """Note each comment behind a name or in a list, which cuts off what was meant."""
+        inside = 0
+        for token in yaml.scan(text, Loader=yaml.SafeLoader):
+            inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
+            inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
+            if inside > 10:
+                return  # nested too deep, as is noticed next
+            name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
+            end = token.end_mark
+            if (inside or name) and _COMMENT.match(text, end.index):
+                self._faults.append(_FaultError(end.line + 1, CUT))
+
+    def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
+        """Yield the karts of the list, each checked by itself and against those before it."""
+        lines_of_numbers = self._lines_of_numbers
+        owners: dict[str, tuple[str, int]] = {}
+        carriers: dict[str, tuple[str, int]] = {}
+        for position, node in enumerate(nodes, start=1):
+            kart = f'kart entry {position}'
+            known = self._number_in(node)
+            named = kart if known is None else f'kart {known}'
+            fields = self._tried(self._fields, node, _FIELDS, named, _OPTIONAL)
+            fields = fields or {}
+            number = self._tried(self._number, fields.get('number'), kart)
+            if number is None:
+                self._every_number_known = False
+            else:
+                if number in lines_of_numbers:
+                    self._note(
+                        fields['number'],
+                        f'kart {number}: number {number} is already taken '
+                        f'(line {lines_of_numbers[number]}); give every kart its own number',
+                    )
+                lines_of_numbers.setdefault(number, _line(fields['number']))
+                kart = f'kart {number}'
+            team = self._tried(self._team, fields.get('team'), kart)
+            address = self._tried(self._address, fields.get('address'), kart)
+            if address is not None:
+                self._own(owners, address, fields['address'], kart, 'address')
+            in_race = self._tried(self._in_race, fields.get('in_race'), kart)
+            inspected = self._tried(self._inspected, fields.get('inspected'), kart)
+            transponders = self._tried(
+                self._transponders, fields.get('transponders'), kart, carriers
+            )
+            if not (number is None or team is None or address is None or in_race is None):
+                yield RosterEntry(
+                    number, team, address, in_race, inspected or '', transponders or ()
+                )
+
+    def _own(
+        self,
+        owners: dict[str, tuple[str, int]],
+        name: str,
+        node: yaml.Node,
+        kart: str,
+        what: str,
+    ) -> None:
+        """Note whose something is that only one kart can have, or that it is another's."""
+        if name in owners:
+            owner, line = owners[name]
+            whose = f"is already {owner}'s (line {line}); give every kart its own {what}"
+            self._note(node, f'{kart}: {what} {name} {whose}')
+        else:
+            owners[name] = kart, _line(node)
+
+    def _transponders(
+        self, node: yaml.Node, kart: str, carriers: dict[str, tuple[str, int]]
+    ) -> tuple[str, ...]:
+        right = 'give a list, such as [4711, 4712], or leave it out'
+        if not isinstance(node, yaml.SequenceNode) or not node.value:
+            raise _fault(node, f'{kart}: transponders {_shown(node)} is no list; {right}')
+        for each in node.value:
+            if not (
+                isinstance(each, yaml.ScalarNode)
+                and each.value.strip()
+                and each.value.isprintable()
+                and len(each.value) <= MAX_TRANSPONDER_LENGTH
+            ):
+                raise _fault(
+                    each,
+                    f'{kart}: transponder {_shown(each)} is no name; give 1 to '
+                    f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device has it',
+                )
+            self._own(carriers, str(each.value).strip(), each, kart, 'transponder')
+        return tuple(str(each.value).strip() for each in node.value)
+
+    def _heats(self, node: yaml.Node) -> Iterator[Heat]:
+        """Yield the heats, each checked by itself and against the karts."""
+        right = "write each as '  Heat 1: [1, 2, 3]'"
+        if not isinstance(node, yaml.MappingNode):
+            self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
+            return
+        if not node.value:
+            self._note(node, f"'heats' is empty; {right}, or leave 'heats:' out")
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = self._tried(self._heat_name, key)
+            if name is not None:
+                alike = ' '.join(name.casefold().split())
+                if alike in lines:
+                    self._note(
+                        key,
+                        f'heat {name!r} is already there (line {lines[alike]}); '
+                        'give every heat its own name, different not only in capitals or spaces',
+                    )
+                lines.setdefault(alike, _line(key))
+            heat = f'heat {name!r}' if name is not None else 'this heat'
+            format_, laps, grid_from = Format.RACE, 0, ''
+            if isinstance(value, yaml.MappingNode):
+                fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
+                format_ = self._tried(self._format, fields.get('format'), heat) or format_
+                laps = self._tried(self._laps, fields.get('laps'), heat) or laps
+                source = fields.get('grid_from')
+                grid_from = self._tried(self._grid_from, source, heat, node, name) or grid_from
+                value = fields.get('karts', value)
+                if isinstance(value, yaml.MappingNode):
+                    continue  # it has none, which is noted
+            karts = self._heat_karts(value, heat)
+            if name is not None and karts:
+                yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from)
+
+    def _format(self, node: yaml.Node, heat: str) -> Format:
+        try:
+            return Format(node.value)
+        except ValueError as error:
+            known = ', '.join(each.value for each in Format)
+            fault = f'{heat}: format {_shown(node)} is none; give one of {known}'
+            raise _fault(node, fault) from error
+
+    def _grid_from(
+        self, node: yaml.Node, heat: str, heats: yaml.MappingNode, name: str | None
+    ) -> str:
+        source = node.value.strip() if isinstance(node, yaml.ScalarNode) else ''
+        others = {key.value.strip() for key, _ in heats.value if isinstance(key, yaml.ScalarNode)}
+        others -= {name}
+        if source in others or source in [each.value for each in Format]:
+            return str(source)
+        raise _fault(
+            node,
+            f'{heat}: grid_from {_shown(node)} is no other heat; give the name of one, or of a '
+            f'format ({", ".join(each.value for each in Format)}), or leave it out',
+        )
+
+    def _laps(self, node: yaml.Node, heat: str) -> int:
+        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,2}', node.value):
+            return int(node.value)
+        raise _fault(
+            node,
+            f'{heat}: laps {_shown(node)} is not valid; give 1 to {MOST_LAPS}, or leave it out',
+        )
+
+    def _heat_name(self, node: yaml.Node) -> str:
+        if isinstance(node, yaml.ScalarNode):
+            name = str(node.value).strip()
+            if name and name.isprintable() and len(name) <= MAX_HEAT_LENGTH:
+                return name
+        raise _fault(
+            node,
+            f'heat {_shown(node)} has no name that can be shown; '
+            f'give it 1 to {MAX_HEAT_LENGTH} printable characters',
+        )
+
+    def _heat_karts(self, node: yaml.Node, heat: str) -> set[int]:
+        karts: set[int] = set()
+        if not isinstance(node, yaml.SequenceNode):
+            self._note(
+                node, f'{heat} is not a list of karts; give their numbers, such as [1, 2, 3]'
+            )
+            return karts
+        if not node.value:
+            self._note(node, f'{heat} is empty; give the numbers of its karts, or leave it out')
+        for each in node.value:
+            number = self._tried(self._number, each, heat)
+            if number is None:
+                continue
+            if number in karts:
+                self._note(each, f'{heat} has kart {number} already; give it once')
+            elif self._every_number_known and number not in self._lines_of_numbers:
+                self._note(
+                    each,
+                    f"{heat}: the roster has no kart {number}; give a number from 'karts:'",
+                )
+            karts.add(number)
+        return karts
+
+    def _fields(
+        self,
+        node: yaml.Node,
+        names: tuple[str, ...],
+        what: str,
+        optional: tuple[str, ...] = (),
+    ) -> dict[str, yaml.Node]:
+        """Return the fields, which must be each of the names once and no other."""
+        if not isinstance(node, yaml.MappingNode):
+            raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
+        fields: dict[str, yaml.Node] = {}
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = key.value if isinstance(key, yaml.ScalarNode) else None
+            if name not in (*names, *optional):
+                shown = 'that is not one word' if name is None else repr(name)
+                self._note(
+                    key,
+                    f'{what} has the unknown field {shown}; it has {_quoted((*names, *optional))}',
+                )
+                continue
+            if name in fields:
+                self._note(key, f"{what} has '{name}' already (line {lines[name]}); give it once")
+                continue
+            fields[name] = value
+            lines[name] = _line(key)
+        missing = [name for name in names if name not in fields]
+        if missing:
+            it = 'it' if len(missing) == 1 else 'them'
+            self._note(node, f'{what} has no {_quoted(missing)}; add {it}')
+        return fields
+
+    def _number_in(self, node: yaml.Node) -> int | None:
+        """Return the number of a kart whose fields may be wrong, to call it by."""
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+            if isinstance(key, yaml.ScalarNode) and key.value == 'number':
+                try:
+                    return self._number(value, '')
+                except _FaultError:
+                    return None
+        return None
+
+    def _number(self, node: yaml.Node, what: str) -> int:
+        # Decimal only: YAML would read 010 as eight and 1:30 as ninety.
+        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value):
+            return int(node.value)
+        raise _fault(
+            node,
+            f'{what}: number {_shown(node)} is not valid; '
+            f'give a whole number from 1 to {MAX_NUMBER}, without quotes',
+        )
+
+    def _team(self, node: yaml.Node, kart: str) -> str:
+        if node.tag == _STR:
+            team = str(node.value).strip()
+            if team and team.isprintable() and len(team) <= MAX_TEAM_LENGTH:
+                return team
+        raise _fault(
+            node,
+            f'{kart}: team {_shown(node)} is no name; give 1 to {MAX_TEAM_LENGTH} printable '
+            'characters, in quotes if they look like a number or a yes or no',
+        )
+
+    def _address(self, node: yaml.Node, kart: str) -> str:
+        right = "give the kart's own IPv4 address, such as 10.0.0.101"
+        try:
+            address = ipaddress.IPv4Address(str(node.value))
+        except ValueError as error:
+            why = f' ({error})' if 'eading zero' in str(error) else ''
+            raise _fault(
+                node, f'{kart}: address {_shown(node)} is no IPv4 address{why}; {right}'
+            ) from error
+        # Nothing connects from these, so that the kart would wait for ever.
+        if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
+            kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
+            raise _fault(
+                node, f'{kart}: address {address} is {kind} address and no kart has it; {right}'
+            )
+        return str(address)
+
+    def _in_race(self, node: yaml.Node, kart: str) -> bool:
+        if node.tag != _BOOL:
+            raise _fault(
+                node,
+                f'{kart}: in_race {_shown(node)} is neither true nor false; '
+                'give one of the two, without quotes',
+            )
+        return str(node.value).lower() in ('true', 'yes', 'on')
+
+    def _inspected(self, node: yaml.Node, kart: str) -> str:
+        text = str(node.value)
+        if isinstance(node, yaml.ScalarNode) and re.fullmatch('[0-9]{4}-[0-9]{2}-[0-9]{2}', text):
+            try:
+                return datetime.date.fromisoformat(text).isoformat()
+            except ValueError:
+                pass  # such as the 31st of February
+        raise _fault(
+            node,
+            f'{kart}: inspected {_shown(node)} is not a date; give the day of the inspection as '
+            'YEAR-MONTH-DAY, such as 2026-05-01, or leave it out',
+        )
+
+    def _tried(
+        self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
+    ) -> _Read | None:
+        """Read a node; note its fault and return ``None`` if it has one, or is missing."""
+        if node is None:
+            return None
+        try:
+            return read(node, *context)
+        except _FaultError as fault:
+            self._faults.append(fault)
+            return None
+
+    def _note(self, where: yaml.Node, reason: str) -> None:
+        self._faults.append(_fault(where, reason))
+
+
+_COMMENT = re.compile('[ \t]+#')
+
+CUT = (
+    "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on "
+    'a line of its own'
+)
+
+
+def _is_text(scalar: str) -> bool:
+    """Return whether it may be a name: a number, an address, a date, true or false is complete."""
+    return not re.fullmatch(r'[-.:\d]+|true|false|yes|no|on|off', scalar, re.IGNORECASE)
+
+
+def _fault(where: yaml.Node | yaml.Event, reason: str) -> _FaultError:
+    return _FaultError(_line(where), reason)
+
+
+def _not_yaml(line: int, reason: object) -> _FaultError:
+    return _FaultError(line, f'is not YAML ({reason}); compare it with config/karts.yaml')
+
+
+_FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]?)(?P<rest>.*)')
+"""A line that begins with a field, whether or not the colon is followed by a space."""
+
+
+def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
+    """Return what is wrong with a text that is not YAML, in words for who wrote it."""
+    mark = error.problem_mark or error.context_mark
+    if mark is None:
+        return _not_yaml(0, error.problem or error.context)
+    lines = text.splitlines() or ['']
+    # PyYAML notices at the end of the text what is wrong in the last line.
+    at = min(mark.line, len(lines) - 1)
+    shown = lines[at]
+    if '\t' in shown[: len(shown) - len(shown.lstrip())] or (error.problem or '').startswith(
+        "found character '\\t'"
+    ):
+        return _FaultError(at + 1, 'has a tab character; use spaces instead')
+    # A field without a space after its colon is no field, and the next line does not fit.
+    for number in range(at, max(at - 2, -1), -1):
+        field = _FIELD.match(lines[number])
+        if (
+            field
+            and field['glued']
+            and field['name'] in (*_FIELDS, *_OPTIONAL, *_OF_A_HEAT, 'karts', 'heats')
+        ):
+            right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
+            return _FaultError(number + 1, f'has no space after the colon; write {right[:60]!r}')
+    field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None
+    second_colon = error.problem == 'mapping values are not allowed here'
+    misfit = second_colon or (error.problem or '').startswith('expected <block end>')
+    if misfit and field and '-' in field['indent']:
+        return _FaultError(at + 1, "begin the '-' of every kart in the same column, with spaces")
+    if misfit and field and before and len(field['indent']) != len(before['indent']):
+        return _FaultError(
+            at + 1,
+            f'{field["name"]!r} does not begin below {before["name"]!r} of the line before; '
+            'begin all fields of a kart in the same column, with spaces',
+        )
+    if second_colon:
+        return _FaultError(at + 1, 'has a second colon; put the text that has a colon in quotes')
+    return _not_yaml(at + 1, error.problem or error.context)
+
+
+def _line(where: yaml.Node | yaml.Event) -> int:
+    """Return the number of the line, from 1, that something begins in."""
+    mark = where.start_mark
+    assert mark is not None  # parsing marks all it makes; others may leave the mark out
+    return mark.line + 1
+
+
+def _shown(node: yaml.Node) -> str:
+    """Return what stands in a node, as a message shows it: in one line and not too long."""
+    if not isinstance(node, yaml.ScalarNode):
+        return '(several values)'
+    if node.value == '' and node.style is None:
+        return '(nothing)'
+    shown = repr(node.value) if node.style or not node.value.isprintable() else node.value
+    return shown if len(shown) <= 40 else f'{shown[:37]}...'
+
+
+def _quoted(names: Iterable[str]) -> str:
+    """Return names as a list in a sentence."""
+    return ', '.join(f"'{name}'" for name in names)

@@ -1,0 +1,542 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The watch of race control's address: whether another machine has it too, and whether it is there.
+
+Every race control runs it from its start to its end. It asks by ARP for its own address at every
+interface by which karts reach it, as RFC 5227 probes, which changes nobody's cache; and it hears
+whatever other machines say of that address. It also sees when the cable or the address of such an
+interface is gone.
+
+`Lookout` and what stands above it are pure. `AddressWatch` is the thread around it. A raw packet
+socket asks where this process may have one, otherwise ``arping`` (iputils-arping); where neither
+can, it is not known who is there. Nobody is asked on the loopback interface, where nobody else
+can be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+import contextlib
+import ctypes
+import errno
+import functools
+import ipaddress
+import os
+import re
+import select
+import shutil
+import socket
+import struct
+import subprocess
+import threading
+from typing import NamedTuple
+
+from evgp_node.graph import EVERY
+from evgp_protocol import clock
+from evgp_rcs.karts.network_cards import Card, CardNews, cards, LOOPBACK_CARD
+
+ASK_EVERY = 0.5
+"""Time between two questions, and maximum time between two looks, at the interfaces,
+in seconds. The kernel reports most changes at once, and always that a cable is back."""
+
+HEARD_WITHIN = 1.0
+"""Time within which another machine answers, in seconds. Race control serves no kart before."""
+
+ANNOUNCEMENTS = 5
+"""Number of times that other machines are told who has the address, once nobody else answers: a
+machine that reached another one by it sends there until then. If one is lost, the next will do."""
+
+CLAIMS = 3
+"""Number of times that race control says that it has the address too, before it ends: the other
+one may have asked nobody just then."""
+
+_CLAIM_EVERY = 0.1
+
+MOST_BLIND = 5
+"""Maximum number of looks at the interfaces in a row that fail; one more ends race control."""
+
+MOST_HEARD = 1000
+"""Maximum number of ARP packets that are read between two looks at the interfaces."""
+
+_EVERYBODY = b'\xff' * 6
+_NOBODY = bytes(6)
+_PROTOCOL = 0x0806  # ETH_P_ARP
+_PACKET = struct.Struct('!6s6sHHHBBH6s4s6s4s')
+_FIXED = (_PROTOCOL, 1, 0x0800, 6, 4)  # IPv4 on Ethernet
+_REQUEST = 1
+_AMBIENT, _CLEAR_ALL = 47, 4  # PR_CAP_AMBIENT
+_NOT_NOW = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.ENOBUFS, errno.EAGAIN)
+
+
+class AddressTakenError(RuntimeError):
+    """Another machine has race control's address; the text says which, and what to do."""
+
+
+# ----- what is asked, and what is heard -------------------------------------------------------
+
+
+class Claim(NamedTuple):
+    """
+    A machine at an interface says that it has an address.
+
+    :param hardware: its hardware address.
+    :param alone: whoever else would have answered was not heard.
+    """
+
+    interface: str
+    address: str
+    hardware: str
+    alone: bool = False
+
+
+class Question(NamedTuple):
+    """Whether another machine has an address, at an interface."""
+
+    address: str
+    card: Card
+
+
+def packet(hardware: str, sender: str, address: str) -> bytes:
+    """
+    Return an ARP request for an address, to everybody.
+
+    :param hardware: of the interface that sends it.
+    :param sender: the address 0.0.0.0 only asks; the one that is asked for is an announcement.
+    """
+    own = bytes.fromhex(hardware.replace(':', ''))
+    addresses = socket.inet_aton(sender), _NOBODY, socket.inet_aton(address)
+    return _PACKET.pack(_EVERYBODY, own, *_FIXED, _REQUEST, own, *addresses)
+
+
+def claim_in(interface: str, data: bytes) -> Claim | None:
+    """Return what an ARP packet says, question or answer; None: nothing, or it is none."""
+    if len(data) < _PACKET.size:
+        return None
+    _, _, *fixed, _, hardware, sender, _, _ = _PACKET.unpack_from(data)
+    if tuple(fixed) != _FIXED:
+        return None
+    return Claim(interface, socket.inet_ntoa(sender), hardware.hex(':'))
+
+
+def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple[Question, ...]:
+    """
+    Return at which interfaces karts reach race control, and by which of its addresses.
+
+    :param host: at which it listens: one address, or `EVERY`.
+    :param karts: the addresses of the roster.
+    """
+    known = [ipaddress.IPv4Address(each) for each in karts]
+    return tuple(
+        Question(str(own.ip), card)
+        for card in there
+        for own in card.addresses
+        if card.name != LOOPBACK_CARD and not own.ip.is_loopback
+        if str(own.ip) == host or (host == EVERY and any(each in own.network for each in known))
+    )
+
+
+# ----- what it means --------------------------------------------------------------------------
+
+
+class Lookout:
+    """
+    What is known of an address, by all that was seen and heard so far.
+
+    :param asks: returns what is to be asked, with these interfaces.
+    :ivar cut_off: why karts cannot reach race control, as a phrase; empty: nothing is known of
+        that. It says so until the interface is back, and nobody else has answered there.
+    """
+
+    def __init__(self, asks: Callable[[Sequence[Card]], Sequence[Question]]) -> None:
+        self._asks = asks
+        self._asked: dict[tuple[str, str], Question] = {}
+        self._since: dict[tuple[str, str], float] = {}
+        self._times: dict[tuple[str, str], int] = {}
+        self._lost: dict[str, str] = {}
+        self._own: frozenset[str] = frozenset()
+        self._hidden = ''
+        self._owned: frozenset[str] = frozenset()
+
+    @property
+    def cut_off(self) -> str:
+        """Return what is lost of the interfaces that karts use."""
+        return '; '.join(self._lost.values())
+
+    @property
+    def not_known(self) -> str:
+        """Return why it is not known whether another machine has the address; empty: it is."""
+        for address, card in self._asked.values():
+            if not card.plugged:
+                return (
+                    f'{card.name} is down or has no cable, so nobody there can be asked who has '
+                    f'{address}'
+                )
+            if not _takes_arp(card):
+                return f'nobody at {card.name} can be asked by ARP who has {address}'
+        return self._hidden if self._asked else 'no interface of this machine has that address'
+
+    @property
+    def asked(self) -> list[Question]:
+        """Return what can be asked now."""
+        return [each for each in self._asked.values() if _takes_arp(each.card)]
+
+    def see(self, there: Sequence[Card], gone: Iterable[str], now: float) -> None:
+        """
+        Take the interfaces that are there now.
+
+        :param gone: the addresses that were taken away since the last look.
+        """
+        # What this machine sent a moment ago may come in at another interface of it only now.
+        own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
+        self._own, self._owned = own, self._own
+        names = {each.name: each for each in there}
+        asked = {(each.address, each.card.name): each for each in self._asks(there)}
+        for key, (address, before) in self._asked.items():
+            after = asked.get(key)
+            same = after is not None and _is_same(before, after.card) and address not in gone
+            if before.plugged and not same:
+                self._since.pop(key, None)
+                self._lost[address] = _what_is_lost(address, before.name, names.get(before.name))
+        self._asked = asked
+        for key, (_, card) in asked.items():
+            if not _takes_arp(card):
+                self._since.pop(key, None)
+            elif key not in self._since:
+                self._since[key], self._times[key] = now, 0
+        for address in list(self._lost):
+            since = [self._since[key] for key in asked if key[0] == address and key in self._since]
+            if any(now - each >= HEARD_WITHIN for each in since):
+                del self._lost[address]
+
+    def due(self, now: float) -> list[tuple[Question, bool]]:
+        """Return what is to be asked now, and whether to announce the address besides."""
+        found = []
+        for key, since in self._since.items():
+            if now - since >= self._times[key] * ASK_EVERY and key in self._asked:
+                # Of the times that passed unused, none is made up for.
+                times = self._times[key] = int((now - since) / ASK_EVERY) + 1
+                announce = 0 < times - HEARD_WITHIN / ASK_EVERY <= ANNOUNCEMENTS
+                found.append((self._asked[key], announce))
+        return found
+
+    def hear(self, claim: Claim) -> str:
+        """Return, as a sentence, what a claim means; empty: nothing."""
+        if (claim.address, claim.interface) not in self._asked:
+            return ''
+        if claim.hardware not in self._own | self._owned:
+            return (
+                f'another machine ({claim.hardware}) on {claim.interface} has the address '
+                f'{claim.address}'
+            )
+        if claim.alone:
+            self._hidden = (
+                f'another interface of this machine ({claim.hardware}) is on the network of '
+                f'{claim.interface} too, and arping hears the first answer only'
+            )
+        return ''
+
+
+def _takes_arp(card: Card) -> bool:
+    return card.plugged and len(card.hardware) == len('00:00:00:00:00:00')
+
+
+def _is_same(before: Card, after: Card) -> bool:
+    """Return whether an interface was there, with its cable, all the time."""
+    return before._replace(addresses=()) == after._replace(addresses=())
+
+
+def _what_is_lost(address: str, name: str, card: Card | None) -> str:
+    if card is None:
+        return f'the interface {name} is gone'
+    if not card.has(address):
+        return f'{name} no longer has the address {address}'
+    return f'{name} has lost its cable or its WLAN'
+
+
+# ----- who asks -------------------------------------------------------------------------------
+
+
+class Asker:
+    """
+    Asks at an interface, and hears who claims an address; this one may not, and asks nobody.
+
+    :ivar trouble: why it cannot ask; empty: it can.
+    :ivar asked: number of questions so far, but for those that are not out yet.
+    :ivar files: are ready to be read when something was heard.
+    """
+
+    def __init__(self) -> None:
+        self.trouble = (
+            'this program may not open a raw packet socket (CAP_NET_RAW), and there is no arping '
+            '(apt-get install iputils-arping)'
+        )
+        self.asked = 1
+        self.files: tuple[int, ...] = ()
+
+    def ask(self, question: Question) -> None:
+        """Ask whether another machine has the address."""
+
+    def announce(self, question: Question) -> None:
+        """Tell everybody at the interface that this machine has the address."""
+
+    def claims(self) -> list[Claim]:
+        """Return what was heard since this was called last."""
+        return []
+
+    def close(self) -> None:
+        """Ask no more."""
+
+
+class _RawSocket(Asker):
+    """All that comes by ARP, at every interface of this machine."""
+
+    def __init__(self) -> None:
+        """
+        Listen from now on.
+
+        :raises OSError: if this process may not.
+        """
+        super().__init__()
+        kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
+        self._socket = socket.socket(socket.AF_PACKET, kind, socket.htons(_PROTOCOL))
+        self.trouble, self.asked = '', 0
+        self.files = (self._socket.fileno(),)
+        # What this process starts from now on needs no such right; strangers reach some of it.
+        ctypes.CDLL(None).prctl(_AMBIENT, _CLEAR_ALL, 0, 0, 0)
+
+    def ask(self, question: Question) -> None:
+        self._send(question, EVERY)
+        self.asked += 1
+
+    def announce(self, question: Question) -> None:
+        self._send(question, question.address)
+
+    def _send(self, question: Question, sender: str) -> None:
+        address, card = question
+        try:
+            self._socket.sendto(packet(card.hardware, sender, address), (card.name, _PROTOCOL))
+            self.trouble = ''
+        except OSError as error:
+            if error.errno not in _NOT_NOW:  # the next look at the interfaces shows it
+                self.trouble = f'{card.name} does not take a question: {error.strerror}'
+
+    def claims(self) -> list[Claim]:
+        found = []
+        with contextlib.suppress(OSError):  # above all BlockingIOError
+            for _ in range(MOST_HEARD):
+                data, (interface, *_) = self._socket.recvfrom(128)
+                claim = claim_in(interface, data)
+                if claim is not None:
+                    found.append(claim)
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Arping(Asker):
+    """The program, which may ask where this process may not; it hears answers only."""
+
+    def __init__(self) -> None:
+        """
+        Look for it.
+
+        :raises OSError: if it is not there.
+        """
+        if shutil.which('arping') is None:
+            raise FileNotFoundError(errno.ENOENT, 'there is no arping')
+        super().__init__()
+        self._asking: list[tuple[Question, subprocess.Popen[str]]] = []
+        self._announcing: list[subprocess.Popen[str]] = []
+        self.trouble, self.asked = '', 0
+
+    def ask(self, question: Question) -> None:
+        self._asking.append((question, self._run('-D', question)))
+
+    def announce(self, question: Question) -> None:
+        self._announcing.append(self._run('-U', question))
+
+    def _run(self, how: str, question: Question) -> subprocess.Popen[str]:
+        address, card = question
+        return subprocess.Popen(
+            ['arping', how, '-c', '1', '-w', '1', '-I', card.name, address],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors='replace',
+            start_new_session=True,  # a terminal's Ctrl-C is not for it
+            env={**os.environ, 'LC_ALL': 'C'},
+        )
+
+    def claims(self) -> list[Claim]:
+        self._announcing = [each for each in self._announcing if each.poll() is None]
+        found = []
+        ended = [each for each in self._asking if each[1].poll() is not None]
+        self._asking = [each for each in self._asking if each not in ended]
+        self.asked += len(ended)
+        for (address, card), asked in ended:
+            said, _ = asked.communicate()
+            # A mistake has the same exit code as an answer.
+            answer = re.search(r'(?:reply|request) from .*?\[([\w:]{17})\]', said, re.IGNORECASE)
+            if answer is not None:
+                found.append(Claim(card.name, address, answer[1].lower(), alone=True))
+                self.trouble = ''
+            elif asked.returncode == 0 and 'Received 0 response' in said:
+                self.trouble = ''
+            elif card.plugged:
+                last = (said.strip().splitlines() or ['it says nothing'])[-1]
+                self.trouble = f'arping cannot ask on {card.name} who has {address}: {last}'
+        return found
+
+    def close(self) -> None:
+        for each in (*(asking for _, asking in self._asking), *self._announcing):
+            each.kill()
+            each.communicate()
+
+
+def _an_asker() -> Asker:
+    for kind in (_RawSocket, _Arping):
+        with contextlib.suppress(OSError):
+            return kind()
+    return Asker()
+
+
+# ----- the thread -----------------------------------------------------------------------------
+
+
+class AddressWatch:
+    """
+    The watch, in a thread of its own; it begins at once.
+
+    :param asks: as of `Lookout`.
+    :param announces: whether the address is this machine's, and others are told so.
+    """
+
+    def __init__(
+        self, asks: Callable[[Sequence[Card]], Sequence[Question]], *, announces: bool = True
+    ) -> None:
+        self._announces = announces
+        self._asker = _an_asker()
+        self._news = CardNews()
+        self._lookout = Lookout(asks)
+        self._there = cards()
+        self._lookout.see(self._there, (), clock.now())
+        self._began = clock.now()
+        self._state = threading.Condition()
+        self._answer = ''
+        self._error: BaseException | None = None
+        self._cut_off = ''
+        self._on_news: Callable[[], object] | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='address', daemon=True)
+        self._thread.start()
+
+    @property
+    def cut_off(self) -> str:
+        """Return why karts cannot reach race control now, as a phrase; empty: they can."""
+        return self._cut_off
+
+    @property
+    def answer(self) -> str:
+        """Return, as a sentence, which other machine has the address; empty: none is known."""
+        return self._answer
+
+    @property
+    def error(self) -> BaseException | None:
+        """Return why the watch has failed."""
+        return self._error
+
+    def first_look(self, seconds: float = HEARD_WITHIN) -> str:
+        """
+        Wait until a machine that has the address must have answered, unless nobody can be asked.
+
+        :param seconds: how long that is, from the beginning of the watch.
+        :return: why it cannot be known whether one has it; empty: none has.
+        :raises AddressTakenError: if one has it.
+        """
+        until = self._began + seconds
+        with self._state:
+            while not (self._answer or self._error) and self._lookout.asked:
+                # The program that asks may be slow to start.
+                now = clock.now()
+                if now >= until and (self._asker.asked or now >= until + seconds):
+                    break
+                self._state.wait(0.05)
+            if self._error is not None:
+                raise self._error
+            if self._answer:
+                raise AddressTakenError(self._answer)
+            return self._lookout.not_known or self._asker.trouble
+
+    def tell(self, on_news: Callable[[], object]) -> None:
+        """Call something, in the watch's thread, when `cut_off`, `answer` or `error` changes."""
+        with self._state:
+            self._on_news = on_news
+        if self._cut_off or self._answer or self._error:
+            on_news()
+
+    def close(self) -> None:
+        """End the watch, within `ASK_EVERY`."""
+        self._closing.set()
+
+    def _run(self) -> None:
+        try:
+            self._watch()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            self._error = error
+            self._notify()
+        finally:
+            self._asker.close()
+            self._news.close()
+
+    def _watch(self) -> None:
+        lookout, asker = self._lookout, self._asker
+        there, blind = self._there, 0
+        while not (self._closing.is_set() or self._answer):
+            for question, announce in lookout.due(clock.now()):
+                asker.ask(question)
+                if announce and self._announces:
+                    asker.announce(question)
+            select.select([self._news.file.fileno(), *asker.files], [], [], ASK_EVERY)
+            gone = self._news.gone()
+            try:
+                there, blind = cards(), 0
+            except OSError:  # above all: this process has no file descriptor left now
+                blind += 1
+                if blind > MOST_BLIND:
+                    raise
+            lookout.see(there, gone, clock.now())
+            self._answer = next(filter(None, map(lookout.hear, asker.claims())), '')
+            # A loss that nobody was told yet is not over.
+            cut_off = lookout.cut_off
+            if cut_off != self._cut_off and (cut_off or self._on_news is not None):
+                self._cut_off = cut_off
+                self._notify()
+        if self._answer:
+            # One that has served karts lets the other machine know, whatever that has asked.
+            serves = self._on_news is not None
+            self._notify()
+            for _ in range(CLAIMS if serves else 0):
+                for question in lookout.asked:
+                    asker.announce(question)
+                self._closing.wait(_CLAIM_EVERY)
+
+    def _notify(self) -> None:
+        with self._state:
+            self._state.notify_all()
+            on_news = self._on_news
+        if on_news is not None:
+            on_news()
+
+
+def watch_for_race_control(host: str, karts: Iterable[str]) -> AddressWatch:
+    """
+    Return the watch of the address at which race control listens.
+
+    :param host: one address, or `EVERY`.
+    :param karts: the addresses of the roster.
+    """
+    return AddressWatch(functools.partial(to_be_asked, host, tuple(karts)))

@@ -1,0 +1,255 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+One connection of one kart: its bytes in, frames out, and whether it still answers (§4.C, §4.D).
+
+Everything here runs in the loop of the kart server, which owns the links. What a link needs of it
+is a `LinkOwner`. What counts of that which a kart says is decided in ``hearing``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from typing import Protocol
+
+from evgp_protocol.frames import encode
+from evgp_protocol.link import (
+    Answers,
+    Grade,
+    GRADES,
+    make_prompt,
+    read,
+    unanswered,
+    unread,
+    unsent,
+)
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.hearing import FLOOD_BYTES, Heard, Hearing
+from evgp_rcs.rules.inputs import CLOSED_BY_KART
+from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
+
+TICK = 0.01
+"""Longest tick of a kernel's clock, in seconds; what it says of a time is off by one at most."""
+
+FRAMES = {state: encode(state) for state in RaceState}
+
+
+class LinkOwner(Protocol):
+    """What a link needs of the kart server."""
+
+    def now(self) -> float:
+        """Return the time of the rules (s)."""
+
+    def take_commands(self) -> None:
+        """Judge what officials have sent: it comes before what karts said."""
+
+    def link_made(self, link: KartLink, address: str) -> None:
+        """Take a new connection from this IPv4 address, or drop it."""
+
+    def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
+        """
+        Take what a kart said, and the serial of the order that it can answer.
+
+        :param counts_in: see `Hearing.counts_in`.
+        """
+
+    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
+        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
+
+    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
+        """Take note of how good the link is."""
+
+    def link_lost(self, link: KartLink) -> None:
+        """Take note that a connection has ended; `KartLink.reason` says why."""
+
+
+class KartLink(asyncio.BufferedProtocol):
+    """
+    One connection of one kart.
+
+    :param owner: the kart server.
+    :param beat_rate: how often ``beat`` is called, Hz.
+    :param send_timeout: time for which a kart may leave a byte unanswered before it is lost, s.
+    :ivar number: the kart's number, which the owner gives it; 0: none yet.
+    :ivar reason: why the connection ended, or will.
+    :ivar silent: it ended since its link stopped answering.
+    """
+
+    def __init__(self, owner: LinkOwner, beat_rate: float, send_timeout: float) -> None:
+        self._owner = owner
+        self._send_timeout = send_timeout
+        self._buffer = bytearray(FLOOD_BYTES)
+        self._hearing = Hearing(beat_rate)
+        self._transport: asyncio.Transport | None = None
+        self._socket: socket.socket | None = None
+        self._frame = b''
+        self._answers = Answers()
+        self._meter = LinkMeter(owner.now())
+        self._ordered = 0  # the serial of the last order
+        self._delivered: tuple[int, float] | None = None  # to be told
+        self.number = 0
+        self.reason = 'the connection ended'
+        self.silent = False
+
+    # ----- asyncio's side -----------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Hand the connection to the owner."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._socket = transport.get_extra_info('socket')
+        self._owner.link_made(self, transport.get_extra_info('peername')[0])
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        """Return where the next bytes go."""
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        """Take what was read; more than a flood's worth waits for the next beat."""
+        self._hearing.read(nbytes)
+        if self._hearing.waits:
+            self._look(self._owner.now())
+        self._owner.take_commands()
+        decoded = self._hearing.decode(memoryview(self._buffer)[:nbytes])
+        counts_in = self._hearing.counts_in()
+        for heard, serial in decoded:
+            self._owner.link_heard(self, heard, serial, counts_in)
+        if self._hearing.is_full and self._transport is not None:
+            self._transport.pause_reading()
+
+    def eof_received(self) -> bool:
+        """Drop the kart at once, whatever waits to be written: it hears nothing any more."""
+        self.drop(CLOSED_BY_KART)
+        return False
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Tell the owner."""
+        if exc is not None:
+            self.reason = in_words(exc)
+            # Not what its own system answers, as when a program of the kart is gone.
+            self.silent = not isinstance(exc, ConnectionError)
+        self._transport = None
+        self._owner.link_lost(self)
+
+    # ----- the owner's side ---------------------------------------------------------------
+
+    def set_up(self) -> None:
+        """Make the socket prompt."""
+        assert self._socket is not None
+        make_prompt(self._socket)
+
+    def order(self, state: RaceState, serial: int) -> None:
+        """Send a new state at once; what has arrived by now is no answer to it."""
+        self._frame = FRAMES[state]
+        self._ordered = serial
+        end = self._answers.written + len(self._frame)
+        self._hearing.order(serial, state, end, self._unread())
+        self._write(self._owner.now())
+
+    def beat(self) -> None:
+        """
+        Send the state again, unless an earlier frame has not left yet.
+
+        So a stop is never behind more than one frame that waits here, in whatever buffer. Where
+        answers become late, fewer are sent (``Answers.may_beat``).
+        """
+        now = self._owner.now()
+        was_full = self._hearing.is_full
+        floods = self._hearing.beat(now)
+        for heard, serial in self._hearing.settled():
+            self._owner.link_heard(self, heard, serial, 0.0)
+        if self._transport is None:
+            return
+        self._look(now)
+        age = self._answers.age(now)
+        if age >= self._send_timeout:
+            self.silent = True
+            self.drop('its network link stopped answering')
+            return
+        if floods:
+            self.drop('the kart floods race control')
+            return
+        if was_full:
+            self._transport.resume_reading()
+        if self._answers.may_beat(now) and not self._unsent():
+            self._write(now)
+            self._hearing.sent_again()
+        if self._delivered is not None:
+            delivered, self._delivered = self._delivered, None
+            self._owner.link_delivered(self, *delivered)
+        if self._meter.is_due(age, now):
+            self._measure(age, now)
+
+    def answers(self, now: float) -> bool:
+        """Return whether the kart's TCP answers as promptly as on a good link."""
+        return self._answers.age(now) < GRADES[Grade.FAIR]
+
+    def drop(self, reason: str) -> None:
+        """Give the connection up now; what waits to be written is thrown away."""
+        self.reason = reason
+        if self._transport is not None:
+            self._transport.abort()
+
+    def farewell(self) -> None:
+        """Send RED_RED and close: race control is going away."""
+        self.reason = 'race control ended'
+        if self._transport is not None:
+            self._transport.write(FRAMES[RaceState.RED_RED])
+            self._transport.close()
+
+    def _write(self, now: float) -> None:
+        if self._transport is None:
+            return
+        self._answers.wrote(len(self._frame), now)
+        self._meter.wrote(now)
+        self._transport.write(self._frame)
+
+    def _look(self, now: float) -> None:
+        """Take note of what the kart's TCP has answered."""
+        if self._transport is None or self._socket is None:
+            return
+        waits = self._hearing.waits
+        # In this order: what had arrived while an order was unanswered was sent before it came.
+        arrived = self._unread() if waits else 0
+        rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
+        if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
+            # The answer came before this look: race control may have been held up.
+            info = read(self._socket)
+            now -= 0.0 if info is None else max(0.0, info.since_answer - TICK)
+        for took in self._answers.look(rest, now):
+            self._meter.answered(max(0.0, took), now)
+        if waits:
+            self._hearing.look(self._answers.answered, arrived)
+            if not self._hearing.waits:
+                self._delivered = self._ordered, now
+
+    def _measure(self, age: float, now: float) -> None:
+        assert self._socket is not None
+        rest = self._answers.written - self._answers.answered
+        measured = self._meter.measure(age, rest, read(self._socket), now, self._hearing.behind)
+        self._owner.link_measured(self, measured)
+
+    def _unsent(self) -> int:
+        """Return how many bytes have not left yet, or may not have."""
+        if self._answers.answered == self._answers.written:
+            return 0
+        if self._transport is None or self._socket is None:
+            return 0
+        return self._transport.get_write_buffer_size() + unsent(self._socket)
+
+    def _unread(self) -> int:
+        """Return how many bytes have arrived and were not read yet."""
+        if self._socket is None or self._transport is None:
+            return 0
+        return unread(self._socket)
+
+
+def in_words(error: BaseException) -> str:
+    """Return what an error says to an official, without the number of the system's."""
+    if isinstance(error, TimeoutError):
+        return 'its network link stopped answering'
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return str(error) or type(error).__name__

@@ -1,0 +1,145 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The kart server's process: rules, karts' sockets and beat, without ROS; it starts the record's.
+
+The ROS half (``node``) starts it, and the two are joined by one local socket pair (``channel``).
+Neither outlives the other. When the ROS half ends, or is silent for `ROS_HALF_SILENCE`, no
+official could stop a kart any more: every kart is sent RED_RED, and this process ends.
+
+One thread: the kart server's loop. When the ROS half is slow, events for it wait here; snapshots
+of the race are left out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import os
+import signal
+import socket
+import sys
+
+from evgp_protocol import clock
+from evgp_rcs.karts import priority
+from evgp_rcs.karts.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
+from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_dies
+from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
+from evgp_rcs.record import run_mark
+from evgp_rcs.record.store import RecordError, rules_version
+from evgp_rcs.rules.inputs import Entrant, Recovered, Rules, Setup
+from evgp_rcs.rules.race import LastRun
+
+FIRST_SIGN = 2.0
+"""Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
+
+LAST_WORDS_TIMEOUT = 2.0
+"""Maximum time at the end for the record to be finished, and for the ROS half to take the last
+messages, each, in seconds."""
+
+
+def setup_of(begin: Begin, now: float) -> Setup:
+    """Return with what the rules begin: every kart of the roster."""
+    entries = begin.roster.entries
+    return Setup(
+        tuple(
+            Entrant(entry.number, entry.team, entry.in_race, entry.inspected, entry.transponders)
+            for entry in entries
+        ),
+        begin.times,
+        begin.roster.heats,
+        now,
+    )
+
+
+async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
+    """
+    Run the kart server until it is to end, and return what the next run may know of it.
+
+    :raises KartServerError: if it cannot start.
+    :raises BaseException: what ended it.
+    """
+    loop = asyncio.get_running_loop()
+    setup = setup_of(begin, loop.time())
+    record.attach(loop)
+    record.begin(Rules(rules_version(), setup))
+    race = setup.race()
+    server = KartServer(
+        race,
+        {entry.address: entry.number for entry in begin.roster.entries},
+        begin.settings,
+        ros_half,
+        record,
+        Recovered(
+            loop.time(),
+            record.left_behind,
+            LastRun.UNKNOWN if begin.cannot_know else record.last_run,
+            begin.cannot_know or record.why,
+        ),
+    )
+    record.remember(race.memory(), loop.time())
+    priority.come_first()
+    ros_half.attach(loop, server.take_commands)
+    # Its own signals end it in order too; those of a terminal reach the ROS half only.
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
+        loop.add_signal_handler(number, server.end)
+    signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+    # The race and its karts stay: the search for garbage need not go through them every time.
+    gc.collect()
+    gc.freeze()
+
+    def listening(address: tuple[str, int]) -> None:
+        server.expect_ros_half(FIRST_SIGN)
+        ros_half.send(pack(Listening(address)))
+
+    return await server.serve(listening)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """
+    Run the kart server for the ROS half at the other end of an inherited socket.
+
+    :param arguments: the number of its file descriptor.
+    :return: 0 after an orderly end, 1 after a failure, 2 if it could not start.
+    """
+    (descriptor,) = sys.argv[1:] if arguments is None else arguments
+    wake_when_the_parent_dies()
+    priority.come_before_others()  # in a session of its own
+    with socket.socket(fileno=int(descriptor)) as end:
+        ros_half = LocalEnd(end)
+        try:
+            begin = ros_half.first()
+        except EOFError:
+            return 1
+        gc.freeze()  # what this process and the record's share stays shared
+        try:
+            mark = run_mark.place(begin.settings.host, begin.settings.port)
+            record = RecordProcess(begin.record, mark)
+        except RecordError as error:
+            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
+            return 2
+        try:
+            ends_as = clock.run(serve(begin, ros_half, record))
+        except KartServerError as error:
+            # No kart was sent anything: what the last run left is what this one leaves.
+            record.end(LAST_WORDS_TIMEOUT, record.last_run)
+            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
+            return 2
+        except BaseException as error:
+            record.end(LAST_WORDS_TIMEOUT, LastRun.UNKNOWN)
+            words = str(error) or type(error).__name__
+            ros_half.send_the_rest(Failed(words), timeout=LAST_WORDS_TIMEOUT)
+            if not isinstance(error, RosHalfGoneError):
+                raise
+            with contextlib.suppress(PermissionError):  # it has died, and this is another
+                os.kill(os.getppid(), signal.SIGCONT)  # one that was stopped finds this, and ends
+            return 1
+        record.end(LAST_WORDS_TIMEOUT, ends_as)
+        ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)
+        return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,307 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The process of the record and of the mark of the run: it alone waits for the disk.
+
+The kart server forks this process before it does anything else, and sends it everything over a
+socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; what comes beyond that is lost, and
+`RecordProcess.trouble` says so. When the kart server ends, in whatever way, this process writes
+what has reached it and ends too. When this process ends, hangs or is frozen, or cannot write the
+mark (``run_mark``), the record fails: karts go on, and no race starts.
+
+`RecordProcess.trouble` is the one place that knows whether the record fails.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+import contextlib
+import ctypes
+import os
+import pathlib
+import select
+import signal
+import socket
+import time
+import traceback
+from typing import NamedTuple
+
+from evgp_rcs.karts.channel import (
+    Ended,
+    LocalEnd,
+    Opened,
+    pack,
+    PAIR_BYTES,
+    Refused,
+    Remember,
+    Unpacker,
+    Written,
+)
+from evgp_rcs.record.run_mark import InUseError, RunMark
+from evgp_rcs.record.store import Record, RecordError
+from evgp_rcs.rules.inputs import Batch, Rules
+from evgp_rcs.rules.race import LastRun, RaceMemory
+
+MOST_UNWRITTEN_BYTES = 80 * 2**20
+"""Maximum backlog of the stream that is not on the disk; what comes beyond it is lost.
+Enough for an hour of racing with 20 karts. In bytes."""
+
+SLOW = 2.0
+"""Time for which an event may wait before `RecordProcess.trouble` reports it, in seconds."""
+
+_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
+
+
+class _Confirm(NamedTuple):
+    """Something that must be on the disk: who is told, since when it waits, and for how long."""
+
+    done: Callable[[bool], None]
+    since: float
+    within: float
+
+
+class RecordProcess:
+    """
+    The record, as the kart server sees it; only ``__init__`` and ``end`` wait.
+
+    :param path: the file of the record.
+    :param mark: the file of the mark; see ``run_mark.place``.
+    :raises RecordError: if another race control that runs has one of them.
+    """
+
+    def __init__(self, path: pathlib.Path, mark: pathlib.Path) -> None:
+        """Start the process, and wait until it knows what the last run left."""
+        self._path = path
+        end, other = socket.socketpair()
+        self.pid = os.fork()
+        if not self.pid:
+            _live(path, mark, other)
+        other.close()
+        self._end = LocalEnd(end)
+        self._socket = end
+        self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
+        self._batches = 0  # written
+        self._events = 0  # not yet written
+        self._bytes = 0
+        self._lost = 0
+        self._full = False
+        self._caught_up_at = time.monotonic()
+        self._confirm: dict[int, _Confirm] = {}
+        self._confirms = 0
+        self._remembered: RaceMemory | None = None
+        try:
+            opened = self._end.first()
+        except EOFError:
+            opened = Refused(f'{path} cannot be used: its process has failed')
+        if isinstance(opened, Refused):
+            end.close()
+            os.waitpid(self.pid, 0)
+            raise RecordError(opened.text)
+        self._error: str = opened.error
+        self.left_behind: RaceMemory | None = opened.left_behind
+        """What the record has of the last run; None: nothing."""
+        self.last_run: LastRun = opened.last_run
+        """How the last run ended."""
+        self.why: str = opened.why
+        """Why that cannot be known, as a phrase; empty: it can."""
+
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Read the process's messages in this loop."""
+        self._end.attach(loop, self.look)
+
+    def begin(self, rules: Rules) -> None:
+        """Record with what the rules begin."""
+        self._end.send(pack(rules))
+
+    def put(self, batch: Batch) -> None:
+        """Record what follows in the stream."""
+        data = pack(batch)
+        size = len(data)
+        events = batch.entries.count(None)
+        if self._end.gone or self._bytes + size > MOST_UNWRITTEN_BYTES:
+            self._lost += events
+            self._full = True
+            return
+        if not self._events:
+            self._caught_up_at = time.monotonic()
+        self._unwritten.append((events, size))
+        self._events += events
+        self._bytes += size
+        self._end.send(data)
+
+    def remember(self, memory: RaceMemory, at: float) -> None:
+        """Save this for the next run; see ``Record.remember``."""
+        # Where the process hangs, it is kept for when it goes on.
+        if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
+            self._remembered = memory
+            self._end.send(pack(Remember(memory, at)))
+
+    def make_sure(
+        self, memory: RaceMemory, at: float, within: float, done: Callable[[bool], None]
+    ) -> None:
+        """
+        Save this for the next run, and report when it is on the disk.
+
+        :param within: the record fails if that takes longer, until it is there, in seconds.
+        :param done: called in the loop with whether it is there; never called if that is not
+            known.
+        """
+        self._confirms += 1
+        self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
+        self._remembered = memory
+        self._end.send(pack(Remember(memory, at, self._confirms)))
+
+    def look(self) -> None:
+        """Read the messages that have come from the process."""
+        for batches, error, confirmed in self._end.receive():
+            while self._batches < batches:
+                self._batches += 1
+                events, size = self._unwritten.popleft()
+                self._events -= events
+                self._bytes -= size
+            self._error = error
+            self._full &= bool(self._unwritten)
+            for number in confirmed:
+                self._confirm.pop(number).done(not error)
+
+    def trouble(self) -> str:
+        """Return why the record fails, as a sentence for an official; empty if it does not."""
+        # Not the clock of the rules, which counts a suspend: that does not make a disk slow.
+        now = time.monotonic()
+        if not self._events:
+            self._caught_up_at = now
+        reason = self._error
+        if self._end.gone:
+            reason = 'its process has ended. Restart race control when no kart is on the track'
+        elif not reason and (slow_for := self._slow_for(now)):
+            reason = f'nothing could be written for {slow_for:.0f} s'
+        elif not reason and self._full:
+            reason = 'more comes than the disk takes'
+        if not reason:
+            return ''
+        lost = f', {self._lost} are lost' if self._lost else ''
+        wait = 'event waits' if self._events == 1 else 'events wait'
+        return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
+
+    def _slow_for(self, now: float) -> float:
+        """Return for how long the disk has taken nothing, in seconds; 0: not for too long."""
+        waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
+        # A start that waited for this too long waits no more; the disk is not there for the next.
+        waits += [
+            now - each.since for each in self._confirm.values() if now - each.since >= each.within
+        ]
+        return max(waits, default=0.0)
+
+    def end(self, timeout: float, ends_as: LastRun) -> None:
+        """
+        Record what is left, and that this run has ended.
+
+        :param timeout: maximum time to wait, in seconds.
+        :param ends_as: what the next run may know of it.
+        """
+        until = time.monotonic() + timeout
+        self._end.send_the_rest(Ended(ends_as), timeout=timeout)
+        self._socket.settimeout(max(until - time.monotonic(), 0.01))
+        with contextlib.suppress(TimeoutError, ChildProcessError):
+            try:
+                while self._socket.recv(PAIR_BYTES) and time.monotonic() < until:
+                    pass
+            except ConnectionError:
+                pass  # it has ended without reading the last messages
+            if time.monotonic() < until:
+                os.waitpid(self.pid, 0)  # it must not outlive the kart server
+        self._socket.close()
+
+
+# ----- the process itself ---------------------------------------------------------------------
+
+
+def wake_when_the_parent_dies() -> None:
+    """Have this process, should it be stopped, go on when its parent dies: it finds that out."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
+
+
+def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
+    """Run the record's process until it ends."""
+    code = 1
+    try:
+        # The kart server's files, such as the ROS half's pair, must close when it ends.
+        os.closerange(3, end.fileno())
+        os.closerange(end.fileno() + 1, os.sysconf('SC_OPEN_MAX'))
+        # It ends with the kart server. SIGCONT wakes it then, if it is frozen.
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
+            signal.signal(number, signal.SIG_IGN)
+        wake_when_the_parent_dies()
+        _write(path, mark, end)
+        code = 0
+    except BaseException:  # noqa: BLE001 - no caller can catch it
+        traceback.print_exc()
+    finally:
+        os._exit(code)
+
+
+def _whole(batch: Batch) -> Batch:
+    """Return a batch with its events in their places."""
+    happened = Unpacker().feed(batch.happened)
+    told = iter([event for each in happened for event in each.events])
+    entries = [next(told) if entry is None else entry for entry in batch.entries]
+    return Batch(batch.first, entries)
+
+
+def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> None:
+    try:
+        mark = RunMark(mark_path)
+        try:
+            record = Record(path)
+        except RecordError:
+            mark.end(mark.last_run)
+            raise
+    except (RecordError, InUseError) as error:
+        end.sendall(pack(Refused(str(error))))
+        return
+    told = record.error or mark.error
+    end.sendall(pack(Opened(record.left_behind, mark.last_run, mark.why, told)))
+    unpacker = Unpacker()
+    batches = written = 0
+    confirm: list[int] = []
+    while True:
+        due_in = mark.due_in()
+        if (record_due_in := record.due_in()) is not None:
+            due_in = min(due_in, record_due_in)
+        if select.select([end], [], [], due_in)[0]:
+            try:
+                data = end.recv(1 << 20)
+            except ConnectionResetError:
+                data = b''
+            if not data:
+                record.end()
+                return
+            for message in unpacker.feed(data):
+                if isinstance(message, Batch):
+                    batches += 1
+                    record.put(_whole(message))
+                elif isinstance(message, Remember):
+                    record.remember(message.memory, message.at, bool(message.confirm))
+                    confirm += [message.confirm] if message.confirm else []
+                elif isinstance(message, Rules):
+                    record.begin(message)
+                else:
+                    assert isinstance(message, Ended)
+                    record.end()
+                    mark.end(message.ends_as)
+                    return
+        due = record.due_in()
+        tried = due is not None and due <= 0
+        if tried and record.write():
+            written = batches
+        if mark.due_in() <= 0:
+            mark.keep()
+        fails = record.error or mark.error
+        if tried or fails != told or (fails and confirm):
+            told = fails
+            with contextlib.suppress(ConnectionError):  # the kart server has ended: see above
+                end.sendall(pack(Written(written, fails, tuple(confirm))))
+            confirm.clear()

@@ -1,0 +1,668 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The kart server: the TCP side of race control, and the one owner of the race (§4.A, §4.C, §4.D).
+
+Rules of what lives in this file:
+
+- One thread, one asyncio loop, in a process without ROS (``karts.process``). The race, the sockets
+  and everything below are touched by that thread alone.
+- No disk, no log. What the ROS half and the record need goes into two socket pairs (``channel``),
+  which never wait.
+- A command is judged and its frames are written to every socket in one go, without an await in
+  between: nothing else runs between an official's stop and its bytes.
+- Everything goes into the rules through ``KartServer._take``, which logs it: what does not could
+  not be replayed.
+- Every peer is bounded: bytes read per beat, bytes waiting to be written, events told.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+import itertools
+import socket
+import time
+from typing import Any
+
+from evgp_protocol.frames import MalformedFrame
+from evgp_rcs.karts.channel import (
+    Alive,
+    ANSWER_TIMEOUT,
+    Answered,
+    End,
+    Happened,
+    LocalEnd,
+    pack,
+    Passings,
+    PassingsTaken,
+    Request,
+    ServerSettings,
+)
+from evgp_rcs.karts.link import in_words, KartLink
+from evgp_rcs.karts.record_process import RecordProcess
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules.catalogue import CATALOGUE
+from evgp_rcs.rules.hearing import Heard
+from evgp_rcs.rules.laps import Laps
+from evgp_rcs.rules.link_quality import LinkQuality
+from evgp_rcs.rules.race import (
+    Answer,
+    Command,
+    Event,
+    EventKind,
+    LastRun,
+    Outcome,
+    Race,
+    StampedEvent,
+    StartPhase,
+)
+from evgp_rcs.rules.snapshot import snapshot_of, standings_of
+
+HELD_UP = 1.0
+"""Delay of a beat after which race control counts as held up, in seconds."""
+
+
+CONNECTIONS = (10, 2.0)
+"""Limit of a kart's connections: how many at once, and how many a second after that."""
+
+TAKEOVERS = (3, 10.0)
+"""How many times within how many seconds new connections of a kart take the place of its last one
+until two programs count as contesting for it. They do so no more once none came for as long."""
+
+CONNECTION_QUEUE = 4096
+"""Maximum number of connections that wait to be taken; the kernel may allow fewer (somaxconn). A
+kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out until then."""
+
+CONNECTIONS_AT_ONCE = 16
+"""Maximum number of connections taken before a stop or a beat has its turn."""
+
+GATHER = 0.005
+"""Time for which events are gathered until they are handed on, in seconds. When a hundred karts
+acknowledge, each by itself would keep all processes busy; and what officials are told would be in
+the way of the answer to the stop that made it happen."""
+
+RESULTS_EVERY = 1.0
+"""Minimum time between two messages with the results, in seconds."""
+
+SHOW_AFTER = 0.01
+"""Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
+
+MOST_GATHERED = 100
+"""Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
+which a stop waits."""
+
+KARTS_BETWEEN_LOOKS = 8
+"""Number of karts that a beat writes to before it looks again whether a command has come."""
+
+TO_ROS_HALF_BYTES = 64 * 2**20
+"""Maximum backlog to the ROS half, in bytes; beyond it, the ROS half counts as gone."""
+
+ROS_HALF_SILENCE = 1.0
+"""Time after which a silent ROS half counts as gone, in seconds."""
+
+_ENDING = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
+
+
+class KartServerError(RuntimeError):
+    """The kart server cannot start or go on; the text says why and what would be right."""
+
+
+class RosHalfGoneError(RuntimeError):
+    """
+    The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone.
+
+    :param how: what became of it; officials read it, who do not know its name.
+    """
+
+    def __init__(self, how: str) -> None:
+        super().__init__(f'the part that hears officials {how}')
+
+
+@dataclass
+class Waiting:
+    """
+    A command that was not judged yet.
+
+    :param answered: takes the answer, once every frame has been written.
+    :param came: when it came (s).
+    """
+
+    command: Command
+    answered: Callable[[Answer], None]
+    came: float
+
+    def is_late(self, now: float) -> bool:
+        """Return whether it must not take effect any more: its official was told of no answer."""
+        return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
+
+
+class _Allowance:
+    """So many times at once, and then so often a second: what a peer may cause."""
+
+    def __init__(self, burst: int, rate: float = 1.0) -> None:
+        self._burst = burst
+        self._rate = rate
+        self._left = float(burst)
+        self._at = 0.0
+        self.withheld = 0
+
+    def take(self, now: float) -> bool:
+        self._left = min(self._burst, self._left + self._rate * (now - self._at))
+        self._at = now
+        if self._left < 1:
+            self.withheld += 1
+            return False
+        self._left -= 1
+        return True
+
+    def mention(self) -> str:
+        """Return how many were withheld since the last mention, as the end of a sentence."""
+        withheld, self.withheld = self.withheld, 0
+        return f' ({withheld} more not reported)' if withheld else ''
+
+
+class KartServer:
+    """
+    The karts' sockets and the race, in one asyncio loop.
+
+    :param race: the race; from ``serve`` on it belongs to this server.
+    :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
+    :param settings: how to listen and send.
+    :param ros_half: the pair with the ROS half.
+    :param record: the record's process.
+    :param left_behind: what is known of the last run; ``None``: the race just begins (for tests).
+    """
+
+    def __init__(
+        self,
+        race: Race,
+        addresses: Mapping[str, int],
+        settings: ServerSettings,
+        ros_half: LocalEnd,
+        record: RecordProcess,
+        left_behind: inputs.Recovered | None = None,
+    ) -> None:
+        """Take note of everything; nothing is opened before ``serve``."""
+        self._race = race
+        self._addresses = dict(addresses)
+        self._settings = settings
+        self._ros_half = ros_half
+        self._ros_half_heard_at: float | None = None
+        self._record = record
+        self._log = inputs.Log()
+        self._left_behind = left_behind
+        self._first_events = () if left_behind is None else self._feed(left_behind).events
+        self._links: dict[int, KartLink] = {}
+        self._stops: deque[Waiting] = deque()
+        self._commands: deque[Waiting] = deque()
+        # Whose answer is still to come: a start that waits for the record.
+        self._starting: Waiting | None = None
+        self._sequence = itertools.count(1)
+        self._gathered: list[StampedEvent] = []
+        self._refusals = _Allowance(5)
+        self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
+        self._takeovers: dict[int, deque[float]] = {
+            number: deque(maxlen=TAKEOVERS[0]) for number in race.karts
+        }
+        self._too_often = {number: _Allowance(1) for number in race.karts}
+        self._rubbish = {number: _Allowance(5) for number in race.karts}
+        self._reports = {number: _Allowance(20) for number in race.karts}
+        self._passings = {number: _Allowance(20) for number in (0, *race.karts)}
+        self._beat_at = 0.0
+        self._began_again_at = 0.0
+        self._shown_at = 0.0
+        self._showing = False
+        self._shown_pause = 0.0
+        self._shown_laps: Laps | None = None
+        self._results_at = -RESULTS_EVERY
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._closing: asyncio.Event | None = None
+        self._failure: BaseException | None = None
+
+    # ----- for whoever runs it, in the thread of its loop ---------------------------------
+
+    async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
+        """
+        Listen for karts until ``end``; the last that every kart hears is RED_RED.
+
+        :param listening: takes the address and port, once karts can connect.
+        :returns: what the next run may know of this one.
+        :raises KartServerError: if the address cannot be listened at.
+        :raises BaseException: what ended it, after every kart was sent RED_RED.
+        """
+        self._loop = loop = asyncio.get_running_loop()
+        self._closing = asyncio.Event()
+        loop.set_exception_handler(self._fail)
+        try:
+            server = await loop.create_server(
+                lambda: KartLink(self, self._settings.beat_rate, self._settings.send_timeout),
+                self._settings.host,
+                self._settings.port,
+                family=socket.AF_INET,
+                backlog=CONNECTIONS_AT_ONCE,
+                reuse_address=True,
+            )
+            # asyncio knows one number for both, and sets the queue to it.
+            with server.sockets[0].dup() as taking:
+                taking.listen(CONNECTION_QUEUE)
+        except OSError as error:
+            where = f'{self._settings.host}, port {self._settings.port}'
+            raise KartServerError(
+                f'race control cannot listen for karts at {where}: {in_words(error)}; '
+                'is another race control still running here? Stop the program that has the port, '
+                'or choose another address or port'
+            ) from error
+        if self._left_behind is not None:
+            self._tell_of_rules(self._first_events, self._left_behind.at)
+        self._beat_at = self._began_again_at = loop.time()
+        loop.call_soon(self._beat, loop.time())
+        try:
+            listening(server.sockets[0].getsockname()[:2])
+            await self._closing.wait()
+        finally:
+            server.close()
+            for link in list(self._links.values()):
+                link.farewell()
+            self._tell(_ended(self._failure))
+            self._refuse_the_rest()
+            # What changed since the last snapshot must be found by the next run too.
+            self._remember(self.now())
+            ends_as = self._race.memory().ends_as
+        # One turn of the loop, so that closed transports let go of their sockets, and the
+        # disconnections are told after the end that they come from.
+        await asyncio.sleep(0)
+        self._hand_on()
+        if self._failure is not None:
+            raise self._failure
+        return ends_as
+
+    def submit(
+        self, command: Command, answered: Callable[[Answer], None], came: float | None = None
+    ) -> None:
+        """
+        Take an official's command; it is judged in ``take_commands``, stops before the rest.
+
+        :param answered: takes the answer.
+        :param came: when it came (s), if that was before.
+        """
+        waiting = Waiting(command, answered, self.now() if came is None else came)
+        (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
+
+    def expect_ros_half(self, allowance: float) -> None:
+        """Expect a sign of life of the ROS half; the first may take this much longer (s)."""
+        self._ros_half_heard_at = self.now() + allowance
+
+    def end(self, failure: BaseException | None = None) -> None:
+        """
+        Send every kart RED_RED, close every connection, and have ``serve`` return.
+
+        :param failure: what ``serve`` raises then.
+        """
+        if self._failure is None:
+            self._failure = failure
+        if self._closing is not None:
+            self._closing.set()
+
+    def now(self) -> float:
+        """Return the time of the rules (s)."""
+        assert self._loop is not None, 'there is no time before serve'
+        return self._loop.time()
+
+    # ----- the loop -----------------------------------------------------------------------
+
+    def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
+        """Stop everything on an error nobody foresaw: the karts see RED_RED, then the end."""
+        error = context.get('exception')
+        if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
+            # Out of file descriptors: asyncio tries again in a second, the race goes on.
+            if self._refusals.take(self.now()):
+                text = f'No further connection can be taken now: {in_words(error)}'
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+            return
+        self.end(
+            error
+            if isinstance(error, BaseException)
+            else RuntimeError(str(context.get('message')))
+        )
+
+    def _refuse_the_rest(self) -> None:
+        starting, self._starting = self._starting, None
+        for waiting in (*self._stops, *self._commands, starting):
+            if waiting is not None:
+                waiting.answered(_ENDING)
+        self._stops.clear()
+        self._commands.clear()
+        self._withdraw_start()
+
+    def _beat(self, due: float) -> None:
+        assert self._loop is not None
+        assert self._closing is not None
+        if self._closing.is_set():
+            return
+        self.take_commands()
+        now = self.now()
+        self._notice_delay(now)
+        self._beat_at = now
+        self._look_at_the_ros_half(now)
+        self._take_note_of(self._record.trouble(), now)
+        self._take(inputs.Tick(now))
+        for kart in [each.number for each in self._race.karts.values() if each.contested]:
+            self._look_who_contests(kart, now)
+        for count, link in enumerate(list(self._links.values())):
+            if count % KARTS_BETWEEN_LOOKS == 0:
+                self.take_commands()
+            link.beat()
+        if now - self._shown_at >= self._settings.snapshot_at_least:
+            self._ask_to_show()
+        period = 1.0 / self._settings.beat_rate
+        # A late beat is not made up for: the next one is a whole period away at the most.
+        due = max(due + period, self._loop.time())
+        self._loop.call_at(due, self._beat, due)
+
+    def _look_at_the_ros_half(self, now: float) -> None:
+        """End when the ROS half is silent: then no official could stop a kart any more."""
+        if self._ros_half_heard_at is None:
+            return
+        # While race control itself was held up, nobody could have been heard.
+        silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
+        if silent_for > ROS_HALF_SILENCE:
+            self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
+
+    def take_commands(self) -> None:
+        """Judge what officials have sent, stops first; called before any other work."""
+        for message in self._ros_half.receive():
+            self._hear(message)
+        if self._ros_half.gone:
+            self.end(RosHalfGoneError(f'is gone: {self._ros_half.gone}'))
+        if self._starting is not None and self._starting.is_late(self.now()):
+            self._withdraw_start()
+        while self._stops or self._commands:
+            now = self.now()
+            self._notice_delay(now)
+            waiting = (self._stops or self._commands).popleft()
+            if waiting.is_late(now):
+                continue
+            if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
+                waiting.answered(_ENDING)
+                continue
+            if CATALOGUE[waiting.command.kind].loosens:
+                # No race starts without a record, and what counts is whether it works now.
+                self._take_note_of(self._record.trouble(), now)
+            self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
+
+    def _hear(self, message: Any) -> None:
+        """Take a message of the ROS half, each of which is a sign that it takes stops."""
+        self._ros_half_heard_at = self.now()
+        if isinstance(message, Request):
+            number = message.number
+            self.submit(
+                message.command,
+                lambda answer: self._ros_half.send(pack(Answered(number, answer))),
+                message.came,
+            )
+        elif isinstance(message, Passings):
+            assert self._loop is not None
+            self._loop.call_soon(self._take_passings, message)
+        elif isinstance(message, Alive):
+            if message.rival != self._race.has_rival:
+                self._take(inputs.Rival(self.now(), message.rival))
+            if message.there != self._race.there:
+                self._take(inputs.Attended(self.now(), message.there))
+            if message.cut_off != self._race.cut_off_by:
+                self._take(inputs.CutOff(self.now(), message.cut_off))
+        elif isinstance(message, End):
+            self.end(None if message.in_order else RosHalfGoneError('failed'))
+        else:
+            raise TypeError(f'the ROS half sent {message!r}')
+
+    def _take_passings(self, message: Passings) -> None:
+        """Take what sources saw at the timing line, after what officials have sent."""
+        self.take_commands()
+        self._take(inputs.Passed(self.now(), *message))
+        self._ros_half.send(pack(PassingsTaken()))
+
+    def _is_ending(self) -> bool:
+        return self._closing is not None and self._closing.is_set()
+
+    def _journal(self, number: int, written: bool) -> None:
+        """Take it that what the start of this number waits for is on the disk, or is not."""
+        if self._is_ending():
+            return  # the rest is refused
+        self.take_commands()
+        now = self.now()
+        self._notice_delay(now)
+        if not written:
+            self._take_note_of(self._record.trouble(), now)
+        phase = StartPhase.WRITTEN if written else StartPhase.FAILED
+        self._take(inputs.StartBecame(now, phase, number))
+
+    def _withdraw_start(self) -> None:
+        """Have a start that waits not go out."""
+        if self._race.start is not None:
+            number = self._race.start.number
+            self._take(inputs.StartBecame(self.now(), StartPhase.WITHDRAWN, number))
+
+    def _notice_delay(self, now: float) -> None:
+        """Tell the rules if race control was held up."""
+        held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
+        if held_up > HELD_UP:
+            self._beat_at = self._began_again_at = now
+            self._take(inputs.HeldUp(now, held_up))
+            self._ask_to_show()
+
+    def _feed(self, given: inputs.Input) -> Outcome:
+        """Hand an input to the rules; the only way to them."""
+        self._log.add(given)
+        return inputs.feed(given, self._race)
+
+    def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
+        """
+        Take an input: send, answer and tell what it brings about.
+
+        :param waiting: the command that is the input, if it is one.
+        """
+        outcome = self._feed(given)
+        self._send(outcome)
+        of_start = outcome.answer is not None and waiting is None
+        if of_start:
+            waiting, self._starting = self._starting, None
+        if outcome.answer is not None and waiting is not None:
+            waiting.answered(outcome.answer)
+        self._tell_of_rules(outcome.events, given.at, 1 + bool(outcome.orders))
+        if of_start:
+            self._remember(self.now())
+        if outcome.start is not None:
+            number = outcome.start.number
+            self._starting = waiting
+            self._hand_on()
+            self._record.make_sure(
+                outcome.start.memory,
+                self.now(),
+                outcome.start.until - given.at,
+                lambda written: self._journal(number, written),
+            )
+
+    def _send(self, outcome: Outcome) -> None:
+        for order in outcome.orders:
+            link = self._links.get(order.kart)
+            if link is not None:
+                link.order(order.state, order.serial)
+        if outcome.orders:
+            self._log.add(inputs.Ordered(outcome.orders))
+
+    def _tell_of_rules(self, events: tuple[Event, ...], at: float, entries: int = 1) -> None:
+        """
+        Tell what the last input has made happen.
+
+        :param entries: how many entries of the log are of this input.
+        :param at: the time of this input, which is theirs too: so a replay can compare it.
+        """
+        told = [each for each in events if not each.chatter or self._may_tell(each, at)]
+        if told:
+            self._gather(self._stamped(told, at), entries)
+
+    def _may_tell(self, event: Event, at: float) -> bool:
+        """Return whether a kart, or the timing line, may cause one more event."""
+        at_line = event.kind is EventKind.PASSING
+        return (self._passings if at_line else self._reports)[event.kart].take(at)
+
+    def _tell(self, event: Event) -> None:
+        """Tell what no input of the rules has made happen."""
+        self._gather(self._stamped([event], self.now()))
+
+    def _stamped(self, events: Iterable[Event], at: float) -> list[StampedEvent]:
+        wall = time.time_ns() - round((self.now() - at) * 1e9)
+        return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
+
+    def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
+        """
+        Gather events.
+
+        :param of_stamped: how many of the last entries of the log brought them about: what an
+            input has made stays with it.
+        """
+        if len(self._gathered) >= MOST_GATHERED:
+            self._hand_on(of_stamped)
+        self._log.add(*[None] * len(stamped))
+        if not self._gathered:
+            assert self._loop is not None
+            self._loop.call_later(GATHER, self._hand_on)
+        self._gathered += stamped
+        self._ask_to_show()
+
+    def _hand_on(self, but: int = 0) -> None:
+        """Hand on what was gathered, and the stream up to now, but for so many entries."""
+        gathered, self._gathered = self._gathered, []
+        happened = pack(Happened(gathered)) if gathered else b''
+        self._ros_half.send(happened)
+        batch = self._log.take(but)
+        if batch.entries:
+            self._record.put(batch._replace(happened=happened))
+        if self._ros_half.unsent > TO_ROS_HALF_BYTES:
+            self._ros_half.lose('it takes nothing any more')
+
+    def _ask_to_show(self) -> None:
+        if not self._showing:
+            assert self._loop is not None
+            self._showing = True
+            delay = self._shown_at + self._settings.snapshot_interval - self.now()
+            self._loop.call_later(max(delay, SHOW_AFTER), self._show)
+
+    def _show(self) -> None:
+        """Send a snapshot, unless the ROS half has not even taken what was sent before."""
+        assert self._loop is not None
+        self.take_commands()
+        self._showing = False
+        now = self._shown_at = self.now()
+        self._take_note_of(self._record.trouble(), now)
+        if not self._ros_half.unsent:
+            self._log.add(inputs.Shown(now))
+            self._ros_half.send(pack(snapshot_of(self._race, now)))
+            laps, due = self._race.laps, now - self._results_at >= RESULTS_EVERY
+            if laps is not self._shown_laps and due:
+                self._shown_laps, self._results_at = laps, now
+                self._ros_half.send(pack(standings_of(self._race, now)))
+        self._remember(now)
+        if self._race.paused_until > max(now, self._shown_pause):
+            # Then more commands are available, though nothing happens.
+            self._shown_pause = self._race.paused_until
+            self._loop.call_at(self._shown_pause, self._ask_to_show)
+
+    def _take_note_of(self, trouble: str, now: float) -> None:
+        if trouble != self._race.record_fails:
+            self._take(inputs.RecordTrouble(now, trouble))
+
+    def _remember(self, now: float) -> None:
+        self._hand_on()
+        self._record.remember(self._race.memory(), now)
+
+    # ----- what the links tell ------------------------------------------------------------
+
+    def link_made(self, link: KartLink, address: str) -> None:
+        """Take a new connection, or refuse it if its address is not in the roster (§4.A)."""
+        number = self._addresses.get(address)
+        now = self.now()
+        if number is None:
+            link.drop('its address is not in the roster')
+            if self._refusals.take(now):
+                text = (
+                    f'A connection from {address} was refused: no kart of the roster has that '
+                    f'address{self._refusals.mention()}'
+                )
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+            return
+        if not self._connections[number].take(now):
+            link.drop('it connects too often')
+            allowance = self._too_often[number]
+            if allowance.take(now):
+                text = (
+                    f'A connection of {self._race.karts[number]} was refused: it connects too '
+                    f'often{allowance.mention()}'
+                )
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False))
+            return
+        old = self._links.pop(number, None)
+        # Not a kart that has lost its link, and comes back before race control has noticed.
+        is_pushed_out = old is not None and old.answers(now)
+        if old is not None:
+            old.drop('a new connection from its address took its place')
+        link.number = number
+        link.set_up()
+        self._links[number] = link
+        self._take(inputs.Connected(now, number))
+        if is_pushed_out:
+            self._takeovers[number].append(now)
+            self._look_who_contests(number, now)
+
+    def _look_who_contests(self, number: int, now: float) -> None:
+        """Tell the rules if two programs contest for a kart, or do so no more."""
+        most, within = TAKEOVERS
+        before, at = self._race.karts[number].contested, self._takeovers[number]
+        contested = len(at) == most and now - at[-1 if before else 0] <= within
+        if contested != before:
+            self._take(inputs.Contested(now, number, contested))
+
+    def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
+        """Take a frame, or what should have been one, from a kart."""
+        if self._links.get(link.number) is not link:
+            return
+        now = self.now()
+        if isinstance(heard, MalformedFrame):
+            allowance = self._rubbish[link.number]
+            if allowance.take(now):
+                kart = self._race.karts[link.number]
+                text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
+                self._tell(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
+            return
+        self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
+
+    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
+        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
+        if self._links.get(link.number) is link:
+            self._take(inputs.Delivered(self.now(), link.number, serial, answered))
+
+    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
+        """Take note of how good the link is."""
+        if self._links.get(link.number) is link:
+            self._take(inputs.Measured(self.now(), link.number, quality))
+
+    def link_lost(self, link: KartLink) -> None:
+        """Take note that a connection ended; one that was replaced has been told already."""
+        if self._links.get(link.number) is link:
+            del self._links[link.number]
+            given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)
+            self._take(given)
+
+
+def _ended(failure: BaseException | None) -> Event:
+    """Return that race control ends, and why."""
+    follows = 'RED_RED is sent to every connected kart, and the connections are closed'
+    if failure is None:
+        text = f'Race control ends because it was told to (Ctrl-C or a signal): {follows}'
+    else:
+        text = f'Race control ends because of a failure ({in_words(failure)}): {follows}'
+    return Event(EventKind.ENDED, text, success=failure is None)

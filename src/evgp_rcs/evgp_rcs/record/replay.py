@@ -1,0 +1,397 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Runs the rules again on the inputs of a stream, and compares what comes out with the stream.
+
+With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
+nor its time. What differs first is named. Whoever wants to know what happened in a run goes
+through `Replay.steps` and looks at the race: there is no other account of it.
+
+An event has the time of the input that made it, to the last bit. No input gives the wall times,
+and none makes the events `OF_THE_SERVER`: of these, only number and order can be checked. So a
+step of the wall clock is told; whether somebody set the clock or changed the record, nothing here
+can say.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from itertools import pairwise, zip_longest
+from typing import NamedTuple
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.runs import (
+    add_run_arguments,
+    CALLED,
+    DONE,
+    FAILED,
+    Kept,
+    open_runs,
+    PARTLY,
+    UnreadableError,
+)
+from evgp_rcs.record.store import rules_version
+from evgp_rcs.rules import inputs
+from evgp_rcs.rules.inputs import Began, Entry, Gap, Input, Ordered, Rules, Shown
+from evgp_rcs.rules.race import Event, EventKind, Order, Outcome, Race, StampedEvent
+
+OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})
+"""Events that no input of the rules makes."""
+
+LONGEST = 400
+"""Maximum length of a value in words, in characters."""
+
+MOST_CLOCK_STEP = 0.1
+"""Maximum difference of the two clocks between two events that goes for none, in seconds."""
+
+
+class Difference(NamedTuple):
+    """
+    What of the record and its replay differs, and after which input: its time (s), number, words.
+
+    :param at: seconds since the run began.
+    :param number: counts the inputs, from 1; 0: before the first.
+    """
+
+    at: float
+    number: int
+    given: str
+    what: str
+    recorded: str
+    replayed: str
+
+    def __str__(self) -> str:
+        """Return it in three lines."""
+        return (
+            f'The first difference is {self.what}, {self.at:.6f} s after the run began, at input '
+            f'{self.number} ({self.given})\n'
+            f'  the record has:  {self.recorded}\n'
+            f'  the rules give:  {self.replayed}'
+        )
+
+
+class ClockStep(NamedTuple):
+    """
+    The wall time goes on by so many seconds more, since the event before, than time did.
+
+    Somebody set the computer's clock, or changed the record: no rule can tell.
+    """
+
+    event: StampedEvent
+    by: float
+
+
+class Step(NamedTuple):
+    """
+    An entry of a stream, and what it brought about.
+
+    :param entry: an input, an event that no input made, where the race was shown, or a gap.
+    :param race: the race after it; None: from here on nothing is known but what the stream says.
+    :param outcome: what the rules made of an input.
+    :param events: those of the stream that it made, or that it is.
+    """
+
+    entry: Input | StampedEvent | Shown | Gap
+    race: Race | None
+    outcome: Outcome | None = None
+    events: tuple[StampedEvent, ...] = ()
+
+
+class _EndError(Exception):
+    """What follows cannot be compared."""
+
+
+class Replay:
+    """
+    One run of the rules on a stream; `steps` fills in what it has found.
+
+    :ivar rules: with what the rules began; None: that is not there.
+    :ivar seconds: up to when it was compared, since the run began.
+    :ivar missing: why it could not go on to the end, as a clause; empty: it could.
+    """
+
+    def __init__(self, kept: Kept) -> None:
+        self.kept = kept
+        self.rules: Rules | None = None
+        self.inputs = self.orders = self.events = 0
+        self.seconds = 0.0
+        self.difference: Difference | None = None
+        self.missing = ''
+        self._race: Race | None = None
+        # Of the last input: what it was, and what it made that was not compared yet.
+        self._given: Input | None = None
+        self._outcome: Outcome | None = None
+        self._orders: Sequence[Order] = ()
+        self._made: list[Event] = []
+        self._told: list[StampedEvent] = []
+        self._last: StampedEvent | None = None
+
+    def __str__(self) -> str:
+        """Return the counts."""
+        return (
+            f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders and '
+            f'{self.events} events compared'
+        )
+
+    def run(self) -> Replay:
+        """Compare up to the first difference or gap."""
+        for _ in self.steps():
+            if self.difference is not None or self.missing:
+                break
+        return self
+
+    def steps(self) -> Iterator[Step]:
+        """Yield the run step by step; where it ends to be known, the events as they stand."""
+        for entry in self.kept.entries():
+            try:
+                yield from self._follow(entry)
+            except _EndError:
+                yield from self._give_up()
+            if self._race is None and isinstance(entry, StampedEvent):
+                yield Step(entry, None, None, (entry,))
+            elif isinstance(entry, Gap):
+                yield Step(entry, None)
+        try:
+            if self._race is not None:
+                yield from self._finish()
+        except _EndError:
+            yield from self._give_up()
+
+    # ----- following the stream -----------------------------------------------------------
+
+    def _follow(self, entry: Entry | Gap) -> Iterator[Step]:
+        if isinstance(entry, Rules) and self.rules is None and not self.missing:
+            self._begin(entry)
+        elif isinstance(entry, Gap):
+            self._stop_at(entry)
+        elif self._race is None:
+            return
+        elif isinstance(entry, Rules | Began):
+            self._differ('an entry', type(entry).__name__, 'the run has begun already')
+        elif isinstance(entry, Ordered):
+            self._compare_orders(entry)
+        elif isinstance(entry, StampedEvent):
+            self._look_at_the_order(entry)
+            if entry.event.kind in OF_THE_SERVER:
+                yield from self._finish()
+                yield Step(entry, self._race, None, (entry,))
+            else:
+                self._compare_event(entry)
+        else:
+            yield from self._finish()
+            if isinstance(entry, Shown):
+                yield Step(entry, self._race)
+            else:
+                self._feed(entry, self._race)
+
+    def _begin(self, rules: Rules) -> None:
+        self.rules = rules
+        try:
+            self._race = rules.setup.race()
+        except ValueError as error:
+            self._differ('the setup', str(rules.setup), repr(error))
+
+    def _stop_at(self, gap: Gap) -> None:
+        if self._race is None:
+            self.missing = self.missing or str(gap)
+        elif gap.damaged:
+            self._differ('an entry', gap.why, 'they cannot run on it')
+        else:
+            self.missing = (
+                f'{gap}. Nothing can be compared from {self.seconds:.1f} s after the run began on'
+            )
+        raise _EndError
+
+    def _give_up(self) -> Iterator[Step]:
+        """Go on with the stream alone."""
+        given, told = self._given, tuple(self._told)
+        self._race = self._given = None
+        if given is not None:
+            yield Step(given, None, None, told)
+
+    def _feed(self, given: Input, race: Race) -> None:
+        assert self.rules is not None
+        self.inputs += 1
+        seconds = given.at - self.rules.setup.now
+        if seconds < self.seconds:
+            self._differ('an input', f'its time is {given.at!r}', 'times do not go back')
+        self._given, self.seconds = given, seconds
+        try:
+            self._outcome = outcome = inputs.feed(given, race)
+        except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
+            self._differ('an error of the rules', 'it was taken', repr(error))
+        self._orders, self._made = outcome.orders, list(outcome.events)
+
+    def _finish(self) -> Iterator[Step]:
+        """Take it that the last input has brought about nothing more."""
+        if self._orders:
+            self._differ('an order', 'none', _order(self._orders[0]))
+        for event in self._made:
+            if not event.chatter:
+                self._differ('an event', 'none', _fields(event))
+        given, self._given = self._given, None
+        told, self._told = self._told, []
+        self._made = []
+        if given is not None:
+            yield Step(given, self._race, self._outcome, tuple(told))
+
+    # ----- comparing ----------------------------------------------------------------------
+
+    def _compare_orders(self, entry: Ordered) -> None:
+        orders, self._orders = self._orders, ()
+        for recorded, replayed in zip_longest(entry.orders, orders):
+            if recorded != replayed:
+                self._differ('an order', _order(recorded), _order(replayed))
+            self.orders += 1
+
+    def _look_at_the_order(self, entry: StampedEvent) -> None:
+        """Compare number and time of an event with those of the one before."""
+        before, self._last = self._last, entry
+        number = 1 if before is None else before.sequence + 1
+        if entry.sequence != number:
+            what = f'event {entry.sequence} is in its place'
+            self._differ(f'event {number}', what, f'event {number}')
+        if before is not None and entry.monotonic < before.monotonic:
+            what = f'its time is {entry.monotonic!r}'
+            least = f'not before event {before.sequence}, {before.monotonic!r}'
+            self._differ(f'event {number}', what, least)
+
+    def _compare_event(self, entry: StampedEvent) -> None:
+        name, made = f'event {entry.sequence}', self._made
+        left = list(made)
+        # What karts say too often is left out.
+        while left and left[0].chatter and left[0] != entry.event:
+            left.pop(0)
+        first = next(iter(left or made), None)
+        if self._given is None or not left or first != entry.event:
+            self._differ(name, _fields(entry.event), _fields(first) if first else 'no such event')
+        elif entry.monotonic != self._given.at:
+            self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
+        self._made = left[1:]
+        self._told.append(entry)
+        self.events += 1
+
+    def _differ(self, what: str, recorded: str, replayed: str) -> None:
+        self.difference = Difference(
+            self.seconds,
+            self.inputs,
+            _input(self._given),
+            what,
+            _cut(recorded),
+            _cut(replayed),
+        )
+        raise _EndError
+
+    # ----- what there is to say -----------------------------------------------------------
+
+    def judge(self) -> tuple[int, list[str]]:
+        """
+        Return what there is to say after `steps` or `run`, line by line.
+
+        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and the lines.
+        :raises UnreadableError: if the stream has nothing to begin with.
+        """
+        run = self.kept.run
+        if self.rules is None:
+            raise UnreadableError(
+                f'run {run.number} cannot be replayed: the record does not have with what the '
+                f'rules began{f" ({self.missing})" if self.missing else ""}'
+            )
+        lines = []
+        here, there = rules_version(), self.rules.version
+        if there != here:
+            lines.append(
+                f'Run {run.number} was recorded with other rules (version {there or "unknown"}; '
+                f'here {here or "unknown"}): a difference may come from that.'
+            )
+        found = 'no' if self.difference is None else 'a'
+        lines.append(f'Run {run.number}: {self}: {found} difference')
+        if self.difference is not None:
+            return FAILED, [*lines, *str(self.difference).split('\n')]
+        steps = clock_steps([each for each in self.kept.events() if not isinstance(each, Gap)])
+        if steps:
+            lines.append(
+                f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
+                f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
+                'record, which a replay cannot tell.'
+            )
+        if self.missing:
+            return PARTLY, [*lines, f'Not all of it: {self.missing}']
+        if self.kept.goes_on:
+            lines.append('Race control still writes this run; it was replayed up to now.')
+        elif run.ended_ns is None:
+            lines.append(
+                'This run was not ended in good order; it was replayed up to its last entry.'
+            )
+        return DONE, lines
+
+
+def clock_steps(events: Sequence[StampedEvent]) -> list[ClockStep]:
+    """Return where the wall times do not go on as the clock of the rules does."""
+    by = (
+        ClockStep(
+            event, (event.wall_ns - before.wall_ns) / 1e9 - event.monotonic + before.monotonic
+        )
+        for before, event in pairwise(events)
+    )
+    return [step for step in by if abs(step.by) > MOST_CLOCK_STEP]
+
+
+def _order(order: Order | None) -> str:
+    if order is None:
+        return 'none'
+    return f'kart {order.kart} is sent {order.state.value}, order {order.serial}'
+
+
+def _input(given: Input | None) -> str:
+    return 'the beginning' if given is None else f'{type(given).__name__}, {_fields(given)}'
+
+
+def _fields(value: Input | Event) -> str:
+    named = ((name, each) for name, each in value._asdict().items() if name != 'at')
+    said = [
+        f'{name} {getattr(each, "name", None) or repr(each)}'
+        for name, each in named
+        if each is not None and each != ''
+    ]
+    return _cut(', '.join(said))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST else f'{text[:LONGEST]}...'
+
+
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record replay`."""
+    parser = argparse.ArgumentParser(
+        prog=f'{CALLED} replay',
+        description='Run the rules again on what went into them in a run, the newest by default, '
+        'and compare every order to a kart and every event with the record, each event with its '
+        'time. A run that goes on is replayed up to now, one that '
+        'crashed up to its end.',
+        epilog='No input gives the wall times, and none makes the events of the server itself '
+        '(refused connections, messages that mean nothing, the end): of these, only number and '
+        'order are checked. Exit code 0: no difference; 1: the first difference is printed; 2: '
+        'the run cannot be read, or its beginning is missing; 3: no difference, but not all of '
+        'the run could be replayed.',
+    )
+    add_run_arguments(parser)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Replay a run, and print what was compared and what differs first.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
+    """
+    wanted = options().parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        kept = runs.read(runs.choose(wanted.run))
+    # With the record closed: this may take long, and race control must not wait.
+    code, lines = Replay(kept).run().judge()
+    print('\n'.join(map(plain, lines)))
+    return code or runs.code

@@ -1,0 +1,160 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""``rcs_record report``: write the report of a run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import datetime
+import hashlib
+import pathlib
+import re
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.report.model import Account, Part
+from evgp_rcs.record.report.page import page
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.record.runs import (
+    add_run_arguments,
+    CALLED,
+    FAILED,
+    Kept,
+    open_runs,
+    PARTLY,
+    Runs,
+    say,
+)
+from evgp_rcs.record.store import is_being_written, Session
+
+
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record report`."""
+    parser = argparse.ArgumentParser(
+        prog=f'{CALLED} report',
+        description='Write the report of the newest run, or of a part of it, as one HTML file. '
+        'The rules are run again for it, which takes some 20 s for an hour.',
+        epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
+        'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
+        'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '
+        'on every printed page. Open the file in any browser; print it from there.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument(
+        '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
+    )
+    parser.add_argument(
+        '--event', default='', metavar='NAME', help='the name of the event, for the head'
+    )
+    parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
+    parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
+    parser.add_argument(
+        '--kart',
+        type=int,
+        metavar='NUMBER',
+        help='show this kart, and what concerns no single kart',
+    )
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the report of one run of a record.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        run = runs.choose(wanted.run)
+        kept = runs.read(run)
+        sums = _sums(runs, kept)
+    # With the record closed: the race must not wait for what follows.
+    account = Account(kept)
+    try:
+        part = _part(account, run, wanted.start, wanted.end, wanted.kart)
+    except ValueError as error:
+        options().error(str(error))
+    written = page(runs, account, part, sums, wanted.event)
+    try:
+        wanted.output.write_text(written, encoding='utf-8', errors='replace')
+    except OSError as error:
+        say(f'{wanted.output} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.events)} events')
+    return PARTLY if account.gaps else runs.code
+
+
+def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
+    """
+    Return what was summed, and its SHA-256.
+
+    Always of the stream that was read, so that a report can be held against the record at any
+    later time. And of the file, unless race control is writing it; with what SQLite keeps beside
+    it after a crash.
+    """
+    digest = hashlib.sha256()
+    for line in kept.lines():
+        digest.update(line)
+    sums = [('SHA-256 of the stream of this run (rcs_record show --stream)', digest.hexdigest())]
+    if runs.present is None:
+        files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
+        of_files = [
+            (f'SHA-256 of the file {file.name}', _sum_of(file))
+            for file in files
+            if file.exists() and (file.stat().st_size or file == runs.file)
+        ]
+        if not is_being_written(runs.file):
+            return [*of_files, *sums]
+    return [('SHA-256 of the file', 'none: race control was writing it'), *sums]
+
+
+def _sum_of(file: pathlib.Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as opened:
+        while chunk := opened.read(1 << 20):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _part(
+    account: Account, run: Session, start: str | None, end: str | None, kart: int | None
+) -> Part:
+    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+
+    def at(text: str | None) -> float | None:
+        return None if text is None else seconds_of(text, clock)
+
+    part = Part(at(start), at(end), kart)
+    if part.start is not None and part.start > account.length:
+        raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
+    if part.end is not None and part.end < (part.start or 0.0):
+        raise ValueError(f'--to {end}: that is before the part begins')
+    if kart is not None and kart not in account.lanes:
+        known = ', '.join(map(str, account.lanes)) or 'no kart'
+        raise ValueError(f'--kart {kart}: the run has {known}')
+    return part
+
+
+def seconds_of(text: str, clock: Clock) -> float:
+    """
+    Return the seconds since the first event of a time as it is given in the terminal.
+
+    :raises ValueError: if it is no time.
+    """
+    began = clock.moment(clock.began_ns)
+    if re.fullmatch(r'\+\d+(\.\d+)?', text):
+        return float(text[1:])
+    of_day = re.fullmatch(r'\d?\d:\d\d(:\d\d(\.\d{1,6})?)?', text)
+    hours = '0' * (text[1:2] == ':')
+    try:
+        moment = datetime.datetime.fromisoformat(
+            f'{began:%Y-%m-%d}T{hours}{text}' if of_day else text
+        )
+    except ValueError as error:
+        example = 'for example 14:05:30, 2026-05-30T14:05 or +90'
+        raise ValueError(f'{text} is no time; {example}') from error
+    at = (moment.replace(tzinfo=moment.tzinfo or clock.zone) - began).total_seconds()
+    # To the minute or second, the beginning itself may be meant.
+    return at + 86400.0 if of_day and at < -60.0 else max(0.0, at)

@@ -1,0 +1,178 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The timeline of the report as shapes, which the page's template writes as SVG."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.report import wording
+from evgp_rcs.record.report.model import Account, Lane, NO_GRADE, Part
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.rules.race import EventKind, StampedEvent
+
+WIDTH, NAMES, LETTER = 1200.0, 110.0, 7.0
+"""The width of a timeline, that of the names of its lines, and that of a letter."""
+
+HEAD, ROW, LANE = 20.0, 14.0, 30.0
+"""The height of the times above, of a row of commands, and of the line of a kart."""
+
+ROWS = 4
+"""The number of rows of commands, and of alerts; what finds no room there has only a stroke."""
+
+_STEPS = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200)
+MARKS = {
+    EventKind.DELIVERED: '→',
+    EventKind.ACKNOWLEDGED: '✓',
+    EventKind.DISCONNECTED: '✗',
+    EventKind.WITHDRAWN: '↺',
+}
+RARE = EventKind.DISCONNECTED, EventKind.WITHDRAWN
+"""The marks that are drawn even where they cover the others."""
+
+
+class Shape(NamedTuple):
+    """A box with words in it, as far as there is room; without a width, words alone."""
+
+    look: str
+    x: float
+    y: float
+    width: float
+    height: float
+    words: str = ''
+    hint: str = ''
+
+
+class Drawing(NamedTuple):
+    """A timeline."""
+
+    title: str
+    height: float
+    shapes: list[Shape]
+
+
+def drawing(account: Account, part: Part, clock: Clock, title: str) -> Drawing:
+    """Return the timeline of a part of a run."""
+    shapes = list(_Timeline(account, part, clock).shapes())
+    return Drawing(title, max((each.y + each.height for each in shapes), default=0.0), shapes)
+
+
+class _Timeline:
+    """A timeline that is being drawn."""
+
+    def __init__(self, account: Account, part: Part, clock: Clock) -> None:
+        self._account = account
+        self._part = part
+        self._clock = clock
+        self._start, self._end = part.span(account)
+        self._scale = (WIDTH - NAMES) / max(self._end - self._start, 0.001)
+
+    def _x(self, at: float) -> float:
+        return NAMES + (min(max(at, self._start), self._end) - self._start) * self._scale
+
+    def shapes(self) -> Iterator[Shape]:
+        lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
+        events = self._part.events(self._account, self._account.events)
+        top = HEAD + 2 * ROWS * ROW + LANE
+        yield from self._axis(top + LANE * len(lanes))
+        yield Shape('name', 0, HEAD, 0, ROW, 'Commands')
+        commands = [each for each in events if each.event.kind is EventKind.COMMAND]
+        marked = [each for each in events if each.event.kind in MARKS]
+        yield from self._rows(
+            HEAD,
+            [
+                (
+                    self._account.at(each),
+                    self._account.at(each),
+                    'command' if each.event.success else 'command refused',
+                    ('' if each.event.success else '✗ ')
+                    + wording.command(each.event.command, each.event.kart)
+                    + (f' ({wording.name(each.event.official)})' if each.event.official else ''),
+                )
+                for each in commands
+            ],
+        )
+        yield Shape('name', 0, HEAD + ROWS * ROW, 0, ROW, 'Alerts')
+        alerts = [
+            each
+            for each in self._account.alerts
+            if self._part.concerns(each.event.event.kart)
+            and self._part.touches(self._account, each.raised, each.ended)
+        ]
+        yield from self._rows(
+            HEAD + ROWS * ROW,
+            [
+                (
+                    each.raised,
+                    self._account.length if each.ended is None else each.ended,
+                    'alert',
+                    plain(each.event.event.text),
+                )
+                for each in alerts
+            ],
+        )
+        y = HEAD + 2 * ROWS * ROW
+        yield Shape('name', 0, y, 0, LANE, 'The race')
+        for band in self._account.race_bands:
+            yield from self._box(band.start, band.end, f'band {band.what}', y, 20, band.what)
+        for lane in lanes:
+            y += LANE
+            marks = [each for each in marked if each.event.kart == lane.kart]
+            yield from self._lane(lane, marks, y)
+
+    def _axis(self, height: float) -> Iterator[Shape]:
+        span = self._end - self._start
+        step = next((each for each in _STEPS if span / each <= 12), 86_400)
+        at = -(-self._start // step) * step
+        while at <= self._end:
+            yield Shape('tick', self._x(at), 0, 1, height, self._clock.at(at))
+            at += step
+
+    def _rows(self, top: float, labels: list[tuple[float, float, str, str]]) -> Iterator[Shape]:
+        """Yield labels, each in the first row that has room for it; or a stroke."""
+        free = [0.0] * ROWS
+        for start, end, look, words in labels:
+            x = self._x(start)
+            row = next((row for row, until in enumerate(free) if until <= x), None)
+            if row is None:
+                yield Shape(f'{look} stroke', x, top + ROWS * ROW - 4, 1, 4, '', words)
+                continue
+            width = max(self._x(end) - x, min(len(words) * LETTER, 200.0, WIDTH - x), 1.0)
+            free[row] = x + width + 2
+            yield Shape(look, x, top + row * ROW, width, ROW - 2, words, words)
+
+    def _box(
+        self, start: float, end: float, look: str, y: float, height: float, what: str
+    ) -> Iterator[Shape]:
+        if end > self._start and start < self._end:
+            x = self._x(start)
+            words = wording.STATES.get(what, what.lower())
+            hint = f'{words}: {self._clock.at(start, 3)} to {self._clock.at(end, 3)}'
+            yield Shape(look, x, y, max(self._x(end) - x, 1.0), height, words, hint)
+
+    def _lane(self, lane: Lane, marks: list[StampedEvent], y: float) -> Iterator[Shape]:
+        name = f'{lane.kart} {wording.name(lane.team)}'
+        yield Shape('name', 0, y, 0, LANE, name[: int(NAMES / LETTER)], name)
+        for band in lane.bands:
+            yield from self._box(band.start, band.end, f'band {band.what}', y, 20, band.what)
+        for link in lane.links:
+            if link.what != NO_GRADE:
+                height = {'FAIR': 4.0, 'POOR': 6.0}.get(link.what, 2.0)
+                look = f'link {link.what}'
+                yield from self._box(
+                    link.start, link.end, look, y + 26 - height, height, link.what
+                )
+        for hold in lane.holds:
+            if hold.what:
+                yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')
+        free: dict[bool, float] = {}  # of the marks that must be seen, and of the others
+        for mark in marks:
+            at, is_rare = self._account.at(mark), mark.event.kind in RARE
+            if self._x(at) >= free.get(is_rare, 0.0):
+                free[is_rare] = self._x(at) + LETTER / (2 if is_rare else 1)
+                hint = f'{self._clock.at(at, 3)} {plain(mark.event.text)}'
+                look = f'mark {mark.event.kind.name}'
+                yield Shape(look, self._x(at), y + 8, 0, 14, MARKS[mark.event.kind], hint)

@@ -1,0 +1,619 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What happened in a run: races, what each kart was sent, alerts, commands, laps.
+
+One pass over the replay of its stream (``Replay.steps``): after each step, this looks at the race
+as the rules have it. Nothing is worked out a second time, and no sentence is read. Where the rules
+cannot follow the stream (a gap, or a difference), what karts are sent is `NOT_KNOWN`, and the
+events that follow are listed as they stand, no more.
+
+All times are seconds since the first event of the run, by the clock of the rules: nobody sets that
+clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import dataclasses
+from dataclasses import dataclass, field
+import enum
+import itertools
+import math
+from typing import NamedTuple
+
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs.record.replay import clock_steps, Replay, Step
+from evgp_rcs.record.runs import Kept
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Gap, Input, Recovered
+from evgp_rcs.rules.laps import Laps
+from evgp_rcs.rules.race import AlertKind, EventKind, Kart, LastRun, Race, StampedEvent
+
+IN_GARAGE = RaceState.IN_GARAGE.name
+GREEN_GREEN = RaceState.GREEN_GREEN.name
+REDS = frozenset({RaceState.RED_FLAG.name, RaceState.RED_RED.name})
+
+NOT_CONNECTED = 'NOT_CONNECTED'
+"""In the place of a state: race control sends the kart nothing, since it is not connected."""
+
+NOT_KNOWN = 'NOT_KNOWN'
+"""In the place of a state: from here on the rules cannot follow the record."""
+
+NO_GRADE = Grade.UNKNOWN.name
+
+STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
+SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
+
+CORRECTIONS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.of_laps) - {
+    CommandKind.COUNT_PASSING
+} | {CommandKind.KART_UNDO_FINISH}
+"""Commands that change what was counted or given before; to count a passing does not."""
+
+
+@dataclass
+class Band:
+    """
+    A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`.
+
+    Or in which a link had a grade, or a kart was held: see `Lane`.
+
+    :param acknowledged: when the kart first acknowledged it; None: not in this time.
+    :param delivered: when the kart's kernel had answered it; None: that was not seen.
+    """
+
+    start: float
+    end: float
+    what: str
+    acknowledged: float | None = None
+    delivered: float | None = None
+
+
+class Bands(list[Band]):
+    """Bands that follow each other; the last one goes on until another begins."""
+
+    def change(self, at: float, what: str) -> Band:
+        """Have something else begin now, unless it is the same; return the last band."""
+        if self and self[-1].what != what:
+            self[-1].end = at
+            if self[-1].start == at:
+                self.pop()  # it did not last
+        if not self or self[-1].what != what:
+            self.append(Band(at, math.inf, what))
+        self[-1].end = math.inf
+        return self[-1]
+
+
+class Lane(NamedTuple):
+    """
+    One kart.
+
+    :param bands: what it was sent.
+    :param links: how good its link was, names of ``Grade``.
+    :param holds: the states in which it was held on its own account; empty: it was not.
+    """
+
+    kart: int
+    team: str
+    bands: Bands
+    links: Bands
+    holds: Bands
+
+
+@dataclass
+class Alert:
+    """
+    An alert, and how long it stood.
+
+    :param ended: None: it had not.
+    :param lost_sight: the rules could not follow the record, and it may have ended since.
+    """
+
+    event: StampedEvent
+    raised: float
+    ended: float | None = None
+    lost_sight: bool = False
+
+    @property
+    def stands(self) -> bool:
+        """Return whether it certainly stood at the end of the record."""
+        return self.ended is None and not self.lost_sight
+
+
+class Why(enum.Enum):
+    """Why a kart has no place."""
+
+    LOST = 'it lost its connection'
+    STOPPED_ALONE = 'an official stopped it alone'
+    STOPPED = 'it was stopped'
+    FINISH_UNDONE = 'its finish was undone after it had been stopped'
+    RACE_STOPPED = 'the race was stopped first'
+    RACE_CONTROL_ENDED = 'race control ended first'
+    STILL_RACING = 'it was still racing at the end of the record'
+    NOT_KNOWN = 'not known: the record cannot be followed to its end'
+
+
+class Out(NamedTuple):
+    """Why a kart did not finish, since when, and by which event; None: none."""
+
+    why: Why
+    at: float
+    event: StampedEvent | None = None
+
+
+class Result(NamedTuple):
+    """What became of a starter: its place and when it was marked as finished, or why not."""
+
+    kart: int
+    place: int = 0
+    finished: float | None = None
+    out: Out | None = None
+
+
+class StopAnswer(NamedTuple):
+    """
+    What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
+
+    :param band: since when it was sent what; it may have been before the stop.
+    :param then: what it was sent after that; empty: nothing, the record ends.
+    """
+
+    kart: int
+    band: Band
+    then: str
+
+    @property
+    def is_silent(self) -> bool:
+        """Return whether it is certain that the kart did not acknowledge it."""
+        known = {self.band.what, self.then}.isdisjoint({NOT_KNOWN}) and self.band.what in REDS
+        return known and self.band.acknowledged is None
+
+
+class Stop(NamedTuple):
+    """A stop: the event of the command, or of the race's state if no command stopped it."""
+
+    event: StampedEvent
+    at: float
+    told: tuple[StopAnswer, ...]
+
+    def slowest(self) -> StopAnswer | None:
+        """Return who took longest of those that it told something new, and acknowledged."""
+        new = [each for each in self.told if each.band.start == self.at]
+        answered = (each for each in new if each.band.acknowledged is not None)
+        return max(answered, key=lambda each: each.band.acknowledged or 0.0, default=None)
+
+
+class Change(NamedTuple):
+    """A race went to a state."""
+
+    at: float
+    event: StampedEvent
+
+    @property
+    def state(self) -> str:
+        """Return the name of the state."""
+        return self.event.event.state.name if self.event.event.state else NOT_KNOWN
+
+
+@dataclass
+class RaceAccount:
+    """
+    One race, from GRID_ACTIVE to IN_GARAGE.
+
+    :param began: the first time that is known of it.
+    :param starters: who was sent GREEN_GREEN.
+    :param finished: who was marked as finished when, in the order of their places.
+    :param out: why each starter that dropped out did so, before it finished.
+    :param results: race control's own sentence; empty: none was recorded.
+    :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
+        of all or of one kart; ``refused``: of the commands that were refused.
+    :param taken_up: it was under way when the run began.
+    :param incomplete: the rules could not follow it to its end.
+    """
+
+    number: int
+    began: float
+    heat: str
+    taken_up: bool
+    incomplete: bool = False
+    changes: list[Change] = field(default_factory=list)
+    starters: list[int] = field(default_factory=list)
+    finished: dict[int, float] = field(default_factory=dict)
+    out: dict[int, Out] = field(default_factory=dict)
+    results: str = ''
+    incidents: list[StampedEvent] = field(default_factory=list)
+    stops: list[StampedEvent] = field(default_factory=list)
+    refused: list[StampedEvent] = field(default_factory=list)
+
+    def _first(self, *states: str) -> Change | None:
+        return next((change for change in self.changes if change.state in states), None)
+
+    @property
+    def green(self) -> float | None:
+        """Return when it was started; None: never, or before this run."""
+        change = self._first(GREEN_GREEN)
+        return change.at if change is not None else None
+
+    @property
+    def stop(self) -> Change | None:
+        """Return what stopped it as a whole; None: nothing did."""
+        return self._first(*REDS)
+
+    @property
+    def garage(self) -> float | None:
+        """Return when it went back to IN_GARAGE; None: it had not."""
+        change = self._first(IN_GARAGE)
+        return change.at if change is not None else None
+
+
+class Account:
+    """
+    Everything that a run has to tell.
+
+    :ivar replay: what was compared on the way.
+    :ivar events: all of them, in order.
+    :ivar length: the time of the last event.
+    :ivar known_until: up to when the rules could follow the record; None: to its end.
+    :ivar lost: how many connections to karts were lost in races; ``closed``: how many of these the
+        kart closed.
+    :ivar outside: incidents outside any race.
+    :ivar ended: the event that says that race control ends; None: there is none.
+    :ivar laps: of each race by its number, as they stood at last.
+    :ivar corrections: what officials corrected of a race, by its number, until the next one began.
+    """
+
+    def __init__(self, kept: Kept) -> None:
+        self.kept = kept
+        self.replay = Replay(kept)
+        self.events: list[StampedEvent] = []
+        self.gaps: list[tuple[float, Gap]] = []
+        self.length = 0.0
+        self.known_until: float | None = None
+        self.lanes: dict[int, Lane] = {}
+        self.race_bands = Bands()
+        self.races: list[RaceAccount] = []
+        self.alerts: list[Alert] = []
+        self.outside: list[StampedEvent] = []
+        self.ended: StampedEvent | None = None
+        self.lost = self.closed = 0
+        self.laps: dict[int, Laps] = {}
+        self.corrections: dict[int, list[StampedEvent]] = {}
+        self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
+        self._known_laps: Laps | None = None
+        last: Race | None = None
+        for step in self.replay.steps():
+            self._take(step)
+            last = step.race or last
+        if last is not None:
+            self.laps = {
+                number: with_late_penalties(each, last.laps) for number, each in self.laps.items()
+            }
+        self.clock_steps = clock_steps(self.events)
+        self._close()
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    @property
+    def first(self) -> StampedEvent | None:
+        """Return the first event of the run; None: there is none."""
+        return self.events[0] if self.events else None
+
+    @property
+    def commands(self) -> list[StampedEvent]:
+        """Return the events of officials' commands."""
+        return [each for each in self.events if each.event.kind is EventKind.COMMAND]
+
+    @property
+    def teams(self) -> dict[int, str]:
+        """Return the team of each kart."""
+        return {lane.kart: lane.team for lane in self.lanes.values()}
+
+    @property
+    def lacks(self) -> str:
+        """Return why some of this is missing, as a clause; empty: nothing is."""
+        difference = self.replay.difference
+        if difference is not None:
+            return f'the record is not what the rules make of it ({difference.what} differs)'
+        missing = self.replay.missing
+        return missing if self.replay.rules else missing or 'with what the rules began is missing'
+
+    @property
+    def officials(self) -> list[str]:
+        """Return who gave commands, by their own word."""
+        return sorted({each.event.official for each in self.commands} - {''})
+
+    def at(self, event: StampedEvent) -> float:
+        """Return when an event happened."""
+        return self._at(event.monotonic)
+
+    def results(self, race: RaceAccount) -> list[Result]:
+        """Return what became of each starter of a race: in the order of places, then the rest."""
+        finished = enumerate(race.finished.items(), 1)
+        rest = sorted(set(race.starters) - race.finished.keys())
+        return [
+            *(Result(kart, place, at) for place, (kart, at) in finished),
+            *(Result(kart, out=self._out(race, kart)) for kart in rest),
+        ]
+
+    def stop(self, race: RaceAccount, event: StampedEvent) -> Stop:
+        """Return what a stop of a race told to whom."""
+        at = self.at(event)
+        told = []
+        for lane in self.lanes.values():
+            if event.event.kart not in (0, lane.kart):
+                continue
+            later = [band for band in lane.bands if band.end > at]
+            band, *after = later or lane.bands[-1:]
+            sent = band.what not in (NOT_CONNECTED, NOT_KNOWN)
+            if sent and band.what not in REDS:
+                continue
+            if not sent and lane.kart not in (event.event.kart, *race.starters):
+                continue  # nobody had to tell it
+            ends = self.ended is not None and band.end >= self.at(self.ended)
+            then = after[0].what if after and not ends else ''
+            told.append(StopAnswer(lane.kart, band, then))
+        return Stop(event, at, tuple(told))
+
+    def _out(self, race: RaceAccount, kart: int) -> Out:
+        if kart in race.out:
+            return race.out[kart]
+        if race.stop is not None:
+            return Out(Why.RACE_STOPPED, *race.stop)
+        if race.incomplete:
+            return Out(Why.NOT_KNOWN, self.known_until or 0.0)
+        if self.ended is not None:
+            return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended)
+        return Out(Why.STILL_RACING, self.length)
+
+    # ----- one step -----------------------------------------------------------------------
+
+    def _close(self) -> None:
+        """Have all that goes on end with the record."""
+        of_karts = [(*each.bands, *each.links, *each.holds) for each in self.lanes.values()]
+        for band in itertools.chain(self.race_bands, *of_karts):
+            band.end = min(band.end, self.length)
+
+    def _at(self, monotonic: float) -> float:
+        return max(0.0, monotonic - self.events[0].monotonic) if self.events else 0.0
+
+    def _take(self, step: Step) -> None:
+        self.events += step.events
+        for event in step.events:
+            self.length = self.at(event)
+        if isinstance(step.entry, Gap):
+            self.gaps.append((self.length, step.entry))
+        if step.race is None:
+            if self.known_until is None:
+                self._lose_sight()
+            for event in step.events:
+                self.ended = event if event.event.kind is EventKind.ENDED else self.ended
+            return
+        self._count(step, step.race)
+        if self.ended is not None:
+            return
+        for event in step.events:
+            self._look_at_event(step, event)
+        made = step.outcome
+        if made is not None and (made.events or made.orders or not self.lanes):
+            self._look_at_race(step, step.race)
+
+    def _lose_sight(self) -> None:
+        """Take it that from here on nothing is known."""
+        self.known_until = at = self.length
+        for lane in self.lanes.values():
+            lane.bands.change(at, NOT_KNOWN)
+            lane.links.change(at, NO_GRADE)
+            lane.holds.change(at, '')
+        self.race_bands.change(at, NOT_KNOWN)
+        for alert in self._standing.values():
+            alert.lost_sight = True
+        for race in self.races[-1:]:
+            race.incomplete = race.garage is None
+
+    def _count(self, step: Step, race: Race) -> None:
+        """Take note of the laps as they are now."""
+        given = step.entry
+        if isinstance(given, Recovered) and given.last_run is not LastRun.UNKNOWN:
+            self._known_laps = race.laps  # that race was over, and its own run has it
+        if race.laps.karts and race.laps is not self._known_laps:
+            self.laps[race.grids] = race.laps
+
+    def _race_of(self, stamped: StampedEvent) -> RaceAccount | None:
+        """Return the race that was under way; None: none was."""
+        event = stamped.event
+        if not event.race:
+            return None
+        if not self.races or self.races[-1].number != event.race:
+            taken_up = event.command is not CommandKind.GRID_ACTIVE
+            at = self.at(stamped)
+            self.races.append(RaceAccount(event.race, at, event.heat, taken_up))
+        return self.races[-1]
+
+    def _look_at_event(self, step: Step, stamped: StampedEvent) -> None:
+        event, at = stamped.event, self.at(stamped)
+        race = self._race_of(stamped)
+        if event.kind is EventKind.COMMAND:
+            self._look_at_command(race, stamped)
+        elif event.kind is EventKind.RACE_STATE and race is not None:
+            race.changes.append(Change(at, stamped))
+            sent_red = event.state is not None and event.state.is_red
+            if (
+                sent_red
+                and cause_of(step) not in race.stops
+                and not isinstance(step.entry, Recovered)
+            ):
+                race.stops.append(stamped)
+        elif event.kind is EventKind.RESULTS and race is not None:
+            race.results = event.text
+        elif event.kind is EventKind.ALERT_RAISED:
+            alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
+            self.alerts.append(alert)
+        elif event.kind is EventKind.ALERT_CLEARED:
+            if (event.kart, event.alert) in self._standing:
+                self._standing.pop((event.kart, event.alert)).ended = at
+        elif event.kind is EventKind.DISCONNECTED and race is not None:
+            self._incident(race, stamped)
+        elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
+            self._incident(race, stamped)  # it had stopped, by its own word
+        elif event.kind is EventKind.ENDED:
+            self.ended = stamped
+            for lane in self.lanes.values():
+                if lane.bands[-1].what != NOT_CONNECTED:
+                    # The last that every connected kart hears.
+                    lane.bands.change(at, RaceState.RED_RED.name)
+
+    def _look_at_command(self, race: RaceAccount | None, stamped: StampedEvent) -> None:
+        event = stamped.event
+        if not event.success:
+            if race is not None:
+                race.refused.append(stamped)
+            return
+        if event.command in CORRECTIONS:
+            number = race.number if race else self.races[-1].number if self.races else 0
+            self.corrections.setdefault(number, []).append(stamped)
+        if event.command in STOPS:
+            self._incident(race, stamped)
+        if race is None:
+            return
+        if event.command in SENDS_RED:
+            race.stops.append(stamped)
+        elif event.command is CommandKind.KART_FINISH:
+            race.finished[event.kart] = self.at(stamped)
+        elif event.command is CommandKind.KART_UNDO_FINISH:
+            race.finished.pop(event.kart, None)  # later places move up
+
+    def _incident(self, race: RaceAccount | None, event: StampedEvent) -> None:
+        incidents = self.outside if race is None else race.incidents
+        if event not in incidents[-1:]:
+            incidents.append(event)
+
+    def _sent(self, kart: int) -> str:
+        return self.lanes[kart].bands[-1].what if kart in self.lanes else NOT_CONNECTED
+
+    # ----- the race as it is now ----------------------------------------------------------
+
+    def _look_at_race(self, step: Step, race: Race) -> None:
+        assert isinstance(step.entry, Input)
+        assert step.outcome is not None
+        at = self._at(step.entry.at)
+        self.race_bands.change(at, race.state.name)
+        made = step.outcome.events
+        under_way = self.races[-1] if self.races and made and made[0].race else None
+        if under_way is not None:
+            lost = sum(each.kind is EventKind.DISCONNECTED for each in made)
+            given = step.entry
+            self.lost += lost
+            if isinstance(given, Disconnected) and given.reason == CLOSED_BY_KART:
+                self.closed += lost
+        cause = cause_of(step)
+        for kart in race.karts.values():
+            lane = self._look_at_kart(kart, at)
+            if under_way is None:
+                continue
+            if lane.bands[-1].what == GREEN_GREEN:
+                if kart.number not in under_way.starters:
+                    under_way.starters.append(kart.number)
+            elif race.state is RaceState.GREEN_GREEN:
+                self._drops_out(step, cause, under_way, kart, at)
+
+    def _look_at_kart(self, kart: Kart, at: float) -> Lane:
+        lane = self.lanes.get(kart.number)
+        if lane is None:
+            lane = Lane(kart.number, kart.team, Bands(), Bands(), Bands())
+            self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
+            lane.bands.change(0.0, NOT_CONNECTED)
+            lane.links.change(0.0, NO_GRADE)
+        band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
+        if kart.delivered_at is not None and band.delivered is None:
+            band.delivered = self._at(kart.delivered_at)
+        if kart.acknowledged_at is not None and band.acknowledged is None:
+            band.acknowledged = self._at(kart.acknowledged_at)
+        lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
+        lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
+        return lane
+
+    def _drops_out(
+        self,
+        step: Step,
+        cause: StampedEvent | None,
+        race: RaceAccount,
+        kart: Kart,
+        at: float,
+    ) -> None:
+        """Take note of a starter that does not drive any more, and has no place."""
+        number = kart.number
+        if number not in race.starters or number in race.out or number in race.finished:
+            return
+        why = Why.STOPPED
+        if not kart.connected:
+            why = Why.LOST
+        elif cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
+            why = Why.FINISH_UNDONE
+        elif cause is not None and cause.event.kart:
+            why = Why.STOPPED_ALONE
+        if cause is None:
+            cause = next((each for each in step.events if each.event.kart == number), None)
+        race.out[number] = Out(why, at, cause)
+        if cause is not None:
+            self._incident(race, cause)
+
+
+def cause_of(step: Step) -> StampedEvent | None:
+    """Return the event of the command that a step has put in force; None: it has put in none."""
+    commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
+    return next((each for each in commands if each.event.success), None)
+
+
+def with_late_penalties(laps: Laps, last: Laps) -> Laps:
+    """Return laps with the penalties that officials gave once a later race had begun."""
+    kept = last.heats.by_name.get(laps.heat)
+    if kept is None or kept.counted != laps.counted:
+        return laps
+    return dataclasses.replace(laps, penalties=kept.penalties)
+
+
+def standing(races: Sequence[Laps]) -> list[Laps]:
+    """Return the races that count over all: of each heat the last one with a lap."""
+    last = {each.heat: each for each in races if each.is_result}
+    return [each for each in races if last.get(each.heat, each) is each]
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    What a report shows of a run; the rest is left out, and the report says so.
+
+    :param start: from this time on; None: from the beginning.
+    :param end: up to this time; None: to the end.
+    :param kart: this kart, and what concerns no single kart; None: every kart.
+    """
+
+    start: float | None = None
+    end: float | None = None
+    kart: int | None = None
+
+    def span(self, account: Account) -> tuple[float, float]:
+        """Return the times between which it shows what happened."""
+        start = 0.0 if self.start is None else max(0.0, self.start)
+        end = account.length if self.end is None else min(account.length, self.end)
+        return start, max(start, end)
+
+    def concerns(self, kart: int) -> bool:
+        """Return whether it shows this kart; 0: what concerns no single kart."""
+        return self.kart is None or kart in (0, self.kart)
+
+    def events(self, account: Account, events: Sequence[StampedEvent]) -> list[StampedEvent]:
+        """Return those of the events that it shows."""
+        start, end = self.span(account)
+        return [
+            each
+            for each in events
+            if self.concerns(each.event.kart) and start <= account.at(each) <= end
+        ]
+
+    def touches(self, account: Account, begins: float, ends: float | None) -> bool:
+        """Return whether it shows something of what lasted so long; None: to the end."""
+        start, end = self.span(account)
+        return begins <= end and (account.length if ends is None else ends) >= start

@@ -1,0 +1,207 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The report as one HTML page that needs neither network nor JavaScript: ``page.html.j2``, filled.
+
+Jinja escapes whatever comes from the record; the page's own style is the only one that its policy
+lets in.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+import hashlib
+from importlib import metadata
+from importlib.resources import files
+import itertools
+import time
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.replay import Replay
+from evgp_rcs.record.report import wording
+from evgp_rcs.record.report.drawing import Drawing, drawing, NAMES, WIDTH
+from evgp_rcs.record.report.model import Account, Alert, Part, standing, STOPS
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.record.runs import DONE, Runs, UnreadableError
+from evgp_rcs.rules.laps import Format, Laps, Mark, overall
+from evgp_rcs.rules.race import EventKind
+from jinja2 import Environment, StrictUndefined
+
+PAPER_ROWS = 1000
+"""Maximum number of events in the table; ``rcs_record show`` lists all of them."""
+
+MOST = 100
+"""Maximum number of incidents, stops, refusals or alerts in a list."""
+
+LESSER = frozenset(
+    {
+        EventKind.KART_STATE,
+        EventKind.DELIVERED,
+        EventKind.ACKNOWLEDGED,
+        EventKind.LINK_GRADE,
+        EventKind.REPORTED,
+        EventKind.PASSING,
+        EventKind.LAP,
+        EventKind.CONNECTED,
+        EventKind.MALFORMED,
+        EventKind.REFUSED_CONNECTION,
+    }
+)
+"""The kinds of events that are left out first where there is no room for all."""
+
+
+ASKED_ABOUT = Mark.STRUCK, Mark.DOUBTFUL, Mark.UNKNOWN
+"""What became of passings that a jury asks about."""
+
+
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def _count(number: int, what: str) -> str:
+    return f'{number:,} {what}{"" if number == 1 else "s"}'
+
+
+def page(
+    runs: Runs, account: Account, part: Part, sums: Sequence[tuple[str, str]], event_name: str
+) -> str:
+    """
+    Return the report of a run, or of a part of it.
+
+    :param sums: what was summed, and its SHA-256.
+    :param event_name: empty: there is a line to fill in.
+    """
+    kept = account.kept
+    clock = Clock(account.first.wall_ns if account.first is not None else kept.run.began_ns)
+    shown = _part(part, account, clock)
+    title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
+    title += ' (a part only)' if shown else ''
+    # The foot of every printed page; nothing of others is in it.
+    foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
+    of_formats = {
+        format_: [
+            each.results for each in standing([*account.laps.values()]) if each.format is format_
+        ]
+        for format_ in (Format.TIME_TRIAL, Format.PRACTICE)
+    }
+    events = on_paper = part.events(account, account.events)
+    if len(on_paper) > PAPER_ROWS:
+        on_paper = [each for each in events if each.event.kind not in LESSER][:PAPER_ROWS]
+
+    environment = Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    environment.tests.update(shown=part.concerns)
+    environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
+    folder = files('evgp_rcs.record.report')
+    style = (folder / 'page.css').read_text(encoding='utf-8')
+    template = environment.from_string((folder / 'page.html.j2').read_text(encoding='utf-8'))
+    return template.render(
+        account=account,
+        runs=runs,
+        kept=kept,
+        event_name=event_name,
+        others=[each for each in runs.day_of(kept.run) if each is not kept.run],
+        sums=sums,
+        replay=_replay(account.replay),
+        rules=account.replay.rules,
+        program=f'evgp_rcs {_version()}',
+        made_ns=time.time_ns(),
+        part=shown,
+        events=events,
+        in_part=lambda happened: part.events(account, happened),
+        races=[each for each in account.races if part.touches(account, each.began, each.garage)],
+        alerts=[
+            each
+            for each in account.alerts
+            if part.concerns(each.event.event.kart)
+            and part.touches(account, each.raised, each.ended)
+        ],
+        clock=clock,
+        wording=wording,
+        overall={
+            format_: overall(format_, itertools.chain(*results))
+            for format_, results in of_formats.items()
+            if len(results) > 1
+        },
+        lap_chart=_lap_chart,
+        asked_about=lambda laps: [
+            each for each in laps.last_passings(len(laps.crossings)) if each.mark in ASKED_ABOUT
+        ],
+        crossed=lambda laps, at: clock.at(laps.green - account.events[0].monotonic + at, 3),
+        teams=account.teams,
+        title=title,
+        style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
+        stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
+        stood=lambda alert: _stood(alert, account, clock),
+        wall_ns=lambda event: clock.of(event.wall_ns, account.at(event)),
+        on_paper=on_paper,
+        drawings=_drawings(account, part, clock),
+        WIDTH=WIDTH,
+        NAMES=NAMES,
+        MOST=MOST,
+        PAPER_ROWS=PAPER_ROWS,
+    )
+
+
+def _replay(replay: Replay) -> tuple[bool, str]:
+    """Return whether the replay went to the end without a difference, and what there is to say."""
+    try:
+        code, said = replay.judge()
+    except UnreadableError as error:
+        return False, f'It was not replayed: {error}.'
+    words = '. '.join(line.strip().rstrip('.') for line in said)
+    return code == DONE, f'The rules were run again on all that went into them. {words}'
+
+
+def _part(part: Part, account: Account, clock: Clock) -> str:
+    """Return what a report of a part shows; empty: it shows all."""
+    start, end = part.span(account)
+    phrases = []
+    if part.start is not None or part.end is not None:
+        phrases.append(f'{clock.at(start, 1)} to {clock.at(end, 1)}')
+    if part.kart is not None:
+        phrases.append(f'kart {part.kart} and what concerns no single kart')
+    return ', '.join(phrases)
+
+
+def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
+    """Return the timeline of all that is shown, and of each race in it if there are several."""
+    drawings = [drawing(account, part, clock, 'All of it' if account.races else 'No race')]
+    races = [each for each in account.races if part.touches(account, each.began, each.garage)]
+    for race in races if len(races) > 1 else ():
+        start, end = part.span(account)
+        ends = end if race.garage is None else min(end, race.garage + 2.0)
+        own = Part(max(start, race.began - 2.0), ends, part.kart)
+        drawings.append(drawing(account, own, clock, f'Race {race.number}'))
+    return drawings
+
+
+def _version() -> str:
+    try:
+        return metadata.version('evgp_rcs')
+    except metadata.PackageNotFoundError:
+        return 'of which the version is not known'
+
+
+def _lap_chart(laps: Laps) -> list[list[int]]:
+    """Return the karts in the order in which they ended lap 1, lap 2, and so on."""
+    most = max(map(len, laps.counted.values()), default=0)
+    return [
+        sorted(
+            (kart for kart, times in laps.counted.items() if len(times) > lap),
+            key=lambda kart: laps.counted[kart][lap],
+        )
+        for lap in range(1, most)
+    ]
+
+
+def _stood(alert: Alert, account: Account, clock: Clock) -> str:
+    """Return how long an alert stood."""
+    if alert.stands:
+        return f'still standing at the end ({wording.duration(account.length - alert.raised)})'
+    if alert.ended is None:
+        return 'not known'
+    return wording.duration(alert.ended - alert.raised)

@@ -1,0 +1,191 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+``rcs_record results``: who finished when, and who did not and why, as a table.
+
+Also what it shares with ``rcs_record laps``: which runs are asked for, and where the table goes.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator, Sequence
+import csv
+import io
+import pathlib
+import unicodedata
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.report import wording
+from evgp_rcs.record.report.model import Account, RaceAccount, Result
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.record.runs import add_run_arguments, CALLED, FAILED, open_runs, PARTLY, say
+
+COLUMNS = (
+    'run',
+    'race',
+    'heat',
+    'place',
+    'kart',
+    'team',
+    'seconds',
+    'started',
+    'finished',
+    'result',
+    'reason',
+    'event',
+    'complete',
+)
+"""The columns; what each means is in docs/record.md."""
+
+FORMULA = '=+-@\t\r\n'
+"""With what a cell begins that a spreadsheet may run."""
+
+
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record results`."""
+    return table_options(
+        'results',
+        'Write the results of each race as CSV: the order, the time from GREEN_GREEN '
+        'to the finish, who did not finish and why. A race that is under way is in it as it '
+        'stands.',
+        'The rules are run again for it, which takes some 20 s for an hour. A '
+        'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
+        'gets an apostrophe in front.',
+    )
+
+
+def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Return what reads the command line of a subcommand that writes a table of races."""
+    parser = argparse.ArgumentParser(
+        prog=f'{CALLED} {way}',
+        description=f'{description} Without --run or --all, these are the races of all runs of '
+        'the day of the newest run.',
+        epilog=f'{epilog} The columns are explained in docs/record.md.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument('--all', action='store_true', help='the races of every run in the record')
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=pathlib.Path,
+        metavar='FILE',
+        help=f'write this file; otherwise the {way} are printed',
+    )
+    return parser
+
+
+def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
+    """
+    Return the runs that the command line names, oldest first, and the exit code so far.
+
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    with open_runs(wanted.file) as runs:
+        newest = runs.choose(wanted.run)
+        chosen = [newest] if wanted.run is not None else runs.day_of(newest)
+        if wanted.all:
+            chosen = runs.listed
+        kept = [runs.read(run) for run in chosen]
+        code = runs.code
+    # With the record closed: the race must not wait for what follows.
+    accounts = [Account(each) for each in kept]
+    for account in accounts:
+        if lacks := account.lacks:
+            say(f'run {account.kept.run.number} is known in part only: {lacks}')
+            code = PARTLY
+    return accounts, code
+
+
+def put(text: str, output: pathlib.Path | None, what: str, code: int) -> int:
+    """Print a table, or write it into a file and say what it has; return the exit code."""
+    if output is None:
+        print(text, end='')
+        return code
+    try:
+        output.write_text(text, encoding='utf-8', newline='')
+    except OSError as error:
+        say(f'{output} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(output))}: {what}')
+    return code
+
+
+def as_csv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as CSV."""
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator='\n')
+    table.writerow(columns)
+    table.writerows(rows)
+    return stream.getvalue()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the results of a run as CSV.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
+    accounts, code = runs_of(wanted)
+    rows: list[tuple[str, ...]] = []
+    for account in accounts:
+        run = account.kept.run
+        clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+        for race in account.races:
+            rows += ((str(run.number), *row) for row in _rows(account, race, clock))
+            if race.taken_up:
+                say(
+                    f'race {race.number} of run {run.number} began before this run: who started '
+                    'it is not known here'
+                )
+            elif race.green is None:
+                say(f'race {race.number} of run {run.number} was never started')
+        if account.kept.goes_on:
+            say(f'race control still writes run {run.number}: these are the results up to now')
+    races = len({row[:2] for row in rows})
+    return put(
+        as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(accounts)} runs', code
+    )
+
+
+def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[str, ...]]:
+    def moment(at: float | None) -> str:
+        if at is None:
+            return ''
+        return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
+
+    complete = race.stop is not None and not (race.incomplete or race.taken_up)
+    for result in account.results(race):
+        out = result.out
+        event = None if out is None else out.event
+        yield (
+            str(race.number),
+            defused(race.heat),
+            str(result.place or ''),
+            str(result.kart),
+            defused(account.teams.get(result.kart, '')),
+            _seconds(race, result),
+            moment(race.green),
+            moment(result.finished),
+            'FINISHED' if out is None else out.why.name,
+            '' if out is None else wording.why_out(out, clock),
+            '' if event is None else str(event.sequence),
+            'yes' if complete else 'no',
+        )
+
+
+def _seconds(race: RaceAccount, result: Result) -> str:
+    if race.green is None or result.finished is None:
+        return ''
+    return f'{wording.between(race.green, result.finished):.3f}'
+
+
+def defused(text: str) -> str:
+    """Return a text of others as a cell that no spreadsheet runs."""
+    shown = plain(text)
+    # Some spreadsheets take a wide equals sign for one.
+    first = unicodedata.normalize('NFKC', shown.lstrip()[:1])[:1]
+    return f"'{shown}" if first and first in FORMULA else shown

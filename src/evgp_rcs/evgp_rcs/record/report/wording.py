@@ -1,0 +1,187 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Times, names and states in the words of the report."""
+
+from __future__ import annotations
+
+import datetime
+
+from evgp_protocol.clock import duration as duration
+from evgp_protocol.states import RaceState
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import EventKind
+
+STATES = {state.name: state.name.replace('_', ' ') for state in RaceState} | {
+    NOT_CONNECTED: 'not connected',
+    NOT_KNOWN: 'not known',
+}
+
+KINDS = {
+    EventKind.COMMAND: "Officials' command",
+    EventKind.RACE_STATE: 'State of the race',
+    EventKind.KART_STATE: 'Sent to a kart',
+    EventKind.DELIVERED: 'Delivered to a kart',
+    EventKind.ACKNOWLEDGED: 'Acknowledgement',
+    EventKind.WITHDRAWN: 'Acknowledgement withdrawn',
+    EventKind.REPORTED: 'A kart says another state',
+    EventKind.CONNECTED: 'Kart connected',
+    EventKind.DISCONNECTED: 'Connection lost',
+    EventKind.REFUSED_CONNECTION: 'Connection refused',
+    EventKind.MALFORMED: 'Message that means nothing',
+    EventKind.LINK_GRADE: 'Quality of a link',
+    EventKind.ALERT_RAISED: 'Alert',
+    EventKind.ALERT_CLEARED: 'Alert ended',
+    EventKind.ALL_ACKNOWLEDGED: 'Every kart has acknowledged',
+    EventKind.RESULTS: 'Results',
+    EventKind.PASSING: 'Seen at the line',
+    EventKind.LAP: 'Lap',
+    EventKind.ENDED: 'Race control ends',
+}
+"""What each kind of event is called."""
+
+SILENCES = {
+    '': 'not acknowledged',
+    NOT_CONNECTED: 'not acknowledged: it lost its connection at {}',
+    NOT_KNOWN: 'not known: the record cannot be followed from {} on',
+}
+"""Why there is no acknowledgement, by what followed; before any state, `TOLD_ELSE`."""
+
+TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
+
+MOST_OF_A_NAME = 80
+"""Maximum length of an official's or a team's name, in characters; the event has all of it."""
+
+
+def name(text: str) -> str:
+    """Return a name that others chose, so that it fits into a line."""
+    seen = plain(text)
+    return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
+
+
+def milliseconds(seconds: float) -> int:
+    """Return a time as the report shows it at its finest, so that what it shows can be added."""
+    return round(seconds * 1000)
+
+
+def between(start: float, end: float) -> float:
+    """Return the seconds between two times that are shown with three digits, as these say it."""
+    return (milliseconds(end) - milliseconds(start)) / 1000
+
+
+def exact(start: float, end: float) -> str:
+    """Return how long it was between two times that are shown with three digits."""
+    return duration(between(start, end), 3)
+
+
+def elapsed(seconds: float, digits: int = 1) -> str:
+    """Return a time since the beginning, as `+1:02:03.4`."""
+    units = 10**digits
+    whole, rest = divmod(round(seconds * units), units)
+    minutes, second = divmod(whole, 60)
+    hours, minute = divmod(minutes, 60)
+    front = f'{hours}:{minute:02}' if hours else f'{minute}'
+    return f'+{front}:{second:02}' + (f'.{rest:0{digits}}' if digits else '')
+
+
+def command(kind: CommandKind | None, kart: int = 0) -> str:
+    """Return what an official's command is called."""
+    label = CATALOGUE[kind].label if kind else 'a command'
+    return f'{label}, kart {kart}' if kart else label
+
+
+def karts(numbers: list[int]) -> str:
+    """Return karts in a few wording."""
+    if not numbers:
+        return 'no kart'
+    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'
+
+
+READ_APART_NS = 20_000_000
+"""Maximum time between two clocks that are read one after the other, in ns."""
+
+
+class Clock:
+    """
+    The wall clock of the report: the time zone of the machine that makes it, and no other.
+
+    :param began_ns: the wall time at which the seconds begin, ns since the epoch.
+    """
+
+    def __init__(self, began_ns: int) -> None:
+        self.began_ns = began_ns
+        began = datetime.datetime.fromtimestamp(began_ns / 1e9).astimezone()
+        offset = began.utcoffset() or datetime.timedelta(0)
+        self.zone = datetime.timezone(offset)
+        self.offset = round(offset.total_seconds())
+
+    def moment(self, wall_ns: int) -> datetime.datetime:
+        """Return a wall time."""
+        return datetime.datetime.fromtimestamp(wall_ns / 1e9, self.zone)
+
+    def time(self, wall_ns: int, digits: int = 0) -> str:
+        """Return the time of day."""
+        # To the millisecond first, as everywhere: so no two places show a time differently.
+        shown = _nearest(_nearest(wall_ns, 1_000_000), 10 ** (9 - digits))
+        whole, rest = divmod(shown, 1_000_000_000)
+        second = datetime.datetime.fromtimestamp(whole, self.zone)
+        return f'{second:%H:%M:%S}' + (f'.{rest:09}'[: 1 + digits] if digits else '')
+
+    def at(self, seconds: float, digits: int = 0) -> str:
+        """Return the time of day so many seconds after the beginning."""
+        return self.time(self.wall_ns(seconds), digits)
+
+    def wall_ns(self, seconds: float) -> int:
+        """Return the wall time so many seconds after the beginning, in full milliseconds."""
+        return _nearest(self.began_ns, 1_000_000) + milliseconds(seconds) * 1_000_000
+
+    def of(self, wall_ns: int, seconds: float) -> int:
+        """
+        Return the wall time of an event (ns) as all of the report has it.
+
+        The record has it by two clocks, which are read one after the other. Only a wall clock that
+        was set makes a difference that is to be seen.
+        """
+        by_seconds = self.wall_ns(seconds)
+        return wall_ns if abs(wall_ns - by_seconds) > READ_APART_NS else by_seconds
+
+    def day(self, wall_ns: int) -> str:
+        """Return the day."""
+        moment = self.moment(wall_ns)
+        return f'{moment:%A}, {moment.day} {moment:%B %Y}'
+
+
+def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, str]:
+    """
+    Return what a kart was sent at a stop, and how it was answered.
+
+    After how long its kernel did, when the kart acknowledged it, and after how long.
+    """
+    band = told.band
+    if band.what == NOT_CONNECTED:
+        return 'nothing: it was not connected', '', '', ''
+    what = STATES[band.what]
+    if band.what != NOT_KNOWN and band.start < stop.at:
+        what += f', already since {clock.at(band.start, 3)}'
+    arrived = '' if band.what == NOT_KNOWN else 'not seen'
+    if band.delivered is not None:
+        arrived = exact(band.start, band.delivered)
+    if band.acknowledged is not None:
+        at = clock.at(band.acknowledged, 3)
+        return what, arrived, at, exact(band.start, band.acknowledged)
+    silence = '' if band.what == NOT_KNOWN else SILENCES.get(told.then, TOLD_ELSE)
+    return what, arrived, silence.format(clock.at(band.end, 3)), ''
+
+
+def _nearest(number: int, unit: int) -> int:
+    """Return the multiple of a unit that is nearest; of two, the greater one."""
+    return (2 * number + unit) // (2 * unit) * unit
+
+
+def why_out(out: Out, clock: Clock) -> str:
+    """Return why a kart has no place, and when that was."""
+    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
+    joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
+    return f'{out.why.value}{joined}{when}'

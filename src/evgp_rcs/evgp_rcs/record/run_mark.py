@@ -1,0 +1,277 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The mark of a run: one small file that says whether race control ended well on this machine.
+
+There is one for each port, at one fixed place that survives a restart of the machine, whatever
+user, home, record or unit race control has. `RUN_BEGAN` is on the disk before a kart can connect;
+an orderly end writes how it ended. Whatever cannot be read or written proves nothing.
+
+Where `FOLDER` is not the machine's, or is lost with its power, no mark can be written there: see
+``why_not_lasting``. While there is none, race control starts no race (``record_process``).
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import ipaddress
+import os
+import pathlib
+import stat
+import time
+
+from evgp_protocol import clock
+from evgp_rcs.rules.race import LastRun
+
+FOLDER = pathlib.Path('/var/tmp/evgp-race-control')  # noqa: S108 - see the checks below
+"""Where the marks are. Every user of the machine may write there, without being root."""
+
+CLAIM_TIMEOUT = 2.0
+"""Maximum time to wait for a race control that is just ending to let go of its mark or its
+record, in seconds."""
+
+KEEP_EVERY = 1.0
+"""Time between two looks whether the mark is still there, in seconds."""
+
+RUN_BEGAN = 'began'
+"""What the mark says while race control runs, and after a run that did not end well."""
+
+_WORDS = {
+    LastRun.UNKNOWN: RUN_BEGAN,
+    LastRun.NONE: LastRun.NONE.value,
+    LastRun.ENDED: LastRun.ENDED.value,
+    LastRun.ENDED_OPEN: LastRun.ENDED_OPEN.value,
+}
+_MEANINGS = {word: meaning for meaning, word in _WORDS.items()}
+_SIZE = 32  # each word is written over the last one, by one write within one sector
+_MOUNTS = pathlib.Path('/proc/self/mountinfo')
+
+
+class InUseError(RuntimeError):
+    """Another race control that runs has this mark; the text says what to do."""
+
+
+def place(address: str, port: int) -> pathlib.Path:
+    """
+    Return the file of the mark.
+
+    :param address: where race control listens. No kart of another machine reaches a loopback
+        address, so a rehearsal there has a mark of its own.
+    """
+    loopback = ipaddress.IPv4Address(address).is_loopback
+    return FOLDER / (f'{address}:{port}' if loopback else str(port))
+
+
+def claim(file: int) -> bool:
+    """Have a file to oneself, until it is closed; return whether nobody else has it."""
+    until = clock.now() + CLAIM_TIMEOUT
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if clock.now() >= until:
+                return False
+            time.sleep(CLAIM_TIMEOUT / 100)
+        else:
+            return True
+
+
+def why_not_lasting(folder: pathlib.Path, mounts: str) -> str:
+    """
+    Return why a file in this folder would not be there for the next run; empty: it would.
+
+    :param mounts: the text of ``/proc/self/mountinfo``.
+    """
+    holds, reason = -1, ''
+    for line in mounts.splitlines():
+        before, _, after = line.partition(' - ')
+        _, _, _, root, point, *_ = before.split(' ')
+        kind, *_ = after.split(' ')
+        if folder.is_relative_to(point) and len(pathlib.Path(point).parts) >= holds:
+            holds = len(pathlib.Path(point).parts)
+            reason = ''
+            if 'systemd-private' in root:
+                reason = f'{point} is private to this service: set PrivateTmp=no in its unit'
+            elif kind in ('tmpfs', 'ramfs'):
+                reason = f'{point} is in memory: what is written there is lost with the power'
+    return reason
+
+
+class RunMark:
+    """
+    The mark, for as long as a run of race control goes on.
+
+    :param path: its file; see ``place``.
+    :raises InUseError: if a race control that runs has it.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self._path = path
+        self._file: int | None = None
+        self._looked_at = clock.now()
+        self.error = ''
+        """Why the mark cannot be written now, as a phrase; empty: it can."""
+        word = RUN_BEGAN
+        try:
+            word = self._begin()
+        except OSError as error:
+            self.error = self._in_words(error)
+        self.last_run = _MEANINGS.get(word, LastRun.UNKNOWN)
+        """What is known of how the last run ended."""
+        self.why = self.error or ('' if word in _MEANINGS else f'{path} is damaged')
+        """Why nothing can be known of the last run; empty: it can."""
+
+    def due_in(self) -> float:
+        """Return after which time ``keep`` is to be called, in seconds."""
+        return max(0.0, self._looked_at + KEEP_EVERY - clock.now())
+
+    def keep(self) -> None:
+        """Write *began* if it could not be written before, or if somebody has deleted the mark."""
+        self._looked_at = clock.now()
+        try:
+            if self._file is None or not self._is_there(self._file):
+                self._begin()
+            self.error = ''
+        except (OSError, InUseError) as error:
+            self.error = self._in_words(error)
+
+    def end(self, ends_as: LastRun) -> None:
+        """
+        Write how this run ended, and let the mark go.
+
+        If it cannot be written, the next start is careful.
+        """
+        if self._file is not None:
+            try:
+                _write(self._file, ends_as)
+            except OSError:
+                pass
+            os.close(self._file)
+
+    def _begin(self) -> str:
+        """Have the mark to oneself, write *began*, and return the word that was there before."""
+        if self._path.parent == FOLDER:
+            real = FOLDER.parent.resolve() / FOLDER.name
+            if why := why_not_lasting(real, _MOUNTS.read_text(errors='replace')):
+                raise OSError(why)
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+        folder = _open_folder(self._path.parent)
+        try:
+            file, is_new = _open(self._path.name, folder)
+            try:
+                if not claim(file):
+                    raise InUseError(
+                        f'a race control has this port already (it has {self._path}): is '
+                        'another race control still running here? End it, or choose another port'
+                    )
+                if not self._is_there(file):
+                    raise OSError('it was deleted just now')
+                word = LastRun.NONE.value if is_new else _read(file)
+                _write(file, LastRun.UNKNOWN)
+                os.fsync(folder)
+            except BaseException:
+                os.close(file)
+                raise
+        finally:
+            os.close(folder)
+        self._file = file
+        return word
+
+    def _is_there(self, file: int) -> bool:
+        """Return whether the mark is this open file."""
+        try:
+            there = self._path.stat(follow_symlinks=False)
+        except FileNotFoundError:
+            return False
+        return os.path.samestat(there, os.fstat(file))
+
+    def _in_words(self, error: Exception) -> str:
+        reason = str(error)
+        if isinstance(error, OSError) and error.strerror:
+            reason = error.strerror.lower()
+        return f'{self._path}, by which the next start knows of a crash, cannot be used: {reason}'
+
+
+def leave_began(path: pathlib.Path) -> None:
+    """
+    Have a mark say *began*, so that the next start on this machine proves nothing.
+
+    A race control that runs here has written it already.
+
+    :raises OSError: if it cannot be written.
+    """
+    try:
+        mark = RunMark(path)
+    except InUseError:
+        return
+    mark.end(LastRun.UNKNOWN)
+    if mark.error:
+        raise OSError(mark.error)
+
+
+def _open_folder(path: pathlib.Path) -> int:
+    """Open the folder of the marks; make it if there is none."""
+    try:
+        path.mkdir()
+    except FileExistsError:
+        pass
+    else:
+        _sync(path.parent)
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    _let_all_write(folder, 0o777)
+    return folder
+
+
+def _sync(path: pathlib.Path) -> None:
+    folder = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def _let_all_write(file: int, mode: int) -> None:
+    """Let every user of the machine write what is one's own, whatever the umask is."""
+    found = os.fstat(file)
+    if found.st_uid == os.geteuid() and stat.S_IMODE(found.st_mode) != mode:
+        os.fchmod(file, mode)
+
+
+def _open(name: str, folder: int) -> tuple[int, bool]:
+    """
+    Open a mark, and return whether it is new.
+
+    :raises OSError: if it cannot be written, or is something else than a file of its own.
+    """
+    # Others may have put a pipe there, for whose other end one waits, or a link.
+    how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
+    try:
+        file, is_new = os.open(name, how, dir_fd=folder), False
+    except FileNotFoundError:
+        file, is_new = os.open(name, how | os.O_CREAT | os.O_EXCL, dir_fd=folder), True
+    try:
+        found = os.fstat(file)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
+            raise OSError('it is no file of its own')
+        # What has the sticky bit, systemd-tmpfiles does not delete when it is old.
+        _let_all_write(file, stat.S_ISVTX | 0o666)
+    except BaseException:
+        os.close(file)
+        raise
+    return file, is_new
+
+
+def _read(file: int) -> str:
+    return os.pread(file, _SIZE + 1, 0).decode(errors='replace').strip()
+
+
+def _write(file: int, meaning: LastRun) -> None:
+    data = f'{_WORDS[meaning]:<{_SIZE - 1}}\n'.encode()
+    if os.pwrite(file, data, 0) != len(data):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    os.ftruncate(file, len(data))
+    os.fsync(file)

@@ -1,0 +1,313 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The runs in a record and their streams; a damaged record is mended first."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator
+import contextlib
+from dataclasses import dataclass
+import datetime
+import os
+import pathlib
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+import tempfile
+from typing import TypeVar
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.store import (
+    blocks_of,
+    default_path,
+    is_being_written,
+    open_read_only,
+    SCHEMA_VERSION,
+    Session,
+    sessions,
+)
+from evgp_rcs.rules.inputs import Block, entries_of, Entry, Gap, InputsError
+from evgp_rcs.rules.race import StampedEvent
+
+DONE = 0
+"""Exit code: done."""
+
+FAILED = 1
+"""Exit code: what was asked for cannot be written; or a replay has found a difference."""
+
+UNREADABLE = 2
+"""Exit code: the record or the run cannot be read, or the usage is wrong."""
+
+PARTLY = 3
+"""Exit code: done, with what can be read of a damaged record."""
+
+_Row = TypeVar('_Row')
+
+
+class UnreadableError(RuntimeError):
+    """The record, or the run in it, cannot be read; the text says why and what would be right."""
+
+
+CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
+"""How this program was called: the package for officials has another name for it."""
+
+
+def say(text: str) -> None:
+    """Say something about the work, apart from what it prints."""
+    print(f'{CALLED}: {plain(text)}', file=sys.stderr)
+
+
+def watched(items: Iterable[_Row], total: int, what: str) -> Iterable[_Row]:
+    """Return the items; a terminal shows meanwhile how many of about so many are done."""
+    if not sys.stderr.isatty():
+        return items
+    from rich.console import Console  # loads in 0.1 s, and most never need it
+    from rich.progress import track
+
+    return track(items, what, total, console=Console(stderr=True), transient=True)
+
+
+@dataclass(frozen=True)
+class Kept:
+    """
+    The stream of a run, as it was read.
+
+    :param goes_on: race control still writes it.
+    """
+
+    run: Session
+    blocks: list[tuple[int, bytes]]
+    goes_on: bool = False
+
+    def entries(self) -> Iterator[Entry | Gap]:
+        """Yield what is in it, and what is missing; a terminal shows how far that is."""
+        return entries_of(watched(self.blocks, len(self.blocks), 'Reading'))
+
+    def lines(self) -> Iterator[bytes]:
+        """Yield the entries of each block as they stand in it, a line each."""
+        for _, data in self.blocks:
+            with contextlib.suppress(InputsError):
+                yield Block.of(data).data
+
+    def events(self) -> Iterator[StampedEvent | Gap]:
+        """Yield its events, and what is missing."""
+        for entry in entries_of(self.blocks, events_only=True):
+            assert isinstance(entry, StampedEvent | Gap)
+            yield entry
+
+
+@dataclass
+class Runs:
+    """
+    A record that is open to be read.
+
+    :param listed: every run, oldest first.
+    :param present: the run that race control is writing now.
+    :param damage: why the file could not be read as it is, and was mended; empty: it could.
+    """
+
+    file: pathlib.Path
+    database: sqlite3.Connection
+    listed: list[Session]
+    present: Session | None
+    damage: str = ''
+
+    @property
+    def code(self) -> int:
+        """Return the exit code of work that was done with what could be read."""
+        return PARTLY if self.damage else DONE
+
+    def choose(self, number: int | None) -> Session:
+        """
+        Return the run of this number, or the newest.
+
+        :raises UnreadableError: if there is none.
+        """
+        for run in reversed(self.listed):
+            if number in (None, run.number):
+                return run
+        known = ', '.join(str(each.number) for each in self.listed)
+        what = f'no run {number}; it has {known}' if self.listed else 'no run yet'
+        raise UnreadableError(f'{self.file} has {what}')
+
+    def day_of(self, run: Session) -> list[Session]:
+        """Return the runs that began on the same day, oldest first, this one too."""
+        return [each for each in self.listed if _day(each) == _day(run)]
+
+    def read(self, run: Session) -> Kept:
+        """Read the stream of a run."""
+        blocks = list(blocks_of(self.database, run.number))
+        return Kept(run, blocks, run is self.present)
+
+
+def _day(run: Session) -> datetime.date:
+    return datetime.datetime.fromtimestamp(run.began_ns / 1e9).date()
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Let a parser take `file` and `--run`."""
+    parser.add_argument(
+        'file',
+        nargs='?',
+        type=pathlib.Path,
+        default=default_path(),
+        help='the record, if it is not %(default)s',
+    )
+    parser.add_argument(
+        '--run',
+        type=int,
+        metavar='NUMBER',
+        help="this run, by its number in '--list'; otherwise the newest",
+    )
+
+
+@contextlib.contextmanager
+def open_runs(file: pathlib.Path) -> Iterator[Runs]:
+    """
+    Open a record to read it, also while race control writes it.
+
+    What SQLite cannot read whole is mended by its own recovery, in a copy; and that is said at the
+    end.
+
+    :raises UnreadableError: if it cannot be read, also later.
+    """
+    damage = ''
+    try:
+        _check_file(file)
+        with contextlib.ExitStack() as stack:
+            database = stack.enter_context(contextlib.closing(open_read_only(file)))
+            damage = _damage(file, database)
+            if damage:
+                folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+                database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
+            _check_schema(file, database)
+            runs = Runs(file, database, sessions(database), None, damage)
+            # Race control writes the newest run only.
+            if runs.listed and is_being_written(file):
+                runs.present = runs.listed[-1]
+            yield runs
+    except sqlite3.Error as error:
+        raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
+    except OSError as error:
+        raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
+    except UnicodeDecodeError as error:
+        raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
+    if damage:
+        say(f'{file} is damaged ({damage}): this is what sqlite3 could recover of it')
+
+
+def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
+    """
+    Return why SQLite cannot read a file whole; empty: it can.
+
+    :raises sqlite3.Error: if it is no damage.
+    """
+    try:
+        (page,) = database.execute('PRAGMA page_size').fetchone()
+        if file.stat().st_size % page:
+            return 'it was cut off'
+        (found,) = database.execute('PRAGMA quick_check(1)').fetchone()
+    except sqlite3.DatabaseError as error:
+        if not _is_damage(error):
+            raise
+        return str(error)
+    except UnicodeDecodeError:  # of a sentence that names what is garbled
+        return 'its schema is garbled'
+    return '' if found == 'ok' else str(found).replace('\n', ' ')
+
+
+def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Connection:
+    """
+    Return what SQLite's own recovery finds in a file.
+
+    :raises UnreadableError: if it is not here, or finds nothing.
+    """
+    how = f'sqlite3 {file} .recover | sqlite3 mended.sqlite3'
+    program = shutil.which('sqlite3')
+    if program is None:
+        raise UnreadableError(
+            f'{file} is damaged ({damage}), and the program sqlite3, which can mend it, is not '
+            f'installed here. Install it, or call it where it is, and read what comes out: {how}'
+        )
+    copy = folder / file.name
+    for each in (file, file.with_name(f'{file.name}-wal')):
+        if each.exists():
+            shutil.copyfile(each, folder / each.name)
+    with copy.open('rb') as stream:
+        version = int.from_bytes(stream.read(64)[60:], 'big')
+    # Some distributions build it without what `.recover` needs; `.dump` reads around damage too.
+    for way in ('.recover', '.dump'):
+        called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
+        found = subprocess.run(called, capture_output=True, check=False)
+        database = sqlite3.connect(folder / f'mended{way}')
+        database.text_factory = lambda text: text.decode(errors='replace')
+        try:
+            database.executescript(_script(found.stdout.decode(errors='replace')))
+            if database.execute('SELECT run, number, data FROM block').fetchone():
+                database.execute(f'PRAGMA user_version = {version}')
+                return database
+        except (sqlite3.Error, ValueError):
+            pass  # nothing in this way
+        database.close()
+    raise UnreadableError(f'{file} is damaged ({damage}), and nothing of it can be read: {how}')
+
+
+def _script(found: str) -> str:
+    """Return what the program says as one transaction, whose rows may come twice."""
+    # Its first lines may be commands of the program itself.
+    found = re.sub(r'\A(\..*\n)+', '', found)
+    found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
+    return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
+
+
+def _check_file(file: pathlib.Path) -> None:
+    """Refuse what SQLite would wait for, or has no plain words for."""
+    if not file.exists():
+        raise UnreadableError(
+            f'there is no {file}. Name the file that the parameter "record" of race control names'
+        )
+    if not file.is_file():
+        raise UnreadableError(f'{file} is no record: it is not a file')
+    if not file.stat().st_size:
+        raise UnreadableError(f'{file} is empty: race control has not written anything into it')
+
+
+def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
+    if not version or 'block' not in tables:
+        raise UnreadableError(f'{file} is no record of race control, but another database')
+    if version != SCHEMA_VERSION:
+        raise UnreadableError(
+            f'{file} is no record that this version can read (its version is {version}, not '
+            f'{SCHEMA_VERSION}). Another version of race control has written it'
+        )
+
+
+_NO_DATABASE = 'file is not a database'
+_WHY_UNREADABLE = {
+    _NO_DATABASE: 'is no record: it is not a database, or its beginning is damaged',
+    'database is locked': 'cannot be read now: another program has locked it. Try again when that '
+    'is done',
+    'unable to open database file': 'cannot be opened. If its folder cannot be written, copy the '
+    'file into one that can, with those beside it whose names begin alike',
+}
+"""By sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
+
+
+def _is_damage(error: sqlite3.Error) -> bool:
+    # What SQLite calls an operational error concerns the query or the moment, not the file.
+    if isinstance(error, sqlite3.OperationalError):
+        return str(error) == 'disk I/O error'
+    return str(error) != _NO_DATABASE
+
+
+def _why_unreadable(error: sqlite3.Error) -> str:
+    otherwise = 'is no record of this race control'
+    if _is_damage(error):
+        otherwise = 'is damaged, and nothing of it can be read'
+    return _WHY_UNREADABLE.get(str(error), f'{otherwise}: {error}')

@@ -1,0 +1,110 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The record of a race as a timeline in the terminal."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import sys
+
+from evgp_rcs.record.plain import plain
+from evgp_rcs.record.report.wording import Clock
+from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY
+from evgp_rcs.record.store import default_path, Session
+from evgp_rcs.rules.inputs import Gap
+from evgp_rcs.rules.official import said_by
+
+
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record show`."""
+    parser = argparse.ArgumentParser(
+        prog=f'{CALLED} show',
+        description="Print the newest run in race control's record, as a timeline: the time of "
+        'day, the seconds since the first event, and what happened. A refused command has a !. '
+        'Events are in the order in which they happened, also when the clock of the computer was '
+        'set; the seconds go by a clock that nobody sets.',
+        epilog='The word show may be left out.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument('--list', action='store_true', help='list all runs, oldest first')
+    parser.add_argument(
+        '--stream',
+        action='store_true',
+        help='print every entry of the run as it is recorded, inputs and orders too: JSON, a line '
+        'each',
+    )
+    parser.add_argument(
+        '--kart',
+        type=int,
+        metavar='NUMBER',
+        help='print the events of this kart, and those that concern no single kart',
+    )
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Print the runs of race control in a record, or the timeline of one.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        if wanted.list:
+            for each in runs.listed:
+                print(_describe(each, each is runs.present))
+            return runs.code
+        run = runs.choose(wanted.run)
+        kept = runs.read(run)
+        before = None
+        if wanted.run is None and len(runs.listed) > 1:
+            before = runs.listed[-2]
+    # With the record closed: it may be a pager that is slow, and the race must not wait.
+    if wanted.stream:
+        for lines in kept.lines():
+            sys.stdout.write(lines.decode(errors='replace'))
+        return runs.code
+    if before is not None and before.events and before.ended_ns is None:
+        file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
+        print(
+            f'The run before this one, {before.number}, was not ended in good order. Print it '
+            f'with: {CALLED}{file} --run {before.number} (or make record '
+            f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
+        )
+    print(_describe(run, run is runs.present))
+    is_whole = _print_timeline(kept, wanted.kart)
+    return runs.code if is_whole else PARTLY
+
+
+def _describe(run: Session, present: bool) -> str:
+    clock = Clock(run.began_ns)
+    ended = 'not ended in good order' if run.ended_ns is None else clock.time(run.ended_ns, 3)
+    if not run.events:
+        ended = 'did not start'
+    if present:
+        ended = 'still running'
+    began = f'{clock.moment(run.began_ns):%Y-%m-%d} {clock.time(run.began_ns, 3)}'
+    return f'{run.number:4}  {began} - {ended}  {run.events} events'
+
+
+def _print_timeline(kept: Kept, kart: int | None) -> bool:
+    """Print the events, and where entries are missing; return whether none are."""
+    began: float | None = None
+    is_whole = True
+    for each in kept.events():
+        if isinstance(each, Gap):
+            is_whole = False
+            print(f'       ... {plain(str(each))} ...')
+            continue
+        began = each.monotonic if began is None else began
+        event = each.event
+        if kart is not None and event.kart not in (0, kart):
+            continue
+        mark = ' ' if event.success else '!'
+        said = plain(said_by(event.text, event.official))
+        time = Clock(each.wall_ns).time(each.wall_ns, 3)
+        print(f'{time} {each.monotonic - began:10.3f} {mark} {said}')
+    return is_whole

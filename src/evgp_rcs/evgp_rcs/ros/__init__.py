@@ -1,0 +1,8 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The half that officials reach by ROS: node, topics, services, messages, settings.
+
+It imports all rooms but ``spare``. Nothing that a stop waits for is decided here.
+"""

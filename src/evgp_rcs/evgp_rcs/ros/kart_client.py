@@ -1,0 +1,296 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The ROS half's end of the kart server: starts its process, hands commands over, hears what happens.
+
+One thread of its own hears the kart server; every other method may be called from any thread and
+returns without waiting for it, but for ``start`` and ``stop``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import concurrent.futures
+import contextlib
+import itertools
+import queue
+import select
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from typing import Any
+
+from evgp_rcs.karts.channel import (
+    Alive,
+    ANSWER_TIMEOUT,
+    Answered,
+    Begin,
+    End,
+    Failed,
+    Happened,
+    Listening,
+    pack,
+    Passings,
+    PassingsTaken,
+    Refused,
+    Request,
+    Unpacker,
+)
+from evgp_rcs.karts.server import KartServerError
+from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
+from evgp_rcs.rules.snapshot import Snapshot, Standings
+
+KART_SERVER_END_TIMEOUT = 5.0
+"""Maximum time the kart server's process may take to end, in seconds; then it is killed."""
+
+START_TIMEOUT = 20.0
+"""Maximum time the kart server may take to start, in seconds. A disk may be slow; one that hangs
+must not keep officials without an answer."""
+
+KART_SERVER_SILENCE = 1.5
+"""Time after which a kart server that says nothing counts as hung, in seconds. A snapshot of
+the race comes every 0.5 s at least."""
+
+LOOKS = 10
+"""Number of looks in which that time passes. If this process was stopped too, it is one look."""
+
+SEND_TIMEOUT = 0.5
+"""Maximum time a message may wait for a kart server that reads nothing, in seconds."""
+
+FROM_KART_SERVER_BYTES = 1 << 20
+"""Maximum read from the kart server at a time, in bytes: a snapshot of a large race in one go."""
+
+_CHILD = (
+    'import sys; sys.path[:] = sys.argv[2:]; '
+    'from evgp_rcs.karts.process import main; sys.exit(main(sys.argv[1:2]))'
+)
+"""What the kart server's process runs: it finds its modules where this process finds them."""
+
+
+class KartServerClient:
+    """
+    The kart server in its process, as the ROS half sees it.
+
+    :param begin: with what it starts.
+    :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
+    :param on_snapshot: takes a snapshot of the race, or its results, likewise.
+    :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
+        text says why. Every kart has been sent RED_RED or has lost its connection.
+    """
+
+    def __init__(
+        self,
+        begin: Begin,
+        on_events: Callable[[list[StampedEvent]], None],
+        on_snapshot: Callable[[Snapshot | Standings], None],
+        on_end: Callable[[str], None],
+    ) -> None:
+        """Take note of everything; nothing is started before ``start``."""
+        self._begin = begin
+        self._on_events = on_events
+        self._on_snapshot = on_snapshot
+        self._on_end = on_end
+        self._numbers = itertools.count(1)
+        self._waiting: dict[int, queue.SimpleQueue[Answer | None]] = {}
+        self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
+        self._sending = threading.Lock()
+        self._ended = ''
+        self._stopping = False
+        self.takes_passings = True
+        """The kart server has taken the last ones, and may be sent others."""
+        self._end: socket.socket
+        self._process: subprocess.Popen[bytes]
+        self._thread = threading.Thread(target=self._run, name='kart_client', daemon=True)
+        self.address = ('', 0)
+
+    def start(self) -> None:
+        """
+        Start the kart server, and return once karts can connect.
+
+        :raises KartServerError: if it cannot start.
+        """
+        self._end, other = socket.socketpair()
+        # A kart server that hangs must not hold up the thread that takes the next stop.
+        option = struct.pack('ll', 0, int(SEND_TIMEOUT * 1e6))
+        self._end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, option)
+        with other:
+            self._process = subprocess.Popen(
+                # Not -m, which would look for modules in the working directory first.
+                [sys.executable, '-c', _CHILD, str(other.fileno()), *map(str, sys.path)],
+                pass_fds=(other.fileno(),),
+                stdin=subprocess.DEVNULL,
+                # What ends the ROS half by its terminal reaches the kart server through it.
+                start_new_session=True,
+            )
+        self._thread.start()
+        try:
+            self._send(self._begin)
+            self.address = self._listening.result(START_TIMEOUT)
+        except KartServerError:
+            self._clear_away()
+            raise
+        except concurrent.futures.TimeoutError:
+            self._process.kill()
+            self._clear_away()
+            raise KartServerError(
+                f'the kart server has not started for {START_TIMEOUT:g} s. Does the disk of the '
+                f'record hang ({self._begin.record})?'
+            ) from None
+
+    def command(self, command: Command, came: float) -> Answer | None:
+        """
+        Hand over an official's command, and wait for its answer.
+
+        A stop that has no answer goes on waiting to be judged; any other command does not.
+
+        :param came: when it came, on the clock of the rules (s).
+        :return: the answer, which comes once every frame has been written; None: it has not come
+            within `ANSWER_TIMEOUT`.
+        :raises KartServerError: if the kart server is gone: then only the MSR is left.
+        """
+        number = next(self._numbers)
+        # Not a future: to make one takes longer than to send a stop.
+        answers = self._waiting[number] = queue.SimpleQueue()
+        self._send(Request(number, command, came))
+        if self._ended:
+            self._refuse_the_rest()
+        try:
+            answer = answers.get(timeout=ANSWER_TIMEOUT)
+        except queue.Empty:
+            self._waiting.pop(number, None)
+            return None
+        if answer is None:
+            raise KartServerError('race control has lost its karts: use the MSR')
+        return answer
+
+    def passed(self, passings: Passings) -> None:
+        """
+        Hand over what sources saw at the timing line, if it `takes_passings`.
+
+        :raises KartServerError: if the kart server is gone.
+        """
+        if not self._stopping:
+            self.takes_passings = False
+            self._send(passings)
+
+    def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
+        """
+        Say that the ROS half can take a stop.
+
+        :param rival: whether another race control is heard in this domain.
+        :param there: who is there to stop the race.
+        :param cut_off: why karts cannot reach race control now; empty: they can.
+        """
+        if not self._stopping:
+            self._send(Alive(rival, there, cut_off))
+
+    def end(self, in_order: bool) -> None:
+        """
+        Have every kart sent RED_RED and the process end, and return at once.
+
+        :param in_order: the next run need not take up a race that was not under way.
+        """
+        if self._stopping or self._thread.ident is None:
+            return
+        self._stopping = True
+        try:
+            self._send(End(in_order))
+        except KartServerError:
+            pass  # it has ended already
+
+    def stop(self, in_order: bool) -> None:
+        """Do what ``end`` does, and return when the process has ended."""
+        self.end(in_order)
+        if self._thread.ident is not None:
+            self._clear_away()
+
+    def _clear_away(self) -> None:
+        self._stopping = True
+        try:
+            self._process.wait(KART_SERVER_END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join(KART_SERVER_END_TIMEOUT)
+        self._end.close()
+
+    def _send(self, message: object) -> None:
+        data = pack(message)
+        try:
+            with self._sending:
+                self._end.sendall(data)
+        except OSError as error:
+            # Half a message may be out: the kart server is given up, and ends by that.
+            with contextlib.suppress(OSError):  # it is closed already
+                self._end.shutdown(socket.SHUT_RDWR)
+            raise KartServerError('race control hangs: use the MSR') from error
+
+    # ----- the hearing thread -------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            why = self._hear()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            why = f'it cannot be heard any more: {error!r}'
+        self._ended = why
+        # Whatever became of it: no kart may be left with a race control that nobody hears.
+        with contextlib.suppress(OSError):
+            self._end.shutdown(socket.SHUT_RDWR)
+        self._refuse_the_rest()
+        if not self._listening.done():
+            self._listening.set_exception(KartServerError(f'the kart server failed: {why}'))
+        elif not self._stopping:
+            self._on_end(why)
+
+    def _hear(self) -> str:
+        """Hand on what comes; return why nothing comes any more."""
+        unpacker = Unpacker()
+        why = 'its process has ended'
+        silent = 0
+        while True:
+            if not select.select([self._end], [], [], KART_SERVER_SILENCE / LOOKS)[0]:
+                silent += self._listening.done() and not self._stopping
+                if silent < LOOKS:
+                    continue
+                self._process.kill()  # so that the karts lose their connections
+                return f'it said nothing for {KART_SERVER_SILENCE:g} s and was killed'
+            silent = 0
+            try:
+                data = self._end.recv(FROM_KART_SERVER_BYTES)
+            except OSError:
+                return why
+            if not data:
+                return why
+            for message in unpacker.feed(data):
+                if isinstance(message, Failed):
+                    why = message.text
+                else:
+                    self._take(message)
+
+    def _take(self, message: Any) -> None:
+        if isinstance(message, Happened):
+            self._on_events(message.events)
+        elif isinstance(message, Snapshot | Standings):
+            self._on_snapshot(message)
+        elif isinstance(message, PassingsTaken):
+            self.takes_passings = True
+        elif isinstance(message, Answered):
+            answers = self._waiting.pop(message.number, None)
+            if answers is not None:
+                answers.put(message.answer)
+        elif isinstance(message, Listening):
+            self._listening.set_result(message.address)
+        else:
+            assert isinstance(message, Refused)
+            self._listening.set_exception(KartServerError(message.text))
+
+    def _refuse_the_rest(self) -> None:
+        while self._waiting:
+            try:
+                _, answers = self._waiting.popitem()
+            except KeyError:
+                return  # the other thread that refuses was quicker
+            answers.put(None)

@@ -1,0 +1,285 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The race in ROS messages, and back: a message of ``evgp_rcs_msgs`` is the image of a type here.
+
+Nothing is decided here, and no field is named: the types say it all, those of the message and
+those of the value. A field of the value is the field of that name of the message; ``stamp_ns`` is
+its `stamp`. Where a message has no None, it has for it: of a state UNKNOWN, of a time 0, of
+another number NaN, of a constant 0. An enum is the constant of its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import enum
+import functools
+import importlib
+import math
+import types
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
+
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.stamps import stamp_of
+from evgp_node.states import state_message, state_of
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.laps import BY_HAND, Mark, Passing, Status
+from evgp_rcs.rules.official import tidy
+from evgp_rcs.rules.race import AlertKind, Event, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs_msgs import msg
+
+NS = 1_000_000_000
+
+MOST_STRENGTH = 1e9
+"""The strength of a passing is below this, in the device's own measure."""
+
+ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
+"""Alerts without the MSR that are errors in the diagnostics."""
+
+CONSTANTS: dict[type[enum.Enum], Any] = {
+    CommandKind: msg.CommandAvailability,
+    EventKind: msg.RaceEvent,
+    AlertKind: msg.Alert,
+    Grade: msg.LinkQuality,
+    Mark: msg.JudgedPassing,
+    Status: msg.KartResult,
+}
+"""The message that has the constants of each enum."""
+
+STAMPED = ('sequence', 'stamp', 'monotonic')
+"""What a message of an event has of the ``StampedEvent`` around it."""
+
+_Value = TypeVar('_Value')
+_TIME = 'builtin_interfaces/Time'
+
+
+def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
+    """
+    Return a value as a message of this type.
+
+    :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
+    """
+    return _image(value, type(value), kind, wall_ns)
+
+
+def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any:
+    image = message()
+    for slot, name, write, _ in _fields(kind, message):
+        setattr(image, slot, write(getattr(value, name), wall_ns))
+    return image
+
+
+def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
+    """
+    Return the value of this type that a message is the image of; its times are wall times, in s.
+
+    :param said: what to do with each text.
+    :raises ValueError: if the message has a constant, or lacks a state, that no value has.
+    """
+    return kind(
+        **{
+            name: read(getattr(message, slot), said)
+            for slot, name, _, read in _fields(kind, type(message))
+        }
+    )
+
+
+_Write = Callable[[Any, int], Any]
+_Read = Callable[[Any, Callable[[str], str]], Any]
+
+
+def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
+    """Return each field of a message: its name there and in the type, how to write and read it."""
+    hints = get_type_hints(kind)
+    names = {name.removesuffix('_ns'): name for name in hints}
+    return [
+        (slot, names[slot], *_both(hints[names[slot]], slot_type))
+        for slot, slot_type in message.get_fields_and_field_types().items()
+        if slot not in STAMPED or kind is not Event
+    ]
+
+
+_fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.cache(_find_fields)
+
+
+def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
+    """Return how to write, and how to read, a field of these types."""
+    optional = get_origin(hint) is types.UnionType
+    kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
+    if slot == _TIME and kind is int:
+        return lambda ns, _: stamp_of(ns), lambda time, _: time.sec * NS + time.nanosec
+    if slot == _TIME:
+        return _write_time, _read_optional_time if optional else _read_time
+    if kind is RaceState:
+        return lambda state, _: state_message(state), _read_state if optional else _read_some_state
+    if slot.startswith('sequence<') and '/' in slot:
+        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
+        return (
+            lambda values, wall: [_image(each, inner, one, wall) for each in values],
+            lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
+        )
+    if slot.startswith('sequence<'):
+        return lambda values, _: list(values), lambda values, _: tuple(values)
+    if '/' in slot:
+        one = _class_of(slot)
+        return (
+            lambda value, wall: _image(value, kind, one, wall),
+            lambda message, said: value_of(message, kind, said),
+        )
+    if kind in CONSTANTS:
+        number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
+        value = {at: each for each, at in number.items()}
+        number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
+        return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
+    if issubclass(kind, enum.Enum):
+        return lambda each, _: each.value, lambda each, _: kind(each)
+    if optional and kind is float:
+        return (
+            lambda number, _: math.nan if number is None else number,
+            lambda number, _: None if math.isnan(number) else number,
+        )
+    if kind is str:
+        return lambda text, _: text, lambda text, said: said(text)
+    return lambda value, _: value, lambda value, _: value
+
+
+def _class_of(slot: str) -> type[Any]:
+    package, name = slot.split('/')
+    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
+    return found
+
+
+def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
+    if number not in values:
+        raise ValueError(f'{number} is no {kind.__name__}')
+    return values[number]
+
+
+def _write_time(time: float | None, wall_ns: int) -> Time:
+    return Time() if time is None else stamp_of(wall_ns + round(time * NS))
+
+
+def _read_time(time: Time, _: Callable[[str], str]) -> float:
+    return float(time.sec) + float(time.nanosec) / NS
+
+
+def _read_optional_time(time: Time, said: Callable[[str], str]) -> float | None:
+    return _read_time(time, said) or None
+
+
+def _read_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState | None:
+    return state_of(message)
+
+
+def _read_some_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState:
+    state = state_of(message)
+    if state is None:
+        raise ValueError(f'{message.state} is no race state')
+    return state
+
+
+# ----- what is not field by field -------------------------------------------------------------
+
+
+def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
+    """Return events as a message."""
+    return msg.RaceEvents(events=list(map(_event, events)))
+
+
+def _event(stamped: StampedEvent) -> msg.RaceEvent:
+    message: msg.RaceEvent = message_of(stamped.event, msg.RaceEvent)
+    monotonic_ns = round(stamped.monotonic * NS)
+    message.sequence = stamped.sequence
+    message.stamp = stamp_of(stamped.wall_ns)
+    message.monotonic = Duration(sec=monotonic_ns // NS, nanosec=monotonic_ns % NS)
+    return message
+
+
+def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> StampedEvent:
+    """
+    Return the event of a message; ``said`` as for ``value_of``.
+
+    :raises ValueError: if it is none.
+    """
+    wall_ns = message.stamp.sec * NS + message.stamp.nanosec
+    monotonic = message.monotonic.sec + message.monotonic.nanosec / NS
+    return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
+
+
+def passing_of(message: msg.Passing) -> Passing:
+    """
+    Return a passing of a message, whatever is in it.
+
+    What a message can say and the record cannot keep is what says nothing: a strength that is no
+    number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
+    but officials is called as they are.
+    """
+    passing = value_of(message, Passing, tidy)
+    strength = passing.strength
+    return passing._replace(
+        source='' if passing.source == BY_HAND else passing.source,
+        stamp_ns=max(0, passing.stamp_ns),
+        strength=strength if strength is not None and abs(strength) < MOST_STRENGTH else None,
+    )
+
+
+def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:
+    """
+    Return race control's diagnostics: the race, and each kart.
+
+    :param wall_ns: the wall time of the message (ns since the epoch).
+    :param name: the node's, with its namespace.
+    """
+    alerts, state = race.alerts, race.state.value if race.state else 'UNKNOWN'
+    level, summary = DiagnosticStatus.OK, f'The race is in {state}'
+    if alerts:
+        level, summary = DiagnosticStatus.WARN, alerts[0].text
+    severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
+    if severe:
+        severe.sort(key=lambda alert: not alert.use_msr)
+        level, summary = DiagnosticStatus.ERROR, severe[0].text
+    array = DiagnosticArray()
+    array.header.stamp = stamp_of(wall_ns)
+    array.status = [
+        DiagnosticStatus(
+            level=level,
+            name=f'{name}: race',
+            message=summary,
+            hardware_id='rcs',
+            values=[
+                KeyValue(key='race state', value=state),
+                KeyValue(key='alerts', value=str(len(alerts))),
+            ],
+        ),
+        *(_kart_diagnostic(name, kart) for kart in race.karts),
+    ]
+    return array
+
+
+def _kart_diagnostic(name: str, kart: KartSnapshot) -> DiagnosticStatus:
+    link = kart.link
+    bad = not kart.connected or link.grade is Grade.POOR
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if kart.in_race and bad else DiagnosticStatus.OK,
+        name=f'{name}: kart {kart.number}',
+        message='connected' if kart.connected else 'not connected',
+        hardware_id=kart.address,
+        values=[
+            KeyValue(key='team', value=kart.team),
+            KeyValue(key='sent', value=kart.sent.value),
+            KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+            KeyValue(key='link', value=link.grade.value),
+            KeyValue(key='worst answer (s)', value=_figure(link.worst_answer, 3)),
+            KeyValue(key='round trip (s)', value=_figure(link.round_trip, 4)),
+            KeyValue(key='retransmitted', value=str(link.retransmitted)),
+        ],
+    )
+
+
+def _figure(number: float | None, digits: int) -> str:
+    return 'nan' if number is None else f'{number:.{digits}f}'

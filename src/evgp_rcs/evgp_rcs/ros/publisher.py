@@ -1,0 +1,233 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Publishes what the kart server tells, in a thread of its own.
+
+Events go out in order, all of them: the kart server limits those that karts cause by what they
+say. Of several copies of the race only the newest does, and that may overtake events: it waits for
+no more of them than `BATCH`, so that what officials see is the present race.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+import contextlib
+import math
+import queue
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.process import wait_until_heard
+from evgp_node.qos import latched
+from evgp_node.stamps import stamp_of
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs.files.roster import Roster
+from evgp_rcs.ros.messages import diagnostics_message, events_message, message_of
+from evgp_rcs.rules.official import said_by
+from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs_msgs import msg
+from rclpy.node import Node
+from std_msgs.msg import String
+
+RACE_QOS = latched(1)
+"""Of ``~/race``: a late subscriber gets the present race at once."""
+
+RESULTS_QOS = RACE_QOS
+"""Of ``~/results``, likewise."""
+
+EVENTS_QOS = latched(200)
+"""Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
+
+OF_EACH_KART = (
+    EventKind.KART_STATE,
+    EventKind.DELIVERED,
+    EventKind.ACKNOWLEDGED,
+    EventKind.PASSING,
+)
+"""Not in the log: the command says what karts are sent, other events that all answer or not."""
+
+STATE_EVERY = 0.1
+"""Time between two publications of the race's plain state, seconds."""
+
+STATE_AGE = 1.0
+"""Age of the newest race beyond which the plain state is not published any more, seconds: the
+state may be another by now, and whoever reads it takes silence for a doubt."""
+
+BATCH = 100
+"""Maximum number of events in one message; then a newer race is published."""
+
+CLOCK_STEP_NS = 10_000_000
+"""Change of the wall clock from which on the times in the race are computed again, nanoseconds."""
+
+
+class RacePublisher:
+    """
+    Publishes the race, its events, its plain state and diagnostics.
+
+    :param on_failure: is called, in the publisher's thread, when it cannot go on.
+    :param banner: what every screen says at its top.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        roster: Roster,
+        on_failure: Callable[[BaseException], None],
+        banner: str = '',
+    ) -> None:
+        """Create the publishers; nothing is published before ``start``."""
+        self._node = node
+        self._on_failure = on_failure
+        self._banner = banner
+        self._addresses = {entry.number: entry.address for entry in roster.entries}
+        self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
+        self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
+        self._results = node.create_publisher(msg.Results, '~/results', RESULTS_QOS)
+        self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | Standings | str | None]
+        self._happened = queue.SimpleQueue()
+        self._graph_alerts: tuple[Alert, ...] = ()
+        self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
+        self._told_diagnostics = 0.0
+        self._shown = NOTHING
+        self._published = msg.Race()
+        self._newest: Snapshot | None = None
+        self._stated: RaceState | None = None
+        self._stated_at = -math.inf
+        self._clock_ns = 0
+        self._sequence = 0
+
+    def events(self, events: list[StampedEvent]) -> None:
+        """Take events, from any thread."""
+        self._happened.put(events)
+
+    def race(self, race: Snapshot | Standings) -> None:
+        """Take a snapshot of the race, or its results, from any thread."""
+        self._happened.put(race)
+
+    def graph_trouble(self, text: str) -> None:
+        """Take, from any thread, what is wrong with the graph from now on; empty: nothing."""
+        self._happened.put(text)
+
+    def start(self) -> None:
+        """Begin to publish."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publish what is still to be told, and return."""
+        if self._thread.ident is not None:
+            self._happened.put(None)
+            self._thread.join()
+
+    def last_words(self, text: str) -> None:
+        """
+        Publish the alert that a part of race control has failed, after ``stop``.
+
+        It goes on top of the last race that could be published, and waits until subscribers have
+        it.
+        """
+        now, wall_ns = clock.now(), time.time_ns()
+        alert = Alert(AlertKind.PART_FAILED, 0, now, text, use_msr=True)
+        race = self._shown._replace(alerts=(alert, *self._shown.alerts))
+        self._race.publish(message_of(race, msg.Race, wall_ns - round(now * 1e9)))
+        event = Event(EventKind.ALERT_RAISED, text, success=False)
+        stamped = StampedEvent(self._sequence + 1, wall_ns, now, event)
+        self._events.publish(events_message([stamped]))
+        wait_until_heard(self._race, self._events)
+
+    def _run(self) -> None:
+        try:
+            self._publish_until_the_end()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            self._on_failure(error)
+
+    def _publish_until_the_end(self) -> None:
+        waiting: deque[StampedEvent] = deque()
+        ended = False
+        while not ended or waiting:
+            came = []
+            if not waiting:
+                with contextlib.suppress(queue.Empty):  # then it is time for the plain state
+                    due = self._stated_at + STATE_EVERY - clock.now()
+                    came.append(self._happened.get(timeout=max(0.0, due)))
+            while not self._happened.empty():
+                came.append(self._happened.get())
+            newest: Snapshot | None = None
+            results: Standings | None = None
+            for news in came:
+                if news is None:
+                    ended = True
+                elif isinstance(news, Snapshot):
+                    newest = news
+                elif isinstance(news, Standings):
+                    results = news
+                elif isinstance(news, str):
+                    self._take_graph_trouble(news)
+                else:
+                    waiting += news
+            if waiting:
+                self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
+            if newest is not None:
+                self._newest = newest
+                self._tell_race(newest)
+            self._say_state(clock.now())
+            if results is not None:
+                clock_ns = time.time_ns() - round(clock.now() * 1e9)
+                self._results.publish(message_of(results, msg.Results, clock_ns))
+
+    def _say_state(self, now: float) -> None:
+        """Publish the race's state by its name, if that is due and known."""
+        race = self._newest
+        state = race.state if race is not None and now - race.stamp <= STATE_AGE else None
+        if state is self._stated and now < self._stated_at + STATE_EVERY:
+            return
+        self._stated, self._stated_at = state, now
+        if state is not None:
+            self._state.publish(String(data=state.value))
+
+    def _take_graph_trouble(self, text: str) -> None:
+        alert = Alert(AlertKind.GRAPH_TROUBLE, 0, clock.now(), text, use_msr=False)
+        self._graph_alerts = (alert,) if text else ()
+        log = self._node.get_logger()
+        if text:
+            log.warning(text)
+        else:
+            log.info('The ROS graph is in order again')
+
+    def _tell(self, batch: list[StampedEvent]) -> None:
+        self._events.publish(events_message(batch))
+        self._sequence = batch[-1].sequence
+        log = self._node.get_logger()
+        for _, _, _, event in batch:
+            text = said_by(event.text, event.official)
+            if event.kind is EventKind.ALERT_RAISED or not event.success:
+                log.warning(text)
+            elif event.kind not in OF_EACH_KART:
+                log.info(text)
+
+    def _tell_race(self, race: Snapshot) -> None:
+        clock_ns = time.time_ns() - round(clock.now() * 1e9)
+        race = race._replace(
+            karts=tuple(
+                kart._replace(address=self._addresses.get(kart.number, '')) for kart in race.karts
+            ),
+            alerts=(*race.alerts, *self._graph_alerts),
+            banner=self._banner,
+        )
+        if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
+            self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns
+        # At rest, nothing but this changes; to make the message takes longer than to publish it.
+        self._published.stamp = stamp_of(clock_ns + round(race.stamp * 1e9))
+        self._shown = race
+        self._race.publish(self._published)
+        if race.stamp - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = race.stamp
+            name = self._node.get_fully_qualified_name().lstrip('/')
+            self._diagnostics.publish(diagnostics_message(race, time.time_ns(), name))

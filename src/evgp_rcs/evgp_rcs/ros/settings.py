@@ -1,0 +1,131 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The parameters of race control: each declared once, with its meaning, range and default."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import Any
+
+from evgp_node.parameters import check_address, ParameterError, Parameters
+from evgp_rcs.files.roster import load_roster
+from evgp_rcs.karts.channel import Begin, ServerSettings
+from evgp_rcs.record.store import default_path
+from evgp_rcs.rules.race import RaceTimes
+
+_SECONDS = (0.1, 3600)
+
+OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
+    ('port', 'The TCP port at which karts connect.', (1, 65535)),
+    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, one more to skip).', (11, 100)),
+    (
+        'send_timeout',
+        'Time after which a kart that leaves bytes unanswered is lost, s.',
+        (0.2, 10),
+    ),
+)
+"""Parameters of the kart server: name, meaning and range; their defaults are `ServerSettings`."""
+
+OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
+    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('auto_race_over', 'Once every kart has finished, the race goes over by itself.'),
+    ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
+    ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
+    ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
+    ('red_alert', 'Time until the alert that RED_RED is not acknowledged, s.', _SECONDS),
+    ('min_lap_time', 'A passing nearer to the last one that counted is doubtful, s.', _SECONDS),
+    (
+        'clock_tolerance',
+        "How far a source's clock may be from the times of arrival, s.",
+        (0.01, 10),
+    ),
+    ('auto_finish', 'A kart whose last lap is counted is given FINISH by race control.'),
+    ('require_inspection', 'A kart without an inspection in the roster cannot race.'),
+    (
+        'nobody_there',
+        'Time after which a race that nobody can stop any more goes to RED_FLAG, s; 0: never.',
+        (0, 3600),
+    ),
+    ('require_button', 'A race needs a stop button that was pressed once to try it.'),
+    (
+        'pause',
+        'After a stop, commands that loosen or start anything are refused for this long, s.',
+        (0.5, 10),
+    ),
+)
+"""Parameters of the rules, likewise; their defaults are `RaceTimes`."""
+
+
+def read_settings(parameters: Parameters) -> Begin:
+    """
+    Declare every parameter of race control, read the roster, and return with what to start.
+
+    :raises ParameterError: if a parameter is wrong.
+    :raises RosterError: if the roster is.
+    """
+    declare = parameters.declare
+    path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
+    record = declare(
+        'record',
+        '',
+        'The file of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
+    )
+    address = declare(
+        'address',
+        ServerSettings.host,
+        'The IPv4 address at which karts connect; 0.0.0.0: every one.',
+    )
+    server: dict[str, Any] = {
+        name: declare(name, getattr(ServerSettings, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_KART_SERVER
+    }
+    delays = declare(
+        'finish_delays',
+        list(RaceTimes.finish_delays),
+        'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
+    )
+    settle = declare(
+        'settle_time',
+        RaceTimes.settle,
+        'A kart that acknowledges a red must stand by it for this long before humans may rely on '
+        'it, s.',
+        (0.5, 60),
+    )
+    rules: dict[str, Any] = {
+        name: declare(name, getattr(RaceTimes, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_RULES
+    }
+    first_crossing = declare(
+        'first_crossing',
+        RaceTimes.first_crossing,
+        'The first crossing of a kart starts lap 1, or ends it: starts, or ends.',
+    )
+    parameters.refuse_unknown(own_file=True)
+    if first_crossing not in ('starts', 'ends'):
+        raise ParameterError(
+            f'parameter first_crossing: {first_crossing!r} is not possible. Give starts or ends'
+        )
+    check_address('address', address)
+    for delay in delays:
+        if not 0.0 <= delay <= 60.0:
+            raise ParameterError(
+                f'parameter finish_delays: {delay:g} is not possible. '
+                'Give each place a delay from 0 to 60 s'
+            )
+    if not path:
+        raise ParameterError(
+            'parameter roster is missing. Name the file that lists the karts, '
+            'as in: --ros-args -p roster:=config/karts.yaml'
+        )
+    return Begin(
+        roster=load_roster(pathlib.Path(path)),
+        times=RaceTimes(
+            first_crossing=first_crossing,
+            finish_delays=tuple(delays),
+            settle=settle,
+            **rules,
+        ),
+        settings=ServerSettings(host=address, **server),
+        record=pathlib.Path(record).expanduser() if record else default_path(),
+    )

@@ -1,0 +1,2421 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The rules of the race: who is sent what, which command is allowed, and why not.
+
+Rules of what lives in this file:
+
+- Pure. No clock, socket, ROS, thread, file or log. Every input brings its time, in seconds
+  of one monotonic clock; nothing here ever asks for the time.
+- One owner. A ``Race`` is used by one thread; it needs no lock.
+- One table (``COMMANDS``, at the end) says for every official's command to whom it goes, when
+  it is refused and why, what the official must state, and what it does. Availability is read
+  from the same table that judges the command, so the two cannot differ.
+
+Theory of operation. The race has a state, and each kart may have a *hold* (RED_FLAG or RED_RED)
+on its own account. What a kart is sent follows from these two alone (``_commanded``): in the
+race, the stricter of them; outside the race, IN_GARAGE or its hold. After every change the karts
+concerned are *redirected*: a kart whose state changes gets a new ``Order`` with a serial number
+of its own, and its acknowledgement falls. An acknowledgement counts only if it names the state
+of the kart's present order and was heard under that order's serial. So nothing said before a
+command, nor on an earlier connection, can count for it.
+
+Holds only get stricter; they end in two places, ``_race_in_garage`` and ``_release_kart``, both
+an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
+
+Commands cross. After a stop, and after race control was held up, there is a *pause*: what loosens
+or starts anything and came before its end is refused, for whoever sent it may not have seen the
+stop. And karts are started only once it is on the disk that they may move: a GREEN_GREEN that
+would be accepted is a *start* that waits (``Start``). Whatever is judged meanwhile comes first,
+and the start is judged again when its turn comes.
+
+Doubt means stop (``Doubt``). A kart that was told to go, was seen to move, or left a stop
+unanswered *may be moving*; one that was told to form the grid is *on the grid*. Two things end
+either doubt: the kart acknowledges a red and then stands by it for ``settle`` seconds on the same
+connection, or an official made it safe by hand. A lost connection never does.
+
+What race control cannot know counts as the worst it could be: what happened before it began,
+unless the last run on this machine is known to have ended in good order with nothing under way
+(``recover``), and what happens while it is cut off from the karts (``cut_off``). One exception is
+the proposal's own (§3.B): where no run is known to have begun, it begins in IN_GARAGE.
+
+Somebody must be there (``Attendance``). Once nobody is heard any more who could stop a race, and
+somebody was in that race, it does not start, and after ``nobody_there`` it goes to RED_FLAG.
+
+Laps are bookkeeping (``laps``): the race has one value of them, which its own times and the
+passings of the timing line change. No order, hold or doubt follows from them; with `auto_finish`
+a kart's last lap is a FINISH of it, which is a stop in the end.
+
+Section numbers (§) are those of the EVGP proposal.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+import dataclasses
+from dataclasses import dataclass
+import enum
+import math
+from typing import NamedTuple
+
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState, stricter
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import (
+    BY_HAND,
+    Format,
+    Heats,
+    Identity,
+    Laps,
+    LapSettings,
+    LapsMemory,
+    Mark,
+    MOST_SEEN,
+    NO_LAPS,
+    Owner,
+    Passing,
+    Penalty,
+)
+from evgp_rcs.rules.link_quality import LinkQuality
+
+IN_GARAGE = RaceState.IN_GARAGE
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+OLD = 3.0
+"""Maximum age of a press that race control does not mention, in seconds."""
+
+
+class EventKind(enum.Enum):
+    """What can happen in a race."""
+
+    COMMAND = 'COMMAND'
+    RACE_STATE = 'RACE_STATE'
+    KART_STATE = 'KART_STATE'
+    DELIVERED = 'DELIVERED'
+    ACKNOWLEDGED = 'ACKNOWLEDGED'
+    REPORTED = 'REPORTED'
+    CONNECTED = 'CONNECTED'
+    DISCONNECTED = 'DISCONNECTED'
+    REFUSED_CONNECTION = 'REFUSED_CONNECTION'
+    MALFORMED = 'MALFORMED'
+    LINK_GRADE = 'LINK_GRADE'
+    ALERT_RAISED = 'ALERT_RAISED'
+    ALERT_CLEARED = 'ALERT_CLEARED'
+    ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
+    WITHDRAWN = 'WITHDRAWN'
+    RESULTS = 'RESULTS'
+    PASSING = 'PASSING'
+    LAP = 'LAP'
+    ENDED = 'ENDED'
+
+
+class AlertKind(enum.Enum):
+    """What an official must act on."""
+
+    NOT_READY = 'NOT_READY'
+    GREEN_UNACKNOWLEDGED = 'GREEN_UNACKNOWLEDGED'
+    FLAG_UNACKNOWLEDGED = 'FLAG_UNACKNOWLEDGED'
+    RED_UNACKNOWLEDGED = 'RED_UNACKNOWLEDGED'
+    KART_LOST = 'KART_LOST'
+    LOST_IN_MOTION = 'LOST_IN_MOTION'
+    TRACK_UNSAFE = 'TRACK_UNSAFE'
+    MOVING_UNASKED = 'MOVING_UNASKED'
+    RECORD_FAILING = 'RECORD_FAILING'
+    TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
+    LINK_POOR = 'LINK_POOR'
+    TWO_PROGRAMS = 'TWO_PROGRAMS'
+    LAPS_SOURCE = 'LAPS_SOURCE'
+    NOBODY_THERE = 'NOBODY_THERE'
+    BUTTON_FAULT = 'BUTTON_FAULT'
+    # Of these two no rule knows: the ROS half raises them.
+    PART_FAILED = 'PART_FAILED'
+    GRAPH_TROUBLE = 'GRAPH_TROUBLE'
+
+
+MSR_ALERTS = frozenset(
+    {
+        AlertKind.FLAG_UNACKNOWLEDGED,
+        AlertKind.RED_UNACKNOWLEDGED,
+        AlertKind.LOST_IN_MOTION,
+        AlertKind.TRACK_UNSAFE,
+    }
+)
+"""The alerts whose answer is the Master Safety Remote (§2.B), until its use is recorded."""
+
+
+class Doubt(enum.IntEnum):
+    """
+    What a kart may be doing, from harmless to worst.
+
+    ``GRID``: it was sent GRID_ACTIVE, and not IN_GARAGE since on the connection it has.
+    ``MOVING``: it was sent GREEN_GREEN or a red, or was seen to move: it said GREEN_GREEN unasked,
+    or withdrew its acknowledgement of a red.
+    """
+
+    NONE = 0
+    GRID = 1
+    MOVING = 2
+
+
+class Command(NamedTuple):
+    """
+    An official's command (§4.B).
+
+    :param kind: which command.
+    :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
+    :param statement: the official makes the statement that the command asks for, if it asks.
+    :param karts: for a command that starts or releases: the karts concerned, as the official saw
+        them.
+    :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
+    :param heat: for SET_HEAT: the name of the heat. For penalties: in whose result; empty: in that
+        of the race that was started last.
+    :param official: who gives it, by their own word (``official``). No rule depends on it.
+    :param source: for STRIKE_PASSING and RESTORE_PASSING: with ``session`` and ``number``, which
+        passing.
+    :param transponder: for GIVE_TRANSPONDER: which.
+    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
+    :param reason: for a correction or a penalty: why.
+    :param age: for a stop: seconds since the official pressed, by the sender's word. No rule
+        depends on it.
+    """
+
+    kind: CommandKind
+    kart: int = 0
+    statement: bool = False
+    karts: frozenset[int] = frozenset()
+    hold: RaceState | None = None
+    heat: str = ''
+    official: str = ''
+    source: str = ''
+    session: str = ''
+    number: int = 0
+    transponder: str = ''
+    seconds: int = 0
+    laps: int = 0
+    disqualified: bool = False
+    reason: str = ''
+    age: float = 0.0
+
+    @property
+    def pressed(self) -> str:
+        """Return how long ago it was pressed; empty: just now."""
+        return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
+
+    @property
+    def passing(self) -> Identity:
+        """Return which passing it is about."""
+        return Identity(self.source, self.session, self.number)
+
+
+@dataclass(frozen=True)
+class Heat:
+    """
+    Karts that race together, by a name of the roster; their numbers in ascending order.
+
+    :param format: what their race is about; ``laps``: how many they drive; 0: no number is set.
+    :param grid_from: they start in the order of the results of this heat, or of all heats of this
+        format; empty: nothing says an order.
+    """
+
+    name: str
+    karts: tuple[int, ...]
+    format: Format = Format.RACE  # noqa: A003 - the field's name
+    laps: int = 0
+    grid_from: str = ''
+
+
+class Starts(NamedTuple):
+    """
+    In which order karts are to start, by the results that there are. No kart is sent it.
+
+    :param grids: of each heat of the roster its karts in that order; empty: nothing says one yet.
+    :param heat: the name of the heat in the race; empty: none.
+    :param next_heat: whose turn is next of the heats of one kart that were not raced; empty:
+        nobody's.
+    """
+
+    grids: tuple[tuple[int, ...], ...]
+    heat: str
+    next_heat: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the official is told: whether the command was accepted, and one sentence."""
+
+    success: bool
+    message: str
+
+
+class Attendance(NamedTuple):
+    """
+    Who is there to stop the race, as far as race control hears them.
+
+    :param able: number of programs from which an official can stop it.
+    :param who: which, in a few words.
+    :param button_tried: a stop button works, and was pressed while race control listened.
+    :param button_fault: what is wrong with a stop button, in a few words; empty: nothing.
+    """
+
+    able: int = 0
+    who: str = ''
+    button_tried: bool = False
+    button_fault: str = ''
+
+
+class Order(NamedTuple):
+    """
+    A state to send to a kart, at once and then again with every beat (§4.C).
+
+    :param serial: rises with every order to this kart; what the kart says counts for this order
+        only if it was heard under this number.
+    """
+
+    kart: int
+    state: RaceState
+    serial: int
+
+
+class Event(NamedTuple):
+    """
+    Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence.
+
+    :param chatter: a kart can cause any number of these just by what it says; whoever passes
+        events on may limit them.
+    :param command: for a change of state, the command that caused it; None: no command did.
+    :param official: who gave the command, by their own word (``official``).
+    :param alert: for an alert that was raised or has ended, which.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s; for
+        LAP: the time of the lap, s.
+    :param grade: for LINK_GRADE: how good the link is from then on.
+    :param hold: the hold of this kart then; of kart 0, the one that every kart had.
+    :param lap: for LAP: its number, from 1.
+    :param race: the number of the race that was under way; 0: none was.
+    :param heat: the name of the heat in the race; empty: none is.
+    """
+
+    kind: EventKind
+    text: str
+    kart: int = 0
+    state: RaceState | None = None
+    command: CommandKind | None = None
+    success: bool = True
+    chatter: bool = False
+    official: str = ''
+    alert: AlertKind | None = None
+    after: float = 0.0
+    grade: Grade | None = None
+    lap: int = 0
+    hold: RaceState | None = None
+    race: int = 0
+    heat: str = ''
+
+
+class StampedEvent(NamedTuple):
+    """
+    An event with its place in time, which whoever feeds the rules gives it.
+
+    :param sequence: counts every event of one run of race control from 1, without a gap.
+    :param wall_ns: wall time in ns since the epoch.
+    :param monotonic: the clock of the rules, in seconds.
+    """
+
+    sequence: int
+    wall_ns: int
+    monotonic: float
+    event: Event
+
+
+class Outcome(NamedTuple):
+    """
+    What one input changed, and what must now be sent to whom.
+
+    :param answer: the answer to a command: to the one that was given, or to a start that waited.
+    :param start: the command that was given is a start, which waits from now on.
+    """
+
+    orders: tuple[Order, ...]
+    events: tuple[Event, ...]
+    answer: Answer | None = None
+    start: Start | None = None
+
+
+@dataclass(frozen=True)
+class Alert:
+    """
+    Something an official must act on, since when (s), in one sentence.
+
+    :param use_msr: the answer is the Master Safety Remote (§2.B).
+    """
+
+    kind: AlertKind
+    kart: int
+    since: float
+    text: str
+    use_msr: bool
+
+
+class Availability(NamedTuple):
+    """
+    Whether a command would be accepted now, if the statement is made.
+
+    :param reason: why it would be refused; empty if it would be accepted.
+    :param statement: what the official must state with it; empty if nothing.
+    :param available_from: when the pause that refuses it ends, in seconds; None if it is not a
+        pause that refuses it.
+    :param karts: the karts it would start or release; the command must name the same ones.
+    """
+
+    command: CommandKind
+    available: bool
+    reason: str = ''
+    statement: str = ''
+    available_from: float | None = None
+    karts: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class TrackAccess:
+    """Whether officials have opened the track, and whether humans may be on it (§3.A)."""
+
+    open: bool  # noqa: A003 - the message's name
+    allowed: bool
+    reason: str
+    msr_used: bool
+
+
+@dataclass(frozen=True)
+class RaceTimes(LapSettings):
+    """
+    The times of the rules, in seconds, and how laps are counted.
+
+    :param finish_delays: for place 1, 2, … how long a kart that finished drives on before its
+        RED_FLAG (§4.B FINISH); the last one serves all further places. Longest first, so that
+        who finishes later finds the line clear.
+    :param finish_stop: how long a finished kart has to acknowledge its RED_FLAG before the race
+        goes over without it (§3.A: 10-15 s to come to a stop).
+    :param auto_race_over: whether the race goes over by itself after the last finish (§3.C).
+    :param ready_alert: GRID_ACTIVE not acknowledged (§3.A: 2 minutes).
+    :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
+    :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
+    :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
+    :param pause: time after a stop for which no command that loosens or starts anything is taken.
+    :param pause_after_held_up: the same after race control was held up: what officials sent
+        meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
+    :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
+    :param settle: time for which a kart must stand by its acknowledgement of a red before humans
+        may rely on it.
+    :param require_inspection: whether a kart must have an inspection to race.
+    :param nobody_there: time after which a race that nobody can stop any more goes to RED_FLAG;
+        0: it does not.
+    :param require_button: whether a stop button must have been tried before GRID_ACTIVE.
+    """
+
+    finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
+    finish_stop: float = 15.0
+    auto_race_over: bool = True
+    ready_alert: float = 120.0
+    green_alert: float = 30.0
+    flag_alert: float = 15.0
+    red_alert: float = 5.0
+    pause: float = 1.0
+    pause_after_held_up: float = 5.0
+    journal_timeout: float = 1.0
+    settle: float = 3.0
+    require_inspection: bool = False
+    nobody_there: float = 10.0
+    require_button: bool = False
+
+    def finish_delay(self, place: int) -> float:
+        """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
+        if not self.finish_delays:
+            return 0.0
+        return self.finish_delays[min(place, len(self.finish_delays)) - 1]
+
+
+@dataclass(slots=True)
+class Kart:
+    """
+    One kart of the roster. Only the rules write here; everybody else reads.
+
+    :param hold: RED_FLAG or RED_RED while the kart is held on its own account.
+    :param sent: what it is sent; while it is not connected, what it would be sent.
+    :param sent_since: when that was first commanded; a reconnection does not renew it.
+    :param serial: the number of the present order.
+    :param acknowledged: it stands by its acknowledgement of the present order.
+    :param reported: what it said last on this connection, asked or unasked.
+    :param doubt: what it may be doing, until it stands by a red or was made safe by hand.
+    :param settles_at: when the red that it acknowledged ends its doubt, if it stands by its word
+        until then, in seconds; ``None`` if nothing is pending.
+    :param lost_since: since when it is missing, if it dropped out of a race under way or while it
+        may have been moving; in the latter case until its doubt ends.
+    :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
+    :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
+    :param held_alone: an official held this kart alone; until its release.
+    :param withdrawn: it withdrew an acknowledgement of the present order.
+    :param counts_at: it says what it is sent, perhaps to an earlier order: when that counts at the
+        latest, s; a time that is over: nobody knows when; None: it says no such thing.
+    :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
+    :param inspected: the date of its inspection, as the roster has it; empty: none.
+    :param transponders: those that the roster says it has.
+    :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
+        answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
+    :param link: how good its link is; None: not measured on this connection. No rule asks for it,
+        nor for the times above: they are for officials.
+    :param contested: two programs connect as this kart, and push each other out.
+    :param went_silent_at: when its connection was last lost because its link stopped answering, s;
+        None: it has a connection, or lost it in another way.
+    :param link_poor_at: when its link was last measured to be poor, s; None: never.
+    """
+
+    number: int
+    team: str = ''
+    in_race: bool = False
+    connected: bool = False
+    hold: RaceState | None = None
+    hold_reason: str = ''
+    sent: RaceState = IN_GARAGE
+    sent_since: float = 0.0
+    serial: int = 0
+    acknowledged: bool = False
+    reported: RaceState | None = None
+    doubt: Doubt = Doubt.NONE
+    settles_at: float | None = None
+    lost_since: float | None = None
+    place: int = 0
+    finish_due: float | None = None
+    held_alone: bool = False
+    withdrawn: bool = False
+    counts_at: float | None = None
+    counts_in: float = 0.0
+    inspected: str = ''
+    ordered_at: float = 0.0
+    delivered_at: float | None = None
+    acknowledged_at: float | None = None
+    link: LinkQuality | None = None
+    link_poor_at: float | None = None
+    transponders: tuple[str, ...] = ()
+    contested: bool = False
+    went_silent_at: float | None = None
+
+    def __str__(self) -> str:
+        """Return how officials call this kart."""
+        return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
+
+    @property
+    def may_be_moving(self) -> bool:
+        """Return whether it counts as moving."""
+        return self.doubt is Doubt.MOVING
+
+    @property
+    def stopped(self) -> bool:
+        """Return whether it has acknowledged, on its present connection, the red it is sent."""
+        return self.acknowledged and self.sent.is_red
+
+    @property
+    def stands(self) -> bool:
+        """Return whether humans may rely on that: it has stood by its word for long enough."""
+        return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
+
+    @property
+    def stopped_itself(self) -> bool:
+        """
+        Return whether it last said RED_RED while it is sent to the grid or to race.
+
+        Its team, the MSR's contact or its own doubt has stopped it. Nobody may rely on that.
+        """
+        return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
+
+    @property
+    def answered(self) -> bool:
+        """Return whether it has done what it is sent, so that the race may go on."""
+        return self.stands if self.sent.is_red else self.acknowledged
+
+
+class LastRun(enum.Enum):
+    """
+    What is known of how the run of race control before this one ended, on this machine and port.
+
+    ``NONE``: no run is known to have begun. ``ENDED``: it ended in good order with nothing under
+    way, held or in doubt, and the track closed; ``ENDED_OPEN``: likewise, with the track open.
+    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known.
+    """
+
+    NONE = 'none'
+    ENDED = 'ended'
+    ENDED_OPEN = 'ended, track open'
+    UNKNOWN = 'unknown'
+
+
+@dataclass(frozen=True)
+class KartMemory:
+    """What outlives race control of one kart; the meanings are those of ``Kart``."""
+
+    in_race: bool
+    held: bool
+    place: int
+    doubt: Doubt
+    held_alone: bool
+
+
+@dataclass(frozen=True)
+class RaceMemory:
+    """
+    What outlives race control of a race.
+
+    :param state: the race's state.
+    :param karts: each kart of the roster, by its number.
+    :param track_open: officials have opened the track.
+    :param unstated: no official has stated yet that no race is under way anywhere.
+    :param laps: of the race that was started last; ``heats``: the results of the heats before.
+    :param given: the transponders that officials gave to karts.
+    :param heat: the heat that was last put into the race; empty: none was.
+    """
+
+    state: RaceState
+    karts: Mapping[int, KartMemory]
+    track_open: bool = False
+    unstated: bool = False
+    laps: LapsMemory = NO_LAPS
+    given: tuple[Owner, ...] = ()
+    heats: tuple[LapsMemory, ...] = ()
+    heat: str = ''
+
+    @property
+    def at_rest(self) -> bool:
+        """Return whether nothing is under way, held or in doubt."""
+        return self.state is IN_GARAGE and not any(
+            kart.held or kart.doubt for kart in self.karts.values()
+        )
+
+    @property
+    def ends_as(self) -> LastRun:
+        """Return what the next run is to know of this one, if it ends in good order with this."""
+        if not self.at_rest:
+            return LastRun.UNKNOWN
+        if self.unstated:
+            return LastRun.NONE
+        return LastRun.ENDED_OPEN if self.track_open else LastRun.ENDED
+
+
+class StartPhase(enum.IntEnum):
+    """How far a start has come; of two at once, the later one counts."""
+
+    WAITS = 0
+    WRITTEN = 1
+    FAILED = 2
+    OUTLIVED = 3
+    WITHDRAWN = 4
+
+
+WHY_NO_START = {
+    StartPhase.FAILED: 'the record did not take it in time; send it again',
+    StartPhase.OUTLIVED: 'it was sent for an earlier GRID_ACTIVE; look, and send it again',
+    StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
+}
+"""Why a start is refused in its last phase, if the rules alone would accept it."""
+
+
+class Start(NamedTuple):
+    """
+    A GREEN_GREEN that would be accepted, and waits until it is on the disk that karts may move.
+
+    :param number: counts the starts, from 1.
+    :param came: when the command came, in seconds.
+    :param until: when it waits no longer, in seconds.
+    :param memory: what must be on the disk first.
+    :param phase: WAITS; or OUTLIVED, if GRID_ACTIVE has been accepted since.
+    """
+
+    number: int
+    command: Command
+    came: float
+    until: float
+    memory: RaceMemory
+    phase: StartPhase = StartPhase.WAITS
+
+
+class Race:
+    """
+    The state of one race and of every kart of the roster (§3, §4.B).
+
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with the
+    passings of the timing line (``passed``), with what becomes of a start that waits
+    (``start_becomes``), with who is there (``attended``), and with what is wrong around it
+    (``held_up``, ``cut_off``, ``contested``, ``rival``, ``record_trouble``); each returns the
+    orders to send and the events that happened. Times are seconds of one monotonic clock and
+    never go back.
+
+    :param karts: every kart of the roster, each number once.
+    :param times: the times of the rules.
+    :param now: the time, in seconds.
+    :param heats: the heats of the roster, each of its karts.
+    :raises ValueError: if two karts have the same number.
+    """
+
+    def __init__(
+        self,
+        karts: Iterable[Kart],
+        times: RaceTimes = RaceTimes(),
+        now: float = 0.0,
+        heats: Iterable[Heat] = (),
+    ) -> None:
+        """Begin in IN_GARAGE, as §3.B has it."""
+        self.times = times
+        self.karts: dict[int, Kart] = {}
+        for kart in karts:
+            if kart.number in self.karts:
+                raise ValueError(f'kart {kart.number} is in the roster twice')
+            self.karts[kart.number] = kart
+            kart.sent_since = now
+        self.given: tuple[Owner, ...] = ()
+        """The transponders that officials gave to karts."""
+        self.laps = Laps.recall(NO_LAPS, times, now)
+        """Of the race that was started last, until the next GRID_ACTIVE; of no karts: of none."""
+        self._starts: tuple[Laps, str, Starts] | None = None
+        self._seen: OrderedDict[Identity, None] = OrderedDict()
+        self.heats = tuple(heats)
+        self.state = IN_GARAGE
+        self.state_since = now
+        self.state_cause = ''
+        """What put the race into its state, and who, in a phrase; empty at the very beginning."""
+        self.over = False
+        self.places_given = 0
+        self.starters: tuple[int, ...] = ()
+        """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
+        self.grid_was_last = False
+        self.grids = 0
+        """How many times GRID_ACTIVE was accepted."""
+        self.number = 0
+        """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
+        self.race_since: float | None = None
+        """When the last race of this run began (s); None: none did, as far as this run knows."""
+        racing = {each.number for each in self.racing()}
+        alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
+        self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
+        self.track_open = False
+        self.msr_used = False
+        self.past_unknown = False
+        """Race control does not know what happened before, or while it was cut off; until
+        IN_GARAGE."""
+        self.unstated = False
+        """No official has stated yet that no race is under way anywhere."""
+        self.has_rival = False
+        self.cut_off_by = ''
+        """What of the karts' network race control has lost and not got back; empty: nothing."""
+        self.record_fails = ''
+        self.there = Attendance()
+        self.nobody_since: float | None = None
+        """Since when nobody is there any more who was in this race (s); None: it is not so."""
+        self.paused_until = now
+        """When the pause ends, or the last one ended (s)."""
+        self._paused_by = ''
+        self.start: Start | None = None
+        """The GREEN_GREEN that waits for the record."""
+        self.starts = 0
+        self._told_all_answered = False
+        self._by: Command | None = None  # the command that is being put in force
+        self._alerts: dict[tuple[AlertKind, int], Alert] = {}
+        self._orders: list[Order] = []
+        self._events: list[Event] = []
+
+    def memory(self) -> RaceMemory:
+        """
+        Return what must outlive race control.
+
+        While a start waits it is what was written for that: nothing else may take its place.
+        """
+        if self.start is not None:
+            return self.start.memory
+        karts = {number: _remembered(kart) for number, kart in self.karts.items()}
+        laps, heats = self.laps.memory(), self.laps.heats.kept
+        track = self.track_open, self.unstated
+        return RaceMemory(self.state, karts, *track, laps, self.given, heats, self._put_in)
+
+    def recover(
+        self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
+    ) -> Outcome:
+        """
+        Take up what race control left behind; to be called before any other input.
+
+        If the last run ended in good order with nothing under way, or none is known to have
+        begun, the race begins from the roster. Where none is known, the track stays closed until
+        an official states that no race is under way anywhere: this machine may stand in for
+        another one.
+
+        In every other case what happened last may not have been remembered, a stop least of all,
+        since a stop waits for no memory. So the race comes back as after ALL_KILL: in RED_RED,
+        with every kart held; the track counts as open. An official's statement in IN_GARAGE
+        covers every kart, unless it was known to be in doubt, or held alone: then only its own
+        word does, or its own release.
+
+        :param memory: what the record knows; None: nothing.
+        :param why: why no proof of a good end is believed, in a phrase; empty: no such reason.
+        """
+        if memory is not None:
+            self.given = memory.given
+            self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats))
+        if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
+            self.track_open = last_run is LastRun.ENDED_OPEN
+            self.unstated = last_run is LastRun.NONE
+            return self._outcome()
+        self._put_in = '' if memory is None else memory.heat
+        gone: list[Kart] = []
+        for number, before in ({} if memory is None else memory.karts).items():
+            kart = self.karts.get(number)
+            if kart is None:
+                if not (before.in_race or before.held or before.doubt):
+                    continue
+                kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
+                gone.append(kart)
+            else:
+                kart.in_race = before.in_race
+                kart.place = before.place
+            kart.doubt = before.doubt
+            kart.held_alone = before.held and before.held_alone
+            if kart.doubt:
+                kart.lost_since = now
+        self.places_given = max((kart.place for kart in self.karts.values()), default=0)
+        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+        # finished, not even whether it was started.
+        if memory is not None:
+            in_red = memory.state is RED_RED and self.places_given
+            if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
+                self.starters = tuple(
+                    kart.number for kart in self.karts.values() if kart.in_race or kart.place
+                )
+                self.grids = self.number = 1
+        self._lose_track('since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
+        for kart in gone:
+            text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
+            self._tell(EventKind.KART_STATE, text, kart.number, RED_RED)
+        return self._outcome()
+
+    def _lose_track(self, held: str, cause: str, now: float) -> None:
+        """Have everything count as the worst it could be: race control does not know it."""
+        self.past_unknown = True
+        self.track_open = True
+        self.msr_used = False
+        for kart in self.karts.values():
+            self._hold(kart, RED_RED, held, now)
+        self._go(RED_RED, now, cause)
+
+    # ----- inputs -------------------------------------------------------------------------
+
+    def command(self, command: Command, now: float, came: float | None = None) -> Outcome:
+        """
+        Judge an official's command and, if it is allowed, put it in force (§4.B).
+
+        A GREEN_GREEN that is allowed is not in force yet: it waits for what the outcome says.
+
+        :param came: when it came, if that was before, in seconds.
+        :returns: an outcome with an answer, unless it is a start that waits. A refused command
+            changes nothing; but a stop begins a pause even if there is no such kart.
+        """
+        came = now if came is None else came
+        if CATALOGUE[command.kind].stop:
+            # A release may have been sent before a stop, by an official who had not seen it, and
+            # come here after it. It must not undo the stop.
+            self._pause(now + self.times.pause, 'a stop was sent just now')
+        refusal = self._refusal_of(command, came)
+        if refusal or not CATALOGUE[command.kind].needs_journal:
+            return self._outcome(self._decide(command, refusal, now))
+        before = self.memory()
+        karts = {
+            number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
+            for number, kart in before.karts.items()
+        }
+        until = now + self.times.journal_timeout
+        self.starts += 1
+        laps = self._laps_from(now).memory()
+        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, laps=laps)
+        self.start = Start(self.starts, command, came, until, memory)
+        return self._outcome(start=self.start)
+
+    def start_becomes(self, phase: StartPhase, number: int, now: float) -> Outcome:
+        """
+        Take note that what a start waits for is on the disk or not, or that nobody waits for it.
+
+        :param number: of the start; if it does not wait any more, nothing happens.
+        :returns: an outcome with the answer to the start.
+        """
+        if self.start is None or self.start.number != number:
+            return self._outcome()
+        return self._outcome(self._end_of_start(self.start, phase, now))
+
+    def _end_of_start(self, start: Start, phase: StartPhase, now: float) -> Answer:
+        """Judge a start again whose turn has come, or refuse it for what has become of it."""
+        self.start = None
+        refusal = self._refusal_of(start.command, start.came)
+        refusal = refusal or WHY_NO_START.get(max(phase, start.phase), '')
+        return self._decide(start.command, refusal, now)
+
+    def held_up(self, seconds: float, now: float) -> Outcome:
+        """
+        Take note that race control was held up: what comes now may have been sent long ago.
+
+        What karts said meanwhile, and which are gone, is not known yet: to stand begins again.
+        """
+        for kart in (each for each in self.karts.values() if each.settles_at is not None):
+            kart.settles_at = now + self.times.settle
+        pause = max(self.times.pause, self.times.pause_after_held_up)
+        self._pause(now + pause, f'race control was held up for {seconds:.1f} s')
+        return self._outcome()
+
+    def cut_off(self, reason: str, now: float) -> Outcome:
+        """
+        Take note that race control lost the karts' network; the race is as after a crash.
+
+        Until it is back, another race control may do anything with the karts: nothing is loosened.
+
+        :param reason: what is lost, in a phrase; empty: it is back.
+        """
+        before, self.cut_off_by = self.cut_off_by, reason
+        if reason and not before:
+            self._cut_off(reason, now)
+        return self._outcome()
+
+    def _cut_off(self, reason: str, now: float) -> None:
+        cause = f'race control was cut off from the karts ({reason})'
+        self._pause(now + self.times.pause, cause)
+        self._lose_track('race control was cut off', cause, now)
+        self._tell_alerts(now)
+
+    def contested(self, number: int, contested: bool, now: float) -> Outcome:
+        """
+        Take note that two programs connect as one kart again and again, or do so no more.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        self.karts[number].contested = contested
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def _pause(self, until: float, why: str) -> None:
+        if until > self.paused_until:
+            self.paused_until = until
+            self._paused_by = why
+
+    def _refusal_of(self, command: Command, came: float) -> str:
+        """Return why a command is refused that came at a time (s); empty if it is not."""
+        if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
+            return self._unknown_kart(command)
+        rule = COMMANDS[command.kind]
+        # A reason of the rules says more to the official than the pause does.
+        refusal = self._refusal(command) or self._paused(command.kind, came)
+        if refusal:
+            return refusal
+        statement = rule.statement(self, command)
+        if statement and not command.statement:
+            wait = ''
+            if CATALOGUE[command.kind].names_hold:
+                kart = self.karts[command.kart]
+                wait = f'{kart}: {self._silence(kart)}; wait for it, or '
+            return f'{wait}state that {statement}'
+        return self._misnamed(command)
+
+    def _decide(self, command: Command, refusal: str, now: float) -> Answer:
+        """Put a command in force, or refuse it, and tell that."""
+        cause = len(self._events)
+        if refusal:
+            answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
+        else:
+            rule = COMMANDS[command.kind]
+            if not CATALOGUE[command.kind].bookkeeping:
+                self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
+            self._by = command
+            pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
+            answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
+            self._by = None
+        # The cause stands before its effects.
+        self._events.insert(
+            cause,
+            Event(
+                EventKind.COMMAND,
+                answer.message,
+                command.kart,
+                command=command.kind,
+                success=answer.success,
+                official=command.official,
+            ),
+        )
+        return answer
+
+    def connected(self, number: int, now: float) -> Outcome:
+        """
+        Take note of a kart's new connection (§3.B, §4.A).
+
+        A kart that is connected already is being replaced, which counts as a disconnect first.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected:
+            self._drop(kart, 'a new connection from its address took its place', now)
+        kart.connected = True
+        if not kart.may_be_moving:
+            kart.lost_since = None
+        kart.reported = None
+        kart.link = kart.went_silent_at = None
+        text = f'{_capital(kart)} connected'
+        self._tell(EventKind.CONNECTED, text, number, chatter=kart.contested)
+        self._redirect(kart, now, anew=True)
+        return self._outcome()
+
+    def disconnected(self, number: int, reason: str, now: float, silent: bool = False) -> Outcome:
+        """
+        Take note that a kart's connection is gone (§3.E, §4.D).
+
+        :param reason: how it went, for the officials.
+        :param silent: its link stopped answering; nobody closed the connection.
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected:
+            self._drop(kart, reason, now)
+            if silent:
+                kart.went_silent_at = now
+                self._look_whether_all_went_silent(kart, now)
+        return self._outcome()
+
+    def _look_whether_all_went_silent(self, lost: Kart, now: float) -> None:
+        """Take race control for cut off if it has lost every kart of the race at once."""
+        in_garage = self.state is IN_GARAGE
+        if self.state is RED_RED or not (lost.in_race or in_garage):
+            return  # in RED_RED there is nothing to stop, and teams switch their karts off
+        everyone = list(self.karts.values())
+        concerned = [each for each in everyone if each.in_race or in_garage]
+        silent = [
+            each
+            for each in concerned
+            if each.went_silent_at is not None and each.went_silent_at >= now - LOST_AT_ONCE
+        ]
+        # One kart alone is no sign of that while another answers; nor is it in the garage, where a
+        # team takes its kart's battery off.
+        if len(silent) == 1:
+            concerned = everyone
+        if len(silent) > in_garage and not any(each.connected for each in concerned):
+            self._cut_off(f'no kart answers any more: {_listed(silent)}', now)
+
+    def heard(
+        self, number: int, serial: int, state: RaceState, now: float, counts_in: float = 0.0
+    ) -> Outcome:
+        """
+        Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
+
+        A kart that says another state than the one it acknowledged withdraws its acknowledgement,
+        however old the other state is: perhaps the acknowledgement was just as old.
+
+        :param serial: the kart's order that had been sent when the frame began to arrive.
+        :param counts_in: for what does not count yet: in how many seconds the same word would, at
+            the latest; 0: unknown, or never.
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if not kart.connected:
+            return self._outcome()
+        counts = state is kart.sent and serial == kart.serial
+        if counts and not kart.acknowledged:
+            kart.acknowledged = True
+            kart.counts_at = None
+            if kart.acknowledged_at is None:
+                kart.acknowledged_at = now
+            if state.is_red:
+                kart.settles_at = now + self.times.settle
+                self._settle(kart, now)
+            # Whether all have is reported at the next tick; checking here would cost O(N²).
+            # IN_GARAGE asks for no acknowledgement (§3.A).
+            did = 'says' if state is IN_GARAGE else 'acknowledged'
+            text = f'{_capital(kart)} {did} {state.value}'
+            self._tell(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
+        elif kart.acknowledged and state is not kart.sent:
+            kart.acknowledged = False
+            kart.withdrawn = True
+            kart.settles_at = None
+            if kart.sent.is_red:
+                kart.doubt = Doubt.MOVING
+            self._tell(
+                EventKind.WITHDRAWN,
+                f'{_capital(kart)} says {state.value}: its acknowledgement of {kart.sent.value} '
+                'does not count any more',
+                number,
+                state,
+                chatter=True,
+            )
+        elif self._perhaps_earlier(kart, state, now, counts_in):
+            pass
+        elif state is not kart.reported:
+            text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
+            self._tell(EventKind.REPORTED, text, number, state, chatter=True)
+        if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
+            kart.doubt = Doubt.MOVING
+        kart.reported = state
+        return self._outcome()
+
+    def _perhaps_earlier(self, kart: Kart, state: RaceState, now: float, counts_in: float) -> bool:
+        """Take a word that does not count; return whether it is for what the kart is sent."""
+        if state is not kart.sent:
+            kart.counts_at = None
+            return False
+        if kart.acknowledged or state is IN_GARAGE:
+            return False
+        first = kart.counts_at is None
+        kart.counts_at, kart.counts_in = now + counts_in, counts_in
+        if first:
+            text = f'{_capital(kart)} {self._silence(kart)}'
+            self._tell(EventKind.REPORTED, text, kart.number, state, chatter=True)
+        return True
+
+    def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
+        """
+        Take note that the kart's kernel has answered an order: it has arrived, if not been read.
+
+        :param serial: of the order; if another has been given since, nothing happens.
+        :param answered: when, at the latest (s).
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected and serial == kart.serial and kart.delivered_at is None:
+            kart.delivered_at = max(answered, kart.ordered_at)
+            after = kart.delivered_at - kart.ordered_at
+            text = f"{kart.sent.value} has reached {kart}'s computer, after {after:.2f} s"
+            kind = EventKind.DELIVERED
+            self._events.append(Event(kind, text, number, kart.sent, after=after))
+        return self._outcome()
+
+    def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
+        """
+        Take note of how good a kart's link is.
+
+        It changes nothing of what anybody is sent or may do: officials are told.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if not kart.connected:
+            return self._outcome()
+        before, kart.link = kart.link, link
+        if link.grade is Grade.POOR:
+            kart.link_poor_at = now
+        if before is None or before.grade is not link.grade:
+            text = f'The link to {kart} is {link.grade.value}'
+            if link.behind:
+                text += f': its program may read {link.behind:.1f} s late'
+            elif link.grade is not Grade.GOOD:
+                text += f': it took {link.worst_answer:.2f} s to answer'
+            kind = EventKind.LINK_GRADE
+            self._events.append(Event(kind, text, number, grade=link.grade))
+        return self._outcome()
+
+    def passed(self, passings: Iterable[Passing], dropped: int, now: float) -> Outcome:
+        """
+        Take what sources saw at the timing line.
+
+        It sends no kart anything; but with `auto_finish` a kart finishes with its last lap.
+
+        :param dropped: how many further ones came that were too many to be taken.
+        """
+        fresh = {each.identity: each for each in passings if each.identity not in self._seen}
+        self._seen |= dict.fromkeys(fresh)
+        while len(self._seen) > MOST_SEEN:
+            self._seen.popitem(last=False)
+        if not self.laps.karts:
+            for passing in fresh.values():
+                self._tell_passing(passing, passing.kart, 'no race was started')
+            return self._outcome()
+        self._take_passings(fresh.values(), dropped, now)
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def _take_passings(self, passings: Iterable[Passing], dropped: int, now: float) -> list[Mark]:
+        self.laps, taken = self.laps.take(passings, now, dropped)
+        for passing, number, mark, lap, seconds in taken:
+            if passing.source != BY_HAND:  # the command tells it
+                self._tell_passing(passing, number, mark.value)
+            if not lap:
+                continue
+            kart = self.karts[number]
+            text = f'{_capital(kart)}: lap {lap} in {seconds:.3f} s'
+            if self.laps.is_done(number):
+                text += ', its last lap'
+            self._events.append(Event(EventKind.LAP, text, number, after=seconds, lap=lap))
+            last = Command(CommandKind.KART_FINISH, number, official=AUTO_FINISH)
+            if self.times.auto_finish and self.laps.is_done(number) and not self._refusal(last):
+                self._decide(last, '', now)
+        return [each.mark for each in taken]
+
+    def _tell_passing(self, passing: Passing, number: int, mark: str) -> None:
+        who = str(self.karts.get(number, f'kart {number}')) if number else 'somebody'
+        if passing.transponder:
+            who += f' (transponder {passing.transponder})'
+        text = f'{_capital(who)} crossed the line, seen by {passing.identity}: {mark}'
+        known = number if number in self.karts else 0
+        self._events.append(Event(EventKind.PASSING, text, known, chatter=True))
+
+    def rival(self, present: bool, now: float) -> Outcome:
+        """Take note that another race control runs among the same officials, or is gone."""
+        self.has_rival = present
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def attended(self, there: Attendance, now: float) -> Outcome:
+        """Take note of who can stop the race from now on."""
+        if there.able:
+            self.nobody_since = None
+        elif self.there.able:
+            self.nobody_since = now
+        self.there = there
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def record_trouble(self, text: str, now: float) -> Outcome:
+        """Take note of why the record fails, as a sentence for officials; empty: it works."""
+        self.record_fails = text
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def tick(self, now: float) -> Outcome:
+        """
+        Let time pass: finishes that are due, the race going over by itself, and the alerts.
+
+        A race that nobody can stop any more is stopped. A start that has waited too long for the
+        disk is refused. Alerts are only told; they never act.
+        """
+        for kart in self.karts.values():
+            self._settle(kart, now)
+            kart.counts_in *= now < (kart.counts_at or 0.0)
+            if kart.finish_due is not None and now >= kart.finish_due:
+                kart.finish_due = None
+                self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
+        due = self._race_over_due()
+        if due is not None and now >= due:
+            self.over = True
+            self._go(RED_RED, now, 'race over, every kart of the race has finished')
+            self._tell_results()
+        since, limit = self._unattended_since(), self.times.nobody_there
+        if since is not None and limit and now >= since + limit:
+            self._pause(now + self.times.pause, 'race control has just stopped the race')
+            self._go(RED_FLAG, now, NOBODY_THERE)
+        answer = None
+        if self.start is not None and now >= self.start.until:
+            answer = self._end_of_start(self.start, StartPhase.FAILED, now)
+        self._tell_all_answered(now)
+        self._tell_alerts(now)
+        return self._outcome(answer)
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    def availability(self, kind: CommandKind, number: int, now: float) -> Availability:
+        """
+        Return whether a command that comes now would be accepted, and why not.
+
+        :param number: the kart, for a command to one kart; 0 for any other.
+        :raises KeyError: if the command is to one kart and the roster has no such kart.
+        """
+        rule, command = COMMANDS[kind], Command(kind, number)
+        reason = self._refusal(command)
+        if reason:
+            return Availability(kind, False, reason)
+        paused = self._paused(kind, now)
+        if paused:
+            return Availability(kind, False, paused, available_from=self.paused_until)
+        karts = tuple(sorted(each.number for each in rule.karts(self, command)))
+        return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
+
+    def alerts(self, now: float) -> list[Alert]:
+        """Return what officials must act on at this time, newest first."""
+        alerts = []
+        for kind, kart, since, text in self._current_alerts(now):
+            number = kart.number if kart else 0
+            if since is None:
+                told = self._alerts.get((kind, number))
+                since = told.since if told else now
+            use_msr = kind in MSR_ALERTS and not self.msr_used
+            if kind is AlertKind.TRACK_UNSAFE:
+                use_msr = use_msr and any(each.doubt for each in self.karts.values())
+            alerts.append(Alert(kind, number, since, text, use_msr))
+        alerts.sort(key=lambda alert: alert.since, reverse=True)
+        return alerts
+
+    def track_access(self) -> TrackAccess:
+        """
+        Return whether humans may be on the track now, and why or why not (§3.A).
+
+        The proposal's conditions speak of connected karts. A kart that was lost in motion or on
+        the grid is counted too: only its own word when it is back, the MSR, or the statement that
+        it was made safe by hand answers for it.
+        """
+        allowed, reason = self._humans_allowed()
+        if allowed and self.unstated and not self.msr_used:
+            allowed = False
+            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+        return TrackAccess(self.track_open, allowed, reason, self.msr_used)
+
+    # ----- what a kart is sent ------------------------------------------------------------
+
+    def _commanded(self, kart: Kart) -> RaceState:
+        own = self.state if kart.in_race else IN_GARAGE
+        return own if kart.hold is None else stricter(own, kart.hold)
+
+    def _redirect(self, kart: Kart, now: float, anew: bool = False) -> None:
+        """Send the kart what follows from the race and its hold; its old acknowledgement ends."""
+        state = self._commanded(kart)
+        changed = state is not kart.sent
+        if not (changed or anew):
+            return
+        if changed:
+            kart.sent = state
+            kart.sent_since = now
+        kart.serial += 1
+        kart.ordered_at = now
+        kart.delivered_at = kart.acknowledged_at = None
+        kart.acknowledged = False
+        kart.withdrawn = False
+        kart.counts_at = None
+        kart.settles_at = None
+        if kart.connected:
+            if state is GRID_ACTIVE:
+                kart.doubt = max(kart.doubt, Doubt.GRID)
+            elif state is IN_GARAGE:
+                kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
+            elif not self._covered_by_statement(kart):
+                # Told to go, or told to stop and it has not said yet that it did. Nobody knows
+                # that of a kart which is sent RED_RED because race control knows nothing.
+                kart.doubt = Doubt.MOVING
+            self._orders.append(Order(kart.number, state, kart.serial))
+            text = f'{_capital(kart)} is sent {state.value}'
+            self._tell(EventKind.KART_STATE, text, kart.number, state, kart.contested and anew)
+
+    def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
+        if kart.hold is None or hold.strictness > kart.hold.strictness:
+            kart.hold = hold
+            # That an official held it stays to be seen, for only an official lets it go.
+            before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
+            kart.hold_reason = reason + before
+        self._redirect(kart, now)
+
+    def _doubt_that_it_stands(self, kart: Kart) -> None:
+        """Count a connected kart as moving that an official stops, and that says nothing yet."""
+        if kart.connected and not kart.stopped and self._covered_by_statement(kart):
+            kart.doubt = Doubt.MOVING
+
+    def _unhold(self, kart: Kart) -> None:
+        kart.hold = None
+        kart.hold_reason = ''
+        kart.held_alone = False
+        kart.finish_due = None
+
+    def _settle(self, kart: Kart, now: float) -> None:
+        """End the doubt of a kart that has stood by its acknowledgement of a red long enough."""
+        if kart.settles_at is not None and now >= kart.settles_at:
+            self._end_doubt(kart)
+
+    def _end_doubt(self, kart: Kart) -> None:
+        kart.doubt = Doubt.NONE
+        kart.settles_at = None
+        kart.lost_since = None
+
+    def _cause(self) -> str:
+        """Return the command that is being put in force, and who gave it."""
+        assert self._by is not None
+        official = f' by {self._by.official}' if self._by.official else ''
+        return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
+
+    def _go(self, state: RaceState, now: float, why: str = '') -> None:
+        if state is not self.state:
+            self.laps = self.laps.end(now)
+            self.state = state
+            self.state_since = now
+            self.state_cause = why or self._cause()
+            self._told_all_answered = False
+            text = f'The race is in {state.value}: {self.state_cause}'
+            self._tell(EventKind.RACE_STATE, text, state=state)
+        for kart in self.racing():
+            self._redirect(kart, now)
+
+    def _drop(self, kart: Kart, reason: str, now: float) -> None:
+        kart.connected = False
+        kart.acknowledged = False
+        kart.settles_at = None
+        kart.counts_at = None
+        kart.reported = None
+        kart.link = kart.delivered_at = kart.acknowledged_at = None
+        under_way = kart.in_race and self.state is not IN_GARAGE
+        if (under_way or kart.doubt) and kart.lost_since is None:
+            kart.lost_since = now
+        text = f'{_capital(kart)} disconnected: {reason}'
+        self._tell(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
+        if under_way and self.state is not GRID_ACTIVE:
+            self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
+        elif kart.may_be_moving:
+            self._hold(kart, RED_RED, 'lost its connection while it may have been moving', now)
+
+    # ----- the effects of the commands ----------------------------------------------------
+
+    def _all_kill(self, command: Command, now: float) -> str:
+        cause = self._cause()
+        for each in self.karts.values():
+            self._doubt_that_it_stands(each)
+            self._hold(each, RED_RED, cause, now)
+        self._go(RED_RED, now)
+        return f'RED_RED is sent to {_receivers(self.karts.values())}'
+
+    def _red_flag(self, command: Command, now: float) -> str:
+        self._go(stricter(self.state, RED_FLAG), now)
+        if self.state is not RED_FLAG:
+            return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
+        flagged = [each for each in self.racing() if each.sent is RED_FLAG]
+        stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
+        message = f'RED_FLAG is sent to {_receivers(flagged)}'
+        return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
+
+    def _grid_active(self, command: Command, now: float) -> str:
+        if self.start is not None:
+            self.start = self.start._replace(phase=StartPhase.OUTLIVED)
+        if self.state is GRID_ACTIVE:
+            return 'GRID_ACTIVE is the last command again; who has acknowledged it need not again'
+        self.grids += 1
+        self.number = self.grids
+        self.race_since = now
+        self.msr_used = False
+        self.starters = ()
+        heats, forgotten = self.laps.heats.keep(self.laps)
+        heat = self._heat()
+        self.laps = Laps(self.times, heat.format, 0, now, (), heat=heat.name, heats=heats)
+        self.nobody_since = None  # if nobody is there now, nobody was in this race yet
+        self.places_given = 0
+        for each in self.karts.values():
+            each.place = 0
+        self._go(GRID_ACTIVE, now)
+        text = f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
+        if forgotten:
+            text += f'; the record alone has the results of {_cut(forgotten, "heats")} now'
+        return text
+
+    def _green_green(self, command: Command, now: float) -> str:
+        self.starters = tuple(each.number for each in self.racing())
+        self._go(GREEN_GREEN, now)
+        self.laps = self._laps_from(now)
+        return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
+
+    def _race_over(self, command: Command, now: float) -> str:
+        self.over = True
+        self._go(RED_RED, now)
+        self._tell_results()
+        return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
+
+    def _race_in_garage(self, command: Command, now: float) -> str:
+        released = list(self._released_by_garage(command))
+        for each in released:
+            if self._covered_by_statement(each):
+                each.lost_since = None
+            self._unhold(each)
+        kept = [each for each in self.karts.values() if each.hold is not None]
+        for each in self.karts.values():
+            each.finish_due = None
+        self.over = False
+        self.msr_used = False
+        if self.past_unknown:
+            self.past_unknown = self.unstated = False
+        self._tell_results()  # of a race that was stopped and never declared over
+        self._go(IN_GARAGE, now)
+        for each in self.karts.values():
+            self._redirect(each, now)
+        message = f'IN_GARAGE is sent to {_receivers(released)}'
+        if kept:
+            message += f'; still held until released alone: {_listed(kept)}'
+        return message
+
+    def _open_track(self, command: Command, now: float) -> str:
+        self.track_open = True
+        self.unstated = False
+        return f'The track is open to humans: {self._humans_allowed()[1]}'
+
+    def _close_track(self, command: Command, now: float) -> str:
+        if self.track_open:
+            # GRID_ACTIVE may have been sent before the track was opened, and come here after it.
+            self._pause(now + self.times.pause, 'the track was closed just now')
+        self.track_open = False
+        return 'The track is closed to humans'
+
+    def _record_msr(self, command: Command, now: float) -> str:
+        # The MSR's relay may give the power back later: by then every kart must be told to stop.
+        self._all_kill(command, now)
+        self.msr_used = True
+        return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
+
+    def _stop_kart(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
+        by = f'{hold.value} by {command.official or "an official"}'
+        reason = ', '.join(filter(None, (by, command.pressed)))
+        self._doubt_that_it_stands(kart)
+        self._hold(kart, hold, reason, now)
+        if not kart.held_alone:
+            kart.held_alone = True
+            if kart.hold_reason != reason:
+                kart.hold_reason += f'; {reason}'
+        absent = '' if kart.connected else ', but it is not connected'
+        return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
+
+    def _kart_finish(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        self.places_given += 1
+        kart.place = self.places_given
+        delay = self.times.finish_delay(kart.place)
+        kart.finish_due = now + delay
+        self.laps = self.laps.finish(kart.number, now)
+        text = f'{_capital(kart)} finished in place {kart.place}'
+        return f'{text}; RED_FLAG follows in {delay:g} s'
+
+    def _kart_undo_finish(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        place, kart.place = kart.place, 0
+        self.places_given -= 1
+        self.laps = self.laps.undo_finish(kart.number)
+        moved_up = [each for each in self.karts.values() if each.place > place]
+        for each in moved_up:
+            each.place -= 1
+        moved_up.sort(key=lambda each: each.place)
+        text = f'{_capital(kart)} has no place any more'
+        # Nothing that was sent is loosened: it loses a RED_FLAG that has not gone out.
+        kart.finish_due = None
+        if kart.sent is GREEN_GREEN:
+            text += ' and drives on: its RED_FLAG was not sent yet'
+        elif kart.hold is not None:
+            text += f'; it stays held in {kart.hold.value}'
+        if moved_up:
+            text += f'; moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
+        return text
+
+    def _release_kart(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        self._unhold(kart)
+        self._end_doubt(kart)
+        out = kart.in_race and self.state is not IN_GARAGE
+        if out:
+            kart.in_race = False
+            self.laps = self.laps.leave(kart.number, now)
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is released to IN_GARAGE' + (
+            ' and is out of the race' if out else ''
+        )
+
+    def _join_race(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        kart.in_race = True
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is in the race'
+
+    def _leave_race(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        held = self.state is not IN_GARAGE
+        kart.in_race = False
+        if held:
+            self._hold(kart, RED_RED, 'taken out of the race on the grid', now)
+            return f'{_capital(kart)} is out of the race and held in RED_RED'
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is out of the race'
+
+    def _set_heat(self, command: Command, now: float) -> str:
+        (heat,) = (each for each in self.heats if each.name == command.heat)
+        for each in self.karts.values():
+            each.in_race = each.number in heat.karts
+            self._redirect(each, now)
+        self._put_in = heat.name
+        chosen = list(self.racing())
+        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
+        absent = [each for each in chosen if not each.connected]
+        grid = self.order_of_start().grids[self.heats.index(heat)]
+        if len(grid) > 1:
+            text += f'; grid: {", ".join(map(str, grid))}'
+        elif heat.grid_from and not grid:
+            text += f'; no grid yet: "{heat.grid_from}" has no results of its karts'
+        if absent:
+            text += f'; not connected: {_listed(absent)}'
+        held = _held(chosen)
+        return text + (f'; still held: {held}' if held else '')
+
+    def _count_passing(self, command: Command, now: float) -> str:
+        number = 1 + sum(each.passing.source == BY_HAND for each in self.laps.crossings)
+        # Of a session of its own, so that the time of the command is the time.
+        seen = Passing(BY_HAND, str(number), number, command.kart)
+        marks = self._take_passings([seen], 0, now)
+        became = marks[0].value if marks else 'not taken, too many passings come'
+        return f'{_capital(self.karts[command.kart])} crossed the line: {became}'
+
+    def _correct_passing(self, command: Command, now: float) -> str:
+        if command.kind is CommandKind.RESTORE_PASSING:
+            self.laps = self.laps.restore(command.passing)
+            return f'Passing {command.passing} counts again, if the rules let it'
+        why = f'{command.reason}, by {command.official}' if command.official else command.reason
+        self.laps = self.laps.strike(command.passing, why)
+        return f'Passing {command.passing} is struck out: {command.reason}'
+
+    def _give_transponder(self, command: Command, now: float) -> str:
+        kept = tuple(each for each in self.given if each.transponder != command.transponder)
+        self.given = (*kept, Owner(command.transponder, command.kart))
+        self.laps = self.laps.again(transponders=self._transponders())
+        return f"Transponder {command.transponder} is {self.karts[command.kart]}'s"
+
+    def _penalise(self, command: Command, now: float) -> str:
+        terms = (command.kart, command.seconds, command.laps, command.disqualified)
+        penalty = Penalty(*terms, command.reason, command.official)
+        self.laps = self.laps.penalise(penalty, command.heat)
+        return f'{_capital(self.karts[command.kart])}: {penalty}'
+
+    def _undo_penalty(self, command: Command, now: float) -> str:
+        self.laps = self.laps.undo_penalty(command.kart, command.heat)
+        return f'The last penalty of {self.karts[command.kart]} is taken back'
+
+    # ----- why a command is refused: one phrase, or nothing -------------------------------
+
+    def _refusal(self, command: Command) -> str:
+        if CATALOGUE[command.kind].loosens and self.has_rival:
+            return 'another race control is running; end it first. Every stop still works'
+        if CATALOGUE[command.kind].loosens and self.cut_off_by:
+            return f'race control is still cut off from the karts: {self.cut_off_by}'
+        return COMMANDS[command.kind].refusal(self, command)
+
+    def _paused(self, kind: CommandKind, came: float) -> str:
+        """Return why a pause refuses a command that came at a time (s); empty if none does."""
+        if CATALOGUE[kind].loosens and came < self.paused_until:
+            return f'{self._paused_by}; look at the race, then send this command again'
+        return ''
+
+    def _no_grid_active(self, command: Command) -> str:
+        if self.state not in (IN_GARAGE, GRID_ACTIVE):
+            return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
+        racing = list(self.racing())
+        if not racing:
+            return 'no kart is in the race'
+        if self.track_open:
+            return 'the track is open to humans; close it first'
+        held = _held(racing)
+        if held:
+            if self.state is GRID_ACTIVE:
+                return f'bring the race to IN_GARAGE and release the held karts: {held}'
+            numbers = _numbers(each.number for each in racing if each.hold is not None)
+            return f'first send KART_IN_GARAGE to {numbers}: {held}'
+        return (
+            self._doubtful()
+            or self._contested(racing)
+            or self._uninspected(racing)
+            or self._untried_button()
+            or self._no_record()
+        )
+
+    def _doubtful(self) -> str:
+        """Return which karts must not be near a race that starts, whatever the rest does."""
+        return _cut(
+            [
+                self._danger(each)
+                for each in self.karts.values()
+                if each.may_be_moving or (each.doubt and not each.in_race)
+            ]
+        )
+
+    def _contested(self, karts: Iterable[Kart]) -> str:
+        contested = [each for each in karts if each.contested]
+        if not contested:
+            return ''
+        return f'two programs connect as {_listed(contested)}; have its team end one of them'
+
+    def _untried_button(self) -> str:
+        if not self.times.require_button or self.there.button_tried:
+            return ''
+        return (
+            'no stop button was tried that works: start rcs_button, press it (it sends ALL_KILL), '
+            'then send IN_GARAGE and this again'
+        )
+
+    def _no_record(self) -> str:
+        """Return that no race goes on while the record fails, and what helps; else nothing."""
+        if not self.record_fails:
+            return ''
+        return (
+            f'{self.record_fails}. No race goes on without a record: make room on the disk; or '
+            'restart race control with the parameter record on another disk, at worst '
+            'in /dev/shm'
+        )
+
+    def _no_green_green(self, command: Command) -> str:
+        if self.state is not GRID_ACTIVE:
+            return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
+        if not self.grid_was_last:
+            return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
+        racing = list(self.racing())
+        if not racing:
+            return 'no kart is in the race'
+        held = _held(racing)
+        if held:
+            return f'bring the race to IN_GARAGE and release the held karts: {held}'
+        missing = [
+            f'{each}: {self._silence(each)}'
+            for each in racing
+            if not (each.connected and each.acknowledged)
+        ]
+        if missing:
+            return f'waiting for {_cut(missing)}'
+        if unfit := self._contested(racing) or self._doubtful():
+            return unfit
+        if self.nobody_since is not None:
+            return (
+                'nobody is there any more to stop the race: open a window; or begin again, with '
+                'IN_GARAGE'
+            )
+        if self.start is not None:
+            return 'another GREEN_GREEN is still waiting for the record'
+        return self._no_record()
+
+    def _no_race_over(self, command: Command) -> str:
+        return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
+
+    def _no_in_garage(self, command: Command) -> str:
+        if self.state is GRID_ACTIVE:
+            return _cut(
+                [
+                    self._danger(each)
+                    for each in self.racing()
+                    if each.may_be_moving or (each.doubt and not each.connected)
+                ]
+            )
+        if self.state is IN_GARAGE:
+            return 'the race is in IN_GARAGE already'
+        if self.state is not RED_RED:
+            return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
+        missing = [
+            f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
+        ]
+        if not missing:
+            return ''
+        how = '' if self.msr_used else 'use the MSR and record it; or, if it is off the track, '
+        return (
+            f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
+            'and release it alone'
+        )
+
+    def _no_open_track(self, command: Command) -> str:
+        allowed, reason = self._humans_allowed()
+        return '' if allowed else reason
+
+    def _no_finish(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if not kart.in_race:
+            return f'{kart} is not in the race'
+        if self.state is not GREEN_GREEN:
+            return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
+        if kart.place:
+            return f'{kart} has finished already, in place {kart.place}'
+        if not kart.connected:
+            return f'{kart} is not connected'
+        if kart.hold is not None:
+            return f'{kart} is held: {kart.hold_reason}'
+        return ''
+
+    def _no_undo_finish(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if not kart.place:
+            return f'{kart} has no place'
+        if kart.number not in self.starters:
+            return (
+                f'the results with {kart} in place {kart.place} have been reported; '
+                'correct them on paper'
+            )
+        return ''
+
+    def _no_release(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if kart.sent is IN_GARAGE:
+            return f'{kart} is in IN_GARAGE already'
+        if not kart.sent.is_red:
+            return f'{kart} is being sent {kart.sent.value}; stop it first with RED_RED'
+        return ''
+
+    def _no_join(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if kart.in_race:
+            return f'{kart} is in the race already'
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; karts join in IN_GARAGE'
+        return self._uninspected([kart])
+
+    def _no_set_heat(self, command: Command) -> str:
+        if not self.heats:
+            return "the roster has no heats; list them under 'heats:' and restart race control"
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
+        return ''
+
+    def _no_laps(self, command: Command) -> str:
+        return '' if self.laps.karts else 'no race was started'
+
+    def _not_started(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        heat = command.heat if 'heat' in CATALOGUE[command.kind].takes else ''
+        if kart.number in self.laps.of_heat(heat).karts:
+            return ''
+        where = f'"{heat[:40]}"' if heat else 'this race'
+        return f'{kart} has not started in {where}, or its result is not known here'
+
+    def _no_undo_penalty(self, command: Command) -> str:
+        penalties = self.laps.of_heat(command.heat).penalties
+        kart = self.karts[command.kart]
+        return '' if kart.number in {each.kart for each in penalties} else f'{kart} has no penalty'
+
+    def _uninspected(self, karts: Iterable[Kart]) -> str:
+        if not self.times.require_inspection:
+            return ''
+        missing = [each for each in karts if not each.inspected]
+        if not missing:
+            return ''
+        return (
+            f'not inspected: {_listed(missing)}. Race without it; or inspect it, write the date '
+            'into the roster, and restart race control'
+        )
+
+    def _no_leave(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if not kart.in_race:
+            return f'{kart} is not in the race'
+        if self.state not in (IN_GARAGE, GRID_ACTIVE):
+            return (
+                f'the race is in {self.state.value}; karts leave in IN_GARAGE or GRID_ACTIVE. '
+                'Stop it with RED_RED instead'
+            )
+        return ''
+
+    # ----- what the official saw ----------------------------------------------------------
+
+    def _started(self, command: Command) -> Iterable[Kart]:
+        return self.racing()
+
+    def _released_by_garage(self, command: Command) -> Iterable[Kart]:
+        """Yield whom IN_GARAGE for the race sends IN_GARAGE."""
+        return (
+            each
+            for each in self.karts.values()
+            if each.sent is not IN_GARAGE
+            and (
+                each.hold is None
+                or (each.stands and (each.in_race or not each.held_alone))
+                or self._covered_by_statement(each)
+            )
+        )
+
+    def _misnamed(self, command: Command) -> str:
+        """Return why a command is refused for what it names; empty if it names what is there."""
+        entry = CATALOGUE[command.kind]
+        if entry.names_heat:
+            return self._no_such_heat(command.heat)
+        if entry.of_laps:
+            return self._no_such_correction(command)
+        if entry.names_hold:
+            return self._held_otherwise(self.karts[command.kart], command.hold)
+        return self._not_as_seen(command) if entry.names_karts else ''
+
+    def _no_such_heat(self, name: str) -> str:
+        for heat in self.heats:
+            if heat.name == name:
+                return self._uninspected(self.karts[number] for number in heat.karts)
+        names = ', '.join(f'"{heat.name}"' for heat in self.heats)
+        return f'the roster has no heat {name[:40]!r}; it has {names}'
+
+    def _no_such_correction(self, command: Command) -> str:
+        takes = CATALOGUE[command.kind].takes
+        if 'number' in takes:
+            if not self.laps.knows(command.passing):
+                return f'this race has no passing {command.passing}'
+            if command.kind is CommandKind.STRIKE_PASSING and not command.reason:
+                return 'say why'
+            struck = command.passing in self.laps.struck
+            if struck is (command.kind is CommandKind.STRIKE_PASSING):
+                return f'passing {command.passing} is {"" if struck else "not "}struck out'
+        if 'transponder' in takes and not command.transponder:
+            return 'name the transponder'
+        is_new = command.transponder not in dict(self.given)
+        if 'transponder' in takes and is_new and len(self.given) >= MOST_GIVEN:
+            return f'{MOST_GIVEN} transponders were given; put them into the roster'
+        if 'seconds' in takes:
+            if not (command.seconds or command.laps or command.disqualified):
+                return 'say what it costs: seconds, laps, or the place'
+            if not command.reason:
+                return 'say why'
+            if len(self.laps.of_heat(command.heat).penalties) >= MOST_PENALTIES:
+                return f'there are {MOST_PENALTIES} penalties already'
+        return ''
+
+    def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
+        if seen is kart.hold:
+            return ''
+        now, then = (
+            'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
+        )
+        return f'{kart} has changed since you looked: it is {now}, you saw it {then}; look again'
+
+    def _not_as_seen(self, command: Command) -> str:
+        concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
+        if concerned == command.karts:
+            return ''
+        if not command.karts:  # typed by hand
+            return f'name the karts: karts: {sorted(concerned)}'
+        phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
+        if concerned - command.karts:
+            phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
+        if command.karts - concerned:
+            phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
+        return f'the race has changed since you looked: {"; ".join(phrases)}; look again'
+
+    # ----- what the official must state ---------------------------------------------------
+
+    def _state_track_safe(self, command: Command) -> str:
+        if not self.past_unknown:
+            return 'the track is safe for humans'
+        silent = [
+            each
+            for each in self.karts.values()
+            if self._covered_by_statement(each) and not each.stands
+        ]
+        text = f'the track is safe for humans, and {NO_RACE_ANYWHERE}'
+        return f'{text}, not even those that say nothing: {_listed(silent)}' if silent else text
+
+    def _state_no_race(self, command: Command) -> str:
+        return NO_RACE_ANYWHERE if self.unstated else ''
+
+    def _state_made_safe(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        return '' if kart.stands else f'{kart} was made safe by hand'
+
+    # ----- derived ------------------------------------------------------------------------
+
+    def order_of_start(self) -> Starts:
+        """Return the order of start of each heat, and which heat is next."""
+        known = self._starts
+        # With every lap the results are others; nobody has to sort them more often.
+        if known is None or known[0] is not self.laps or known[1] != self.heat:
+            orders = {each: self._order(each) for each in {heat.grid_from for heat in self.heats}}
+            grids = tuple(_grid(heat.karts, orders[heat.grid_from]) for heat in self.heats)
+            raced = {self.heat, self.laps.heat, *self.laps.heats.by_name}
+            turns = [
+                (orders[heat.grid_from].index(grid[0]), heat.name)
+                for heat, grid in zip(self.heats, grids, strict=True)
+                if len(grid) == 1 and heat.name not in raced
+            ]
+            starts = Starts(grids, self.heat, min(turns, default=(0, ''))[1])
+            known = self._starts = self.laps, self.heat, starts
+        return known[2]
+
+    def _order(self, source: str) -> list[int]:
+        """Return the karts of a heat, or else of the heats of a format, by their results."""
+        if any(heat.name == source for heat in self.heats):
+            results = self.laps.of_heat(source).results
+        else:
+            results = self.laps.standings(Format(source)) if source else ()
+        return [each.kart for each in results]
+
+    @property
+    def heat(self) -> str:
+        """Return the name of the heat in the race; empty: none is."""
+        return self._heat().name
+
+    def _heat(self) -> Heat:
+        """
+        Return the heat in the race; without a name: none is.
+
+        It is the one that was last put in, or at the start the only one with the roster's karts.
+        Karts may leave it; with a kart of another heat, or without any, it is in the race no more.
+        """
+        racing = {each.number for each in self.racing()}
+        for heat in self.heats:
+            if heat.name == self._put_in and racing and racing <= {*heat.karts}:
+                return heat
+        return Heat('', ())
+
+    def _laps_from(self, green: float) -> Laps:
+        """Return the laps of a race that begins at this time, with the karts that are in it."""
+        heat = self._heat()
+        karts = tuple(each.number for each in self.racing())
+        return Laps(
+            self.times,
+            heat.format,
+            heat.laps,
+            green,
+            karts,
+            self._transponders(),
+            heat.name,
+            grid=_grid(karts, self._order(heat.grid_from)),
+            heats=self.laps.heats,
+        ).again()
+
+    def _transponders(self) -> dict[str, int]:
+        """Return whose each transponder is: the roster's, then what officials gave."""
+        roster = {name: kart.number for kart in self.karts.values() for name in kart.transponders}
+        return roster | dict(self.given)
+
+    def racing(self) -> Iterator[Kart]:
+        """Yield the karts of the race, in the order of the roster."""
+        return (kart for kart in self.karts.values() if kart.in_race)
+
+    def _humans_allowed(self) -> tuple[bool, str]:
+        if self.msr_used:
+            return True, 'the Master Safety Remote was used'
+        if self.state in (GRID_ACTIVE, GREEN_GREEN):
+            return False, f'the race is in {self.state.value}'
+        karts = [each for each in self.karts.values() if not self._covered_by_statement(each)]
+        unsafe = [each for each in map(self._danger, karts) if each]
+        if unsafe:
+            return False, _cut(unsafe)
+        if self.past_unknown:
+            return False, (
+                'race control does not know what happened: look at every kart, then send '
+                'IN_GARAGE; or use the MSR and record it'
+            )
+        if not any(kart.connected for kart in self.karts.values()):
+            return True, 'no kart is connected: race control does not know what the karts do'
+        return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
+
+    def _danger(self, kart: Kart) -> str:
+        """Return why humans must not be near a kart now; nothing if they may (§3.A)."""
+        if kart.stands:
+            return ''
+        if kart.connected and kart.sent.is_red:
+            if kart.stopped:
+                return f'{kart} has stopped: it must stand for {self.times.settle:g} s'
+            return f'{kart} has not acknowledged {kart.sent.value}'
+        if kart.connected:
+            return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
+        if kart.may_be_moving:
+            return f'{kart} was lost in motion: use the MSR'
+        if kart.doubt is Doubt.GRID:
+            return (
+                f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
+                'stop; or use the MSR and record it; or, if its team has it off the track, make '
+                'it safe by hand, send it RED_RED and release it alone'
+            )
+        return ''
+
+    def _covered_by_statement(self, kart: Kart) -> bool:
+        """
+        Return whether the statement of the next IN_GARAGE covers a kart.
+
+        Race control does not know what happened, and nobody has seen this kart move, nor stopped
+        it alone.
+        """
+        return self.past_unknown and not (kart.doubt or kart.held_alone)
+
+    def _silence(self, kart: Kart) -> str:
+        """Return what there is instead of the answer that is waited for."""
+        if not kart.connected:
+            return 'not connected'
+        if kart.stopped:
+            return f'has stopped, and must stand for {self.times.settle:g} s'
+        if kart.stopped_itself:
+            return 'stopped itself: take it out, or begin again with IN_GARAGE'
+        if kart.counts_at is not None:
+            said = f'says {kart.sent.value}, perhaps to the earlier one'
+            if kart.counts_in:
+                return f'{said}: {max(1, round(kart.counts_in))} s'
+            return f'{said}: let it connect again (it comes back held)'
+        if kart.withdrawn:
+            return f'withdrew its acknowledgement of {kart.sent.value}'
+        if kart.reported is kart.sent:
+            return (
+                f'no {kart.sent.value} since the earlier one; a kart that says only what differs '
+                'from its last word must connect again (it comes back held)'
+            )
+        return f'no {kart.sent.value} yet'
+
+    def _waited_for(self) -> list[Kart]:
+        """
+        Return the karts that the race waits for: lost ones too, unless the MSR was used.
+
+        Where it is not known what happened, every connected kart that is held must answer, too,
+        unless the official's statement covers it.
+        """
+        return [
+            kart
+            for kart in self.karts.values()
+            if (
+                (kart.connected and (kart.in_race or (self.past_unknown and kart.sent.is_red)))
+                or (kart.in_race and not self.msr_used)
+            )
+            and not self._covered_by_statement(kart)
+        ]
+
+    def _unattended_since(self) -> float | None:
+        """Return since when nobody can stop a race in motion that somebody could (s)."""
+        return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
+
+    def _race_over_due(self) -> float | None:
+        """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
+        if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
+            return None
+        if not self.starters:
+            return None  # the places are those of the last race
+        due = None
+        for kart in self.racing():
+            if not kart.place or kart.finish_due is not None:
+                return None
+            stopped = kart.sent_since if kart.stopped else kart.sent_since + self.times.finish_stop
+            due = stopped if due is None else max(due, stopped)
+        return due
+
+    def _tell_all_answered(self, now: float) -> None:
+        if self.state is IN_GARAGE:
+            return
+        waited_for = self._waited_for()
+        answered = bool(waited_for) and all(kart.answered for kart in waited_for)
+        news = answered and not self._told_all_answered
+        self._told_all_answered = answered
+        if news:
+            who = 'connected kart' if self.msr_used else 'kart'
+            text = f'Every {who} of the race has acknowledged; {self._next(now)}'
+            self._tell(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
+
+    def _next(self, now: float) -> str:
+        """Return what may follow now that every kart has acknowledged, or what is in the way."""
+        if self.state is GREEN_GREEN:
+            racing = list(self.racing())
+            standing = [kart for kart in racing if kart.stopped]
+            if len(standing) < len(racing):
+                rest = f', without {_listed(standing)}' if standing else ''
+                return f'the race is on{rest}'
+            return 'all of them have stopped, and RACE_OVER may be sent'
+        if self.start is not None:
+            return 'GREEN_GREEN was given, and waits for the record'
+        following, condition = _NEXT[self.state]
+        obstacle = self._refusal(Command(following))
+        if obstacle:
+            return obstacle
+        soon = ''
+        if self._paused(following, now):
+            soon = f' in {math.ceil(self.paused_until - now)} s'
+        return f'{following.value} may be sent{soon}{condition}'
+
+    def _tell_results(self) -> None:
+        """Tell the places of the race, and who did not finish; once for each race."""
+        starters = [self.karts[number] for number in self.starters]
+        self.starters = ()
+        if not starters:
+            return
+        finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
+        missing = [str(each) for each in starters if not each.place]
+        text = 'Results: ' + (
+            ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
+        )
+        if missing:
+            text += f'; did not finish: {", ".join(missing)}'
+        self._events.append(Event(EventKind.RESULTS, text))
+
+    def _current_alerts(
+        self, now: float
+    ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
+        """Yield each alert, since when it holds (None: since it was first seen), and its text."""
+        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
+        late = {
+            GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
+            GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
+            RED_FLAG: (AlertKind.FLAG_UNACKNOWLEDGED, self.times.flag_alert),
+            RED_RED: (AlertKind.RED_UNACKNOWLEDGED, self.times.red_alert),
+        }
+        for kart in self.karts.values():
+            if kart.lost_since is not None:
+                # A kart that is back has not stopped yet: only its word ends the alarm.
+                if kart.may_be_moving:
+                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart, msr)
+                elif not kart.connected:
+                    text = f'{_capital(kart)} lost its connection'
+                    yield AlertKind.KART_LOST, kart, kart.lost_since, text
+            if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
+                text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
+                yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
+            if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
+                late_by = f'answers {kart.link.worst_answer:.1f} s late, and a stop may too'
+                if kart.link.behind:
+                    late_by = (
+                        f'may read {kart.link.behind:.1f} s late: it says back fewer frames than '
+                        'it is sent, or leaves them unread, and a stop comes as late'
+                    )
+                text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
+                yield AlertKind.LINK_POOR, kart, None, text
+            if kart.contested:
+                text = f'Two programs connect as {kart}, in turns: have its team end one of them'
+                yield AlertKind.TWO_PROGRAMS, kart, None, text
+            if kart.sent in late and not kart.acknowledged:
+                alert, limit = late[kart.sent]
+                due = kart.sent_since + limit
+                if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
+                    continue
+                if self._covered_by_statement(kart):
+                    continue  # its program may boot, and nobody has seen it move
+                text = f'{kart} has not acknowledged {kart.sent.value}'
+                if kart.stopped_itself:
+                    text = f'{kart} stopped itself; it is sent {kart.sent.value}'
+                if alert in MSR_ALERTS:
+                    text = f'{msr}: {text}'
+                elif not kart.connected:
+                    text += ': it is not connected'
+                yield alert, kart, due, _capital(text)
+        if self.track_open and not self._humans_allowed()[0]:
+            doubt = any(each.doubt for each in self.karts.values())
+            text = f'Clear the track{", or use the MSR" * doubt}: {self._humans_allowed()[1]}'
+            yield AlertKind.TRACK_UNSAFE, None, None, text
+        if self.has_rival:
+            yield (
+                AlertKind.TWO_RACE_CONTROLS,
+                None,
+                None,
+                'Another race control is running: end it. Until then nothing can be started or '
+                'released; every stop works, but only for the karts that are connected to the '
+                'race control that receives it',
+            )
+        if trouble := self.laps.trouble(now):
+            yield AlertKind.LAPS_SOURCE, None, None, trouble
+        since = self._unattended_since()
+        if since is not None:
+            text = 'Open a window: race control hears nobody any more who could stop the race'
+            if self.times.nobody_there:
+                text += f'. After {self.times.nobody_there:g} s of that comes RED_FLAG'
+            yield AlertKind.NOBODY_THERE, None, since, text
+        if self.there.button_fault:
+            text = f'Look at the stop button: {self.there.button_fault}'
+            yield AlertKind.BUTTON_FAULT, None, None, text
+        if self.record_fails:
+            yield AlertKind.RECORD_FAILING, None, None, self.record_fails
+
+    def _lost(self, kart: Kart, msr: str) -> str:
+        text = f'{kart} lost its connection while it may have been moving'
+        if not kart.connected:
+            return f'{msr}: {text}'
+        if not kart.stopped:
+            return f'{msr}: {text}; it is back and has not stopped yet'
+        rolls = '' if self.msr_used else ' if it still rolls'
+        return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
+
+    def _tell_alerts(self, now: float) -> None:
+        current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
+        for key, alert in current.items():
+            if key not in self._alerts:
+                raised = EventKind.ALERT_RAISED
+                self._events.append(Event(raised, alert.text, alert.kart, alert=alert.kind))
+        for key, alert in self._alerts.items():
+            if key not in current:
+                of = f', {self.karts[alert.kart]}' if alert.kart else ''
+                text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
+                cleared = EventKind.ALERT_CLEARED
+                self._events.append(Event(cleared, text, alert.kart, alert=alert.kind))
+        self._alerts = current
+
+    def _tell(
+        self,
+        kind: EventKind,
+        text: str,
+        kart: int = 0,
+        state: RaceState | None = None,
+        chatter: bool = False,
+    ) -> None:
+        by = self._by
+        command, official = (None, '') if by is None else (by.kind, by.official)
+        self._events.append(Event(kind, text, kart, state, command, True, chatter, official))
+
+    def _unknown_kart(self, command: Command) -> str:
+        numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
+        refusal = f'no kart {command.kart} in the roster, which has {numbers}'
+        if CATALOGUE[command.kind].stop:
+            refusal += '; ALL_KILL stops every kart'
+        return refusal
+
+    def _outcome(
+        self,
+        answer: Answer | None = None,
+        start: Start | None = None,
+    ) -> Outcome:
+        of_race = (self.number, self.heat)
+        # Not `_replace`, which is slow: a stop to a hundred karts would wait for it 0.3 ms.
+        events = tuple(
+            Event(*each[:-3], self._hold_of(each.kart), *of_race) for each in self._events
+        )
+        outcome = Outcome(tuple(self._orders), events, answer, start)
+        self._orders = []
+        self._events = []
+        if self.state is IN_GARAGE:
+            self.number = 0  # from now on: IN_GARAGE itself is of the race that it ends
+        return outcome
+
+    def _hold_of(self, number: int) -> RaceState | None:
+        """Return the hold of a kart; of number 0, the one that every kart has."""
+        if number:
+            return self.karts[number].hold if number in self.karts else None
+        holds = {kart.hold for kart in self.karts.values()}
+        return holds.pop() if len(holds) == 1 else None
+
+
+_NEXT: dict[RaceState, tuple[CommandKind, str]] = {
+    GRID_ACTIVE: (CommandKind.GREEN_GREEN, ''),
+    RED_FLAG: (CommandKind.RACE_OVER, ''),
+    RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
+}
+"""What may follow once every kart has acknowledged a state, and on which condition."""
+
+MOST_GIVEN, MOST_PENALTIES = 500, 200
+"""Maximum number of transponders that officials give, and of penalties in a race."""
+
+AUTO_FINISH = 'auto finish'
+"""Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
+
+LOST_AT_ONCE = 2.0
+"""Maximum time from the first to the last of the karts that are lost at once, in seconds: each is
+lost `send_timeout` after its last answer."""
+
+NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
+"""What an official states once where race control does not know what happened before."""
+
+BEGAN = 'race control began, and does not know what happened before'
+"""Why the race is in RED_RED after a start without proof."""
+
+NOT_IN_ROSTER = 'not in the roster any more'
+
+NOBODY_THERE = 'nobody is there to stop the race'
+"""Why race control sends RED_FLAG to a race by itself."""
+
+MARKED_AS_FINISHED = 'marked as finished'
+"""Why a kart is held; still true when later places move up, or its finish is undone."""
+
+
+def _remembered(kart: Kart) -> KartMemory:
+    return KartMemory(
+        kart.in_race,
+        kart.hold is not None,
+        kart.place,
+        kart.doubt,
+        kart.held_alone,
+    )
+
+
+def _grid(karts: Iterable[int], order: list[int]) -> tuple[int, ...]:
+    """Return karts in an order, behind them those that are not in it; empty: none is in it."""
+    places = {kart: place for place, kart in enumerate(order)}
+    known = sorted(karts, key=lambda kart: (places.get(kart, len(places)), kart))
+    return tuple(known) if places.keys() & known else ()
+
+
+def _cut(phrases: list[str], what: str = 'karts') -> str:
+    """Join at most four phrases; an official can act on no more at once."""
+    more = len(phrases) - 3
+    shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more {what}']
+    return '; '.join(shown)
+
+
+def _numbers(numbers: Iterable[int]) -> str:
+    """Return kart numbers in a few words."""
+    ascending = sorted(numbers)
+    listed = [str(number) for number in ascending[:12]]
+    if len(ascending) > 12:
+        listed.append(f'and {len(ascending) - 12} more')
+    if not listed:
+        return 'no kart'
+    return f'kart{"s" if len(listed) > 1 else ""} {", ".join(listed)}'
+
+
+def _listed(karts: Iterable[Kart]) -> str:
+    return _cut([str(kart) for kart in karts])
+
+
+def _held(karts: Iterable[Kart]) -> str:
+    return _cut([f'{kart}: {kart.hold_reason}' for kart in karts if kart.hold is not None])
+
+
+def _receivers(karts: Iterable[Kart]) -> str:
+    """Return who is sent a new state now, and who gets it later."""
+    known = list(karts)
+    absent = [kart for kart in known if not kart.connected]
+    text = _numbers(kart.number for kart in known if kart.connected)
+    if not absent:
+        return text
+    they_connect = 'it connects' if len(absent) == 1 else 'they connect'
+    return f'{text}; not connected, sent when {they_connect}: {_listed(absent)}'
+
+
+def _capital(kart: Kart | str) -> str:
+    text = str(kart)
+    return text[:1].upper() + text[1:]
+
+
+Guard = Callable[[Race, Command], str]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """
+    One row of the table of commands (§4.B); ``CATALOGUE`` has what does not depend on the race.
+
+    :param effect: puts the command in force and returns what the official is told.
+    :param refusal: why the command is refused now; empty if it is not.
+    :param statement: what the official must state; empty if nothing.
+    :param karts: the karts it starts or releases.
+    """
+
+    effect: Callable[[Race, Command, float], str]
+    refusal: Guard = lambda race, command: ''
+    statement: Guard = lambda race, command: ''
+    karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
+
+
+COMMANDS: dict[CommandKind, Rule] = {
+    # The stops: never refused.
+    CommandKind.ALL_KILL: Rule(Race._all_kill),
+    CommandKind.RED_FLAG: Rule(Race._red_flag),
+    CommandKind.KART_RED_RED: Rule(Race._stop_kart),
+    CommandKind.KART_RED_FLAG: Rule(Race._stop_kart),
+    CommandKind.RECORD_MSR: Rule(
+        Race._record_msr,
+        statement=lambda race, command: 'the Master Safety Remote was used',
+    ),
+    # The race.
+    CommandKind.GRID_ACTIVE: Rule(
+        Race._grid_active,
+        Race._no_grid_active,
+        lambda race, command: 'the track is clear of humans',
+        Race._started,
+    ),
+    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green, karts=Race._started),
+    CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
+    CommandKind.IN_GARAGE: Rule(
+        Race._race_in_garage,
+        Race._no_in_garage,
+        Race._state_track_safe,
+        Race._released_by_garage,
+    ),
+    # One kart.
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish),
+    CommandKind.KART_IN_GARAGE: Rule(
+        Race._release_kart,
+        Race._no_release,
+        Race._state_made_safe,
+        lambda race, command: [race.karts[command.kart]],
+    ),
+    # Places, membership and the track are no commands to a kart: GRID_ACTIVE stays the last one.
+    CommandKind.KART_UNDO_FINISH: Rule(
+        Race._kart_undo_finish,
+        Race._no_undo_finish,
+        lambda race, command: f'{race.karts[command.kart]} has not finished',
+    ),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join),
+    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
+    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
+    CommandKind.CLOSE_TRACK: Rule(Race._close_track),
+    # Bookkeeping of laps.
+    CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started),
+    CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps),
+    CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps),
+    CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder),
+    CommandKind.PENALISE: Rule(Race._penalise, Race._not_started),
+    CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty),
+}
+"""What every command of §4.B does, when it is refused, and what the official must state."""

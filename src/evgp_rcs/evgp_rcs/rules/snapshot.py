@@ -1,0 +1,280 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What officials see of the race, as plain data: the only model of it outside the rules.
+
+The kart server makes it. ``evgp_rcs_msgs/Race`` is its image, field by field (``messages``), and
+window, terminal, board and rehearsal read it and nothing of their own. What follows from its
+fields is a property here, so that no screen works it out a second time.
+
+Times are in seconds, on one clock: that of the rules in race control; once read from a message,
+race control's wall clock. So only differences of them mean something.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from operator import attrgetter
+from typing import NamedTuple
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.laps import Format, Judged, KartResult
+from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
+from evgp_rcs.rules.race import Alert, Availability, Kart, Race, TrackAccess
+
+_OFFERED = tuple(kind for kind, entry in CATALOGUE.items() if not entry.of_laps)
+_TO_ONE_KART = tuple(kind for kind in _OFFERED if CATALOGUE[kind].to_one_kart)
+_TO_ALL = tuple(kind for kind in _OFFERED if not CATALOGUE[kind].to_one_kart)
+
+
+class KartSnapshot(NamedTuple):
+    """One kart; the meanings are those of `KartStatus.msg`, and of ``Kart``."""
+
+    number: int
+    team: str
+    address: str
+    in_race: bool
+    connected: bool
+    link: LinkQuality
+    poor_lately: bool
+    sent: RaceState
+    sent_since: float
+    acknowledged: bool
+    delivered_after: float | None
+    acknowledged_after: float | None
+    reported: RaceState | None
+    stopped_itself: bool
+    counts_at: float | None
+    hold: RaceState | None
+    hold_reason: str
+    may_be_moving: bool
+    settles_at: float | None
+    place: int
+    flag_at: float | None
+    inspected: str
+    laps: int
+    last_lap: float | None
+    best_lap: float | None
+    last_lap_done: bool
+    commands: tuple[Availability, ...]
+
+    def __str__(self) -> str:
+        """Return how officials call this kart."""
+        return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
+
+    @property
+    def in_doubt(self) -> bool:
+        """Return whether it may be moving although it is not to, or without being heard."""
+        return self.may_be_moving and not (self.connected and self.sent is RaceState.GREEN_GREEN)
+
+    @property
+    def says_no_more(self) -> bool:
+        """Return whether its last word is what it is sent, said to an earlier command."""
+        waits = self.connected and not self.acknowledged and self.sent is not RaceState.IN_GARAGE
+        return waits and self.counts_at is None and self.reported is self.sent
+
+    @property
+    def settles(self) -> bool:
+        """Return whether it has said that it stopped, and only must stand for a while yet."""
+        return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
+
+    @property
+    def stands(self) -> bool:
+        """Return whether it has stopped, and humans may rely on that."""
+        return self.acknowledged and not self.may_be_moving and self.sent.is_red
+
+    @property
+    def flag_follows(self) -> bool:
+        """Return whether it has finished, and drives on until it is sent its RED_FLAG."""
+        drives = self.connected and self.sent is RaceState.GREEN_GREEN
+        return drives and self.flag_at is not None
+
+    @property
+    def is_stopping(self) -> bool:
+        """Return whether it is in doubt in the ordinary way: it is told to stop, and hears it."""
+        return self.in_doubt and self.connected and self.sent.is_red
+
+    def offered(self, command: CommandKind) -> Availability:
+        """Return whether a command to it would be accepted."""
+        return _offered(self.commands, command)
+
+
+class HeatSnapshot(NamedTuple):
+    """A heat of the roster; the meanings are those of `Heat.msg`."""
+
+    name: str
+    karts: tuple[int, ...]
+    format: Format = Format.RACE  # noqa: A003 - the message's name
+    laps: int = 0
+    grid_from: str = ''
+    grid: tuple[int, ...] = ()
+
+
+class Snapshot(NamedTuple):
+    """
+    The race at one time; the meanings are those of `Race.msg`, and of ``Race``.
+
+    :param stamp: the time of it.
+    :param state: None only before race control was heard.
+    :param commands: those that are not to one kart.
+    :param banner: race control itself gives none; ``node`` has it as a parameter.
+    """
+
+    stamp: float
+    state: RaceState | None
+    state_since: float
+    state_cause: str
+    over: bool
+    karts: tuple[KartSnapshot, ...]
+    commands: tuple[Availability, ...]
+    track: TrackAccess
+    alerts: tuple[Alert, ...]
+    race_since: float | None = None
+    laps: int = 0
+    heats: tuple[HeatSnapshot, ...] = ()
+    heat: str = ''
+    next_heat: str = ''
+    banner: str = ''
+    able_to_stop: int = 0
+    who_can_stop: str = ''
+    button_fault: str = ''
+
+    @property
+    def heat_in_race(self) -> HeatSnapshot | None:
+        """Return the heat in the race."""
+        return next((heat for heat in self.heats if heat.name == self.heat), None)
+
+    @property
+    def nobody_is_heard(self) -> bool:
+        """Return whether humans are allowed on the track only because no kart is connected."""
+        connected = any(kart.connected for kart in self.karts)
+        return self.track.allowed and not self.track.msr_used and not connected
+
+    def kart(self, number: int) -> KartSnapshot | None:
+        """Return the kart with this number, if the roster has it."""
+        return next((kart for kart in self.karts if kart.number == number), None)
+
+    def laps_remain(self, kart: KartSnapshot) -> bool:
+        """Return whether the crossings of a kart are still counted towards its last lap."""
+        racing = self.state is RaceState.GREEN_GREEN and kart.in_race and not kart.place
+        return racing and kart.laps < self.laps
+
+    def offered(self, command: CommandKind) -> Availability:
+        """Return whether a command that is not to one kart would be accepted."""
+        return _offered(self.commands, command)
+
+
+def _offered(commands: Iterable[Availability], command: CommandKind) -> Availability:
+    return next((each for each in commands if each.command is command), NOT_OFFERED)
+
+
+NOT_OFFERED = Availability(CommandKind.ALL_KILL, False)
+"""Of a command that race control does not offer."""
+
+NOTHING = Snapshot(
+    stamp=0.0,
+    state=None,
+    state_since=0.0,
+    state_cause='',
+    over=False,
+    karts=(),
+    commands=(),
+    track=TrackAccess(open=False, allowed=False, reason='', msr_used=False),
+    alerts=(),
+)
+"""Before race control was heard for the first time."""
+
+
+class Standings(NamedTuple):
+    """The results of the race that was started last; the meanings are those of `Results.msg`."""
+
+    stamp: float = 0.0
+    heat: str = ''
+    format: Format = Format.RACE  # noqa: A003 - the message's name
+    laps: int = 0
+    grid: tuple[int, ...] = ()
+    karts: tuple[KartResult, ...] = ()
+    overall: tuple[KartResult, ...] = ()
+    passings: tuple[Judged, ...] = ()
+    older: int = 0
+
+
+MOST_PASSINGS = 200
+"""Maximum number of passings that the results show."""
+
+
+def snapshot_of(race: Race, now: float) -> Snapshot:
+    """Return what officials see of the race at this time, in seconds."""
+    starts = race.order_of_start()
+    return Snapshot(
+        stamp=now,
+        state=race.state,
+        state_since=race.state_since,
+        state_cause=race.state_cause,
+        over=race.over,
+        karts=tuple(_kart(race, kart, now) for _, kart in sorted(race.karts.items())),
+        commands=tuple(race.availability(kind, 0, now) for kind in _TO_ALL),
+        track=race.track_access(),
+        alerts=tuple(race.alerts(now)),
+        race_since=race.race_since,
+        laps=race.laps.wanted,
+        heats=tuple(
+            HeatSnapshot(heat.name, heat.karts, heat.format, heat.laps, heat.grid_from, grid)
+            for heat, grid in zip(race.heats, starts.grids, strict=True)
+        ),
+        heat=starts.heat,
+        next_heat=starts.next_heat,
+        able_to_stop=race.there.able,
+        who_can_stop=race.there.who,
+        button_fault=race.there.button_fault,
+    )
+
+
+_AS_IN_THE_RULES = sorted(
+    {*KartSnapshot._fields} & {*Kart.__slots__, 'may_be_moving', 'stopped_itself'} - {'link'}
+)
+_OF_KART = attrgetter(*_AS_IN_THE_RULES)
+
+
+def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
+    times = race.laps.lap_times(kart.number)
+    drives = race.state is RaceState.GREEN_GREEN and kart.in_race and kart.hold is None
+    return KartSnapshot(
+        **dict(zip(_AS_IN_THE_RULES, _OF_KART(kart), strict=True)),
+        address='',
+        link=kart.link or NOT_MEASURED,
+        poor_lately=kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,
+        delivered_after=_since(kart.ordered_at, kart.delivered_at),
+        acknowledged_after=_since(kart.ordered_at, kart.acknowledged_at),
+        flag_at=kart.finish_due,
+        laps=len(times),
+        last_lap=times[-1] if times else None,
+        best_lap=min(times, default=None),
+        last_lap_done=bool(times) and drives and not kart.place and race.laps.is_done(kart.number),
+        commands=tuple(race.availability(kind, kart.number, now) for kind in _TO_ONE_KART),
+    )
+
+
+def _since(since: float, at: float | None) -> float | None:
+    return None if at is None else at - since
+
+
+def standings_of(race: Race, now: float) -> Standings:
+    """Return the results at this time, in seconds."""
+    laps = race.laps
+    passings = tuple(laps.last_passings(MOST_PASSINGS))
+    return Standings(
+        stamp=now,
+        heat=laps.heat,
+        format=laps.format,
+        laps=laps.wanted,
+        grid=laps.grid,
+        karts=laps.results,
+        overall=laps.standings(laps.format),
+        passings=passings,
+        older=len(laps.crossings) - len(passings),
+    )

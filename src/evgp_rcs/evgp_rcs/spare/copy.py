@@ -1,0 +1,234 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+``rcs_spare``, or ``make spare``: a second machine keeps a copy of roster, parameters and record.
+
+It fetches them again and again, by ssh from race control's machine: the record as SQLite's own
+backup, which is one moment of it, also while race control writes. A copy is whole before it takes
+the place of the last one. `latest` is what ``rcs_takeover`` begins with.
+
+The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
+*began* before there is a copy: no start here proves anything, with whatever record.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+import contextlib
+import io
+import os
+import pathlib
+import re
+import shlex
+import sqlite3
+import subprocess
+import sys
+import tarfile
+import time
+
+from evgp_protocol import clock
+from evgp_rcs.files.folder import rcs_folder
+from evgp_rcs.files.roster import load_roster, RosterError
+from evgp_rcs.karts.channel import ServerSettings
+from evgp_rcs.record.run_mark import leave_began, place
+from evgp_rcs.record.store import newest_first
+import yaml
+
+COPY_EVERY = 5.0
+"""Time between two copies, in seconds."""
+
+COPY_TIMEOUT = 20.0
+"""Maximum time for one copy, in seconds."""
+
+ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
+"""The files of a copy."""
+
+ORIGIN = 'from'
+"""A further file: the address of the machine that the copy is from; empty: it is this one."""
+
+_REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
+_SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
+
+# What runs on race control's machine, by the Python that is there. In memory (/dev/shm), since
+# its disk is the record's.
+_PACK = f"""
+import os, sqlite3, sys, tarfile, tempfile
+*others, record = map(os.path.expanduser, sys.argv[1:])
+with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
+    copy = os.path.join(folder, 'copy')
+    open(record).close()  # whose error names the file
+    source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(record), uri=True)
+    target = sqlite3.connect(copy)
+    source.backup(target)
+    target.close()
+    with tarfile.open(fileobj=sys.stdout.buffer, mode='w|', dereference=True) as out:
+        for path, name in zip([*others, copy], {NAMES}):
+            out.add(path, name)
+"""
+
+
+class SpareError(RuntimeError):
+    """There is no copy, or none can be made now; the text says why, in a phrase."""
+
+
+def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
+    """
+    Return a tar file of all three, each as it was at one moment.
+
+    :param source: ``user@address``, then perhaps ``:folder``, or a folder of this machine, in
+        which the paths of roster and parameters begin.
+    :raises SpareError: if that is not possible now.
+    """
+    remote = _REMOTE.fullmatch(source)
+    login, _, folder = remote.groups('') if remote else ('', '', source)
+    # No pathlib: a path of another machine, and ~ of its user.
+    own = [os.path.join(folder, each) for each in (roster, parameters)]  # noqa: PTH118
+    command = ['python3' if login else sys.executable, '-', *own, record]
+    if login:
+        command = [*_SSH, login, f'nice -n 19 {shlex.join(command)}']
+    try:
+        done = subprocess.run(
+            command, input=_PACK.encode(), capture_output=True, timeout=COPY_TIMEOUT, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SpareError(str(error)) from error
+    if done.returncode:
+        said = done.stderr.decode(errors='replace').strip().rpartition('\n')[2]
+        raise SpareError(f'{source} says: {said or done.returncode}')
+    return done.stdout
+
+
+def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
+    """
+    Put this copy in the place of the last one, and return how old its newest event was, s.
+
+    :raises SpareError: if it is not whole, or cannot be written.
+    """
+    remote = _REMOTE.fullmatch(source)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tarfile.open(fileobj=io.BytesIO(packed)) as tar:
+            for name in NAMES:
+                member = tar.extractfile(name)
+                if member is None:
+                    raise SpareError(f'{name} is not a file')
+                _write(folder / f'{name}.new', member.read())
+            made = tar.getmember(RECORD).mtime
+        load_roster(folder / f'{ROSTER}.new')
+        newest = _newest_event(folder / f'{RECORD}.new')
+        for mark in _marks(folder / f'{PARAMETERS}.new'):
+            leave_began(mark)
+        _write(folder / ORIGIN, (remote[2] if remote else '').encode())
+        # What a reader of the last copy has left beside it does not belong to this one.
+        for path in folder.glob(f'{RECORD}-*'):
+            path.unlink()
+        for name in NAMES:
+            (folder / f'{name}.new').replace(folder / name)
+    except (
+        *(OSError, KeyError, ValueError, tarfile.TarError, sqlite3.Error, RosterError),
+        yaml.YAMLError,
+    ) as error:
+        raise SpareError(f'the copy cannot be kept: {error}') from error
+    return made - newest / 1e9
+
+
+def _write(path: pathlib.Path, data: bytes) -> None:
+    with path.open('wb') as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
+    """
+    Return the marks that race control may have here with these parameters, whatever their nodes.
+
+    :raises ValueError, yaml.YAMLError: if that cannot be read.
+    """
+    found = list(_mappings(yaml.safe_load(parameters.read_bytes())))
+    addresses = {str(each['address']) for each in found if 'address' in each}
+    ports = {int(str(each['port'])) for each in found if 'port' in each}
+    return {
+        place(address, port)
+        for address in addresses or {ServerSettings.host}
+        for port in ports | {ServerSettings.port}
+    }
+
+
+def _mappings(value: object) -> Iterator[dict[str, object]]:
+    """Yield every mapping in a value that was read from YAML, of whatever node it is."""
+    if isinstance(value, dict):
+        yield value
+        for each in value.values():
+            yield from _mappings(each)
+
+
+def _newest_event(record: pathlib.Path) -> int:
+    # Nobody writes it, so SQLite need not make files beside it.
+    uri = f'{record.absolute().as_uri()}?immutable=1'
+    with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
+        newest = next(newest_first(database), None)
+        return 0 if newest is None else newest.last_ns
+
+
+def copies() -> pathlib.Path:
+    """Return the folder of the copies."""
+    return rcs_folder() / 'spare'
+
+
+def latest() -> pathlib.Path:
+    """
+    Return the folder of the newest copy, or of what a takeover has made of an earlier one.
+
+    :raises SpareError: if there is none.
+    """
+    records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
+    found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
+    if not found:
+        raise SpareError(f'there is no copy in {copies()}: make spare FROM=... makes them')
+    return max(found)[1]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Copy until Ctrl-C.
+
+    :return: 0; 1 if ``--once`` was given and the copy failed; 2 if the usage is wrong.
+    """
+    parser = argparse.ArgumentParser(
+        prog=os.environ.get('EVGP_CALLED', 'rcs_spare'),
+        description="Keep a copy of race control's roster, parameters, record.",
+    )
+    add = parser.add_argument
+    add('source', help='user@address[:folder] of its machine, or a folder of this one')
+    add('--roster', required=True, help='as race control was started with, from that folder')
+    add('--params', required=True, help='likewise')
+    add('--record', default='~/.ros/evgp_rcs/record.sqlite3', help='there: %(default)s')
+    add('--once', action='store_true', help='copy once, and end')
+    given = parser.parse_args(arguments)
+    if not (_REMOTE.fullmatch(given.source) or '/' in given.source):
+        parser.error(
+            f'{given.source!r} is no path of this machine, and not user@address of another one, '
+            'such as anna@10.1.0.5:evgp, where evgp is the folder that make run was called in'
+        )
+    at: float | None = None
+    with contextlib.suppress(KeyboardInterrupt):
+        while True:
+            began = clock.now()
+            try:
+                packed = fetch(given.source, given.roster, given.params, given.record)
+                age, at = keep(packed, given.source, copies()), clock.now()
+                print(f'Copied: the newest event was {age:.0f} s old.', flush=True)
+            except SpareError as error:
+                lag = 'no copy' if at is None else f'the copy is {clock.now() - at:.0f} s old'
+                print(f'NOT COPIED, {lag}: {error}', flush=True)
+            if given.once:
+                return 0 if at else 1
+            time.sleep(max(0.0, began + COPY_EVERY - clock.now()))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
