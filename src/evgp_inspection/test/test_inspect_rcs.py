@@ -374,7 +374,7 @@ class OurRaceControl:
     def send(self, data: bytes) -> None:
         pass
 
-    def put(self, events: int, happened: bytes, log: Any) -> None:
+    def put(self, batch: Any) -> None:
         pass
 
     def remember(self, memory: Any, at: float) -> None:

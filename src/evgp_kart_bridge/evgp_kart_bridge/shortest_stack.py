@@ -23,6 +23,7 @@ class Stack(Node):
     """Drives straight ahead where the race state lets it."""
 
     def __init__(self) -> None:
+        """Watch the race state and odometry, and begin to drive."""
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
         self.speed = math.nan  # m/s

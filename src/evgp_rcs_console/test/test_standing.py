@@ -208,7 +208,7 @@ def test_a_stop_that_is_not_old_waits_for_nothing() -> None:
 def test_when_a_race_began_is_known_by_the_snapshot_that_came_fastest() -> None:
     began = RaceBegan()
     # Their clock is 1000 s ahead of ours.
-    assert began.hear(1100.0, 0.0, 100.2) == -math.inf
+    assert began.hear(1100.0, None, 100.2) == -math.inf
     assert began.hear(1150.0, 1140.0, 150.1) == pytest.approx(140.1)
     # One that waited for a minute, as while this machine was suspended, makes no race later.
     assert began.hear(1160.0, 1140.0, 220.0) == pytest.approx(140.1)

@@ -46,6 +46,7 @@ class Bridge(Process):
         program: str = 'kart_bridge_node',
         arguments: tuple[str, ...] = (),
     ) -> None:
+        """Start the bridge; it need not find race control."""
         self.domain = domain
         super().__init__(
             'evgp_kart_bridge',
@@ -75,6 +76,7 @@ class ExampleStack(Process):
         parameters: Mapping[str, object] | None = None,
         program: str = 'example_stack',
     ) -> None:
+        """Start the stack; it need not find the bridge."""
         super().__init__('evgp_kart_bridge', program, domain, parameters)
 
 
