@@ -106,8 +106,13 @@ def test_a_time_counts_from_where_the_clock_of_the_value_began() -> None:
     assert value_of(message, Alert) == dataclasses.replace(alert, since=3.5)
 
 
-def test_texts_can_be_changed_on_the_way_out_of_a_message() -> None:
+def test_sentences_can_be_changed_on_the_way_out_of_a_message_and_names_cannot() -> None:
     offered = Availability(CommandKind.GREEN_GREEN, False, 'the race is in RED_RED')
-    message = message_of(offered, msg.CommandAvailability)
-    read = value_of(message, Availability, lambda text: text.replace('_', ' '))
+    heat = HeatSnapshot('RED_RED', (1,), grid_from='RED_RED')
+
+    def spaced(text: str) -> str:
+        return text.replace('_', ' ')
+
+    read = value_of(message_of(offered, msg.CommandAvailability), Availability, spaced)
     assert read.reason == 'the race is in RED RED'
+    assert value_of(message_of(heat, msg.Heat), HeatSnapshot, spaced) == heat

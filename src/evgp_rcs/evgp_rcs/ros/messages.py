@@ -54,6 +54,9 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
 STAMPED = ('sequence', 'stamp', 'monotonic')
 """What a message of an event has of the ``StampedEvent`` around it."""
 
+SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
+"""The fields that are sentences of race control; other texts are names, which stay as they are."""
+
 _Value = TypeVar('_Value')
 _TIME = 'builtin_interfaces/Time'
 
@@ -78,7 +81,7 @@ def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str)
     """
     Return the value of this type that a message is the image of; its times are wall times, in s.
 
-    :param said: what to do with each text.
+    :param said: what to do with each of ``SENTENCES``.
     :raises ValueError: if the message has a constant, or lacks a state, that no value has.
     """
     return kind(
@@ -98,7 +101,7 @@ def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]
     hints = get_type_hints(kind)
     names = {name.removesuffix('_ns'): name for name in hints}
     return [
-        (slot, names[slot], *_both(hints[names[slot]], slot_type))
+        (slot, names[slot], *_both(slot, hints[names[slot]], slot_type))
         for slot, slot_type in message.get_fields_and_field_types().items()
         if slot not in STAMPED or kind is not Event
     ]
@@ -107,7 +110,7 @@ def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]
 _fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.cache(_find_fields)
 
 
-def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
+def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
     """Return how to write, and how to read, a field of these types."""
     optional = get_origin(hint) is types.UnionType
     kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
@@ -143,7 +146,7 @@ def _both(hint: Any, slot: str) -> tuple[_Write, _Read]:
             lambda number, _: math.nan if number is None else number,
             lambda number, _: None if math.isnan(number) else number,
         )
-    if kind is str:
+    if name in SENTENCES:
         return lambda text, _: text, lambda text, said: said(text)
     return lambda value, _: value, lambda value, _: value
 
@@ -219,10 +222,12 @@ def passing_of(message: msg.Passing) -> Passing:
     number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
     but officials is called as they are.
     """
-    passing = value_of(message, Passing, tidy)
-    strength = passing.strength
+    passing = value_of(message, Passing)
+    source, strength = tidy(passing.source), passing.strength
     return passing._replace(
-        source='' if passing.source == BY_HAND else passing.source,
+        source='' if source == BY_HAND else source,
+        session=tidy(passing.session),
+        transponder=tidy(passing.transponder),
         stamp_ns=max(0, passing.stamp_ns),
         strength=strength if strength is not None and abs(strength) < MOST_STRENGTH else None,
     )
