@@ -26,6 +26,7 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Batch, Block, encode, Rules
 import pytest
 from recorded_races import PaperRace
+from rig.needs import need_program
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
 from test_replay import an_ended_run, Running, SETUP
 
@@ -284,6 +285,7 @@ DAMAGED_FILES: dict[str, Harm] = {
 def test_of_a_damaged_record_what_can_be_read_is(
     way: str, harm: Harm, good: pathlib.Path, capsys: Capture
 ) -> None:
+    need_program('sqlite3', 'sqlite3')
     harm(good)
     code = rcs_record([*arguments_of(way, good), '--run', '2'])
     told = capsys.readouterr()
@@ -297,6 +299,7 @@ def test_of_a_damaged_record_what_can_be_read_is(
 def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
     harm: str, good: pathlib.Path, capsys: Capture
 ) -> None:
+    need_program('sqlite3', 'sqlite3')
     assert rcs_record([str(good)]) == 0
     whole = capsys.readouterr().out.splitlines()
     DAMAGED_FILES[harm](good)
@@ -337,6 +340,7 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
 
 
 def test_the_report_of_a_damaged_record_says_so_at_the_top(good: pathlib.Path) -> None:
+    need_program('sqlite3', 'sqlite3')
     NEEDS_RECOVERY['half'](good)
     page = good.with_name('report.html')
     assert rcs_record(['report', str(good), '-o', str(page)]) == PARTLY
