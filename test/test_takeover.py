@@ -19,7 +19,7 @@ from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.rules.race import LastRun
-from evgp_rcs.spare.copy import ORIGIN
+from evgp_rcs.spare.copies import ORIGIN
 from evgp_rcs.spare.neighbours import ask, Found, Look
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE

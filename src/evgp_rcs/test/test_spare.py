@@ -18,8 +18,8 @@ from evgp_rcs.record.run_mark import RunMark
 from evgp_rcs.record.store import events, Record
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
-from evgp_rcs.spare import copy as spare
-from evgp_rcs.spare.copy import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
+from evgp_rcs.spare import copies as spare
+from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 from evgp_rcs.spare.neighbours import Found, Look, why_not
 import pytest
 

@@ -31,7 +31,7 @@ from evgp_rcs.ros.messages import message_of, value_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
-from evgp_rcs.spare.copy import fetch, keep
+from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase

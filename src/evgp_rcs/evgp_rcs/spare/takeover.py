@@ -30,7 +30,7 @@ from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.files.folder import rcs_folder
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.ros.rival import refuse_rivals, RivalError
-from evgp_rcs.spare.copy import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
+from evgp_rcs.spare.copies import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
 from evgp_rcs.spare.neighbours import ask, ask_where_it_is, connect, Found, link, Look, why_not
 import rclpy
 from rclpy.context import Context
