@@ -16,6 +16,7 @@ import sys
 from types import ModuleType
 from typing import Any
 
+import evgp_rcs
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
 from evgp_testing import judge as judge_module
@@ -261,12 +262,11 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(
 ) -> None:
     # Each ALL_KILL shows it, however far the races get on a busy computer.
     fault = FAULTS['ALL_KILL forgets the karts outside the race']
-    assert rules.__file__ is not None
-    package = pathlib.Path(rules.__file__).parent
+    package = pathlib.Path(evgp_rcs.__path__[0])
     changed = tmp_path / 'evgp_rcs'
     shutil.copytree(package, changed, ignore=shutil.ignore_patterns('__pycache__'))
     faulty = source_with(rules, fault.old, fault.new, fault.where)
-    (changed / 'race.py').write_text(faulty, encoding='utf-8')
+    (changed / 'rules' / 'race.py').write_text(faulty, encoding='utf-8')
 
     done = run_soak(
         *('--seconds', '60', '--karts', '12', '--until-violation'),
