@@ -24,6 +24,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot, Standings
 from evgp_rcs.words import (
     Cell,
     does,
+    FORMATS,
     headline,
     lap_time,
     LINKS,
@@ -101,7 +102,7 @@ def board(heard: Heard) -> Shown:
         )
     heats, heat = [*race.heats], race.heat_in_race
     kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
-    about = f'{_kind(kind).capitalize()}{f" to {laps} laps" if laps else ""}'
+    about = f'{FORMATS[kind].capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
     following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
@@ -121,7 +122,7 @@ def results(heard: Heard) -> Shown:
     results, race = heard.results, heard.race or NOTHING
     teams = {each.number: each.team for each in race.karts}
     laps = f'{results.laps} laps' if results.laps else ''
-    title = [results.heat, _kind(results.format), laps]
+    title = [results.heat, FORMATS[results.format], laps]
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
@@ -298,10 +299,6 @@ def _karts(karts: Iterable[int]) -> str:
     named = [*karts]
     more = len(named) - MOST_KARTS_NAMED
     return numbered(named[:MOST_KARTS_NAMED]) + (f', {more} more' if more > 0 else '')
-
-
-def _kind(kind: Format) -> str:
-    return kind.value.replace('_', ' ')
 
 
 def _clock(at: float) -> str:

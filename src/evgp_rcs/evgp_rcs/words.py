@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.laps import Status
+from evgp_rcs.rules.laps import Format, Status
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -75,6 +75,8 @@ ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 
 LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
+
+FORMATS = {each: each.value.replace('_', ' ') for each in Format}
 
 STATUS = {
     Status.RUNNING: '',

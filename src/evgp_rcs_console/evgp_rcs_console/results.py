@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from evgp_rcs.rules.laps import Judged, KartResult, Mark
 from evgp_rcs.rules.snapshot import Standings
-from evgp_rcs.words import lap_time, STATUS
+from evgp_rcs.words import FORMATS, lap_time, STATUS
 from evgp_rcs_console import texts
 
 
@@ -49,11 +49,9 @@ def title(results: Standings) -> str:
     if not (results.karts or results.overall):
         return texts.NO_RESULTS
     laps = texts.RESULTS_LAPS.format(count=results.laps) if results.laps else ''
-    return ', '.join(filter(None, (results.heat or texts.RESULTS_TITLE, _kind(results), laps)))
-
-
-def _kind(results: Standings) -> str:
-    return results.format.value.replace('_', ' ')
+    return ', '.join(
+        filter(None, (results.heat or texts.RESULTS_TITLE, FORMATS[results.format], laps))
+    )
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
@@ -72,7 +70,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     if results.overall in ((), results.karts):
         return rows(results.karts)
     heading = [''] * len(RESULT_COLUMNS)
-    heading[2] = texts.ALL_HEATS.format(format=_kind(results))
+    heading[2] = texts.ALL_HEATS.format(format=FORMATS[results.format])
     return [*rows(results.karts), tuple(heading), *rows(results.overall)]
 
 

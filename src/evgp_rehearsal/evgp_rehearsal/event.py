@@ -24,6 +24,7 @@ import threading
 import time
 
 from evgp_node.qos import latched
+from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
@@ -242,8 +243,9 @@ class Rehearsal(Part):
     @property
     def state(self) -> RaceState:
         """Return the race's state, as it was heard last."""
-        race = self.race
-        return (race.state if race else None) or RaceState.RED_RED
+        # Each tick asks for it: of the whole race only this is read.
+        race = self.official.race
+        return (state_of(race.state) if race else None) or RaceState.RED_RED
 
     @property
     def race(self) -> Snapshot | None:

@@ -17,7 +17,6 @@ Pure.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from operator import attrgetter
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
@@ -169,11 +168,9 @@ class Snapshot(NamedTuple):
 
 
 def _offered(commands: Iterable[Availability], command: CommandKind) -> Availability:
-    return next((each for each in commands if each.command is command), NOT_OFFERED)
+    not_offered = Availability(command, False)
+    return next((each for each in commands if each.command is command), not_offered)
 
-
-NOT_OFFERED = Availability(CommandKind.ALL_KILL, False)
-"""Of a command that race control does not offer."""
 
 NOTHING = Snapshot(
     stamp=0.0,
@@ -234,17 +231,15 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
     )
 
 
-_AS_IN_THE_RULES = sorted(
-    {*KartSnapshot._fields} & {*Kart.__slots__, 'may_be_moving', 'stopped_itself'} - {'link'}
-)
-_OF_KART = attrgetter(*_AS_IN_THE_RULES)
+_AS_IN_THE_RULES = {*KartSnapshot._fields} & {*Kart.__slots__, 'may_be_moving', 'stopped_itself'}
+_AS_IN_THE_RULES -= {'link'}
 
 
 def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
     times = race.laps.lap_times(kart.number)
     drives = race.state is RaceState.GREEN_GREEN and kart.in_race and kart.hold is None
     return KartSnapshot(
-        **dict(zip(_AS_IN_THE_RULES, _OF_KART(kart), strict=True)),
+        **{name: getattr(kart, name) for name in _AS_IN_THE_RULES},
         address='',
         link=kart.link or NOT_MEASURED,
         poor_lately=kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,

@@ -8,13 +8,13 @@ from __future__ import annotations
 import datetime
 
 from evgp_protocol.clock import duration as duration
-from evgp_protocol.states import RaceState
+from evgp_rcs import words
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind
 
-STATES = {state.name: state.name.replace('_', ' ') for state in RaceState} | {
+STATES = {state.name: said for state, said in words.STATES.items() if state is not None} | {
     NOT_CONNECTED: 'not connected',
     NOT_KNOWN: 'not known',
 }
@@ -93,10 +93,8 @@ def command(kind: CommandKind | None, kart: int = 0) -> str:
 
 
 def karts(numbers: list[int]) -> str:
-    """Return karts in a few wording."""
-    if not numbers:
-        return 'no kart'
-    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'
+    """Return karts by their numbers."""
+    return words.numbered(numbers) or 'no kart'
 
 
 READ_APART_NS = 20_000_000
