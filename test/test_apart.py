@@ -375,7 +375,7 @@ def changes_for_all(race: msg.Race) -> dict[str, Any]:
         del kart['sent_since']  # from another clock with each message
         for measured in ('link', 'poor_lately', 'delivered_after', 'acknowledged_after'):
             del kart[measured]  # anew each second
-    follows = ('commands', 'may_be_moving', 'settles_at')
+    follows = ('commands', 'may_be_moving', 'stands', 'settles_at')
     for its_own in ('acknowledged', 'reported', 'stopped_itself', 'counts_at', *follows):
         del own[its_own]  # what may be commanded, and whether it moves, follows from what it says
     return {

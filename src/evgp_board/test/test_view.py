@@ -97,10 +97,9 @@ def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
 @pytest.mark.parametrize(
     ('fields', 'stands'),
     [
-        ({}, True),
-        ({'acknowledged': False}, False),
-        ({'may_be_moving': True}, False),
-        ({'connected': False}, False),
+        ({'stands': True}, True),
+        ({}, False),
+        ({'stands': True, 'connected': False}, False),
     ],
 )
 def test_a_kart_has_stopped_only_if_race_control_counts_it_as_standing(

@@ -60,6 +60,7 @@ def karts(draw: st.DrawFn, number: int) -> KartSnapshot:
         hold=hold,
         hold_reason='' if hold is None else 'ALL_KILL by Anna',
         may_be_moving=draw(st.booleans()),
+        stands=draw(st.booleans()),
         stopped_itself=draw(st.booleans()),
         settles_at=draw(st.sampled_from((None, 42.5))),
         counts_at=draw(st.sampled_from((None, 40.0, 42.5))),
@@ -256,7 +257,7 @@ def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot) -> No
             told = texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE
             assert (told in row.note.text) is not settling
     stopped = [kart for kart in race.karts if kart.in_race and kart.sent in RED]
-    sure = sum(kart.connected and kart.acknowledged and not kart.in_doubt for kart in stopped)
+    sure = sum(kart.connected and kart.stands for kart in stopped)
     told = dict(reversed(each.split(' ', 1)) for each in screen.tally.split(', ') if each)
     assert int(told.get('stopped', 0)) == sure
     assert sum(map(int, told.values())) == sum(kart.in_race for kart in race.karts)

@@ -763,7 +763,7 @@ def test_race_over_is_not_said_to_be_as_old_as_the_state_in_which_it_was_declare
 
 def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
     lost = replace(KART, number=8, connected=False, may_be_moving=True)
-    done = replace(KART, acknowledged=True, place=1, sent=RaceState.RED_FLAG)
+    done = replace(KART, acknowledged=True, place=1, sent=RaceState.RED_FLAG, stands=True)
     told = Alert(AlertKind.LOST_IN_MOTION, 8, 0.0, 'Use the MSR: kart 8 was lost', True)
 
     screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})

@@ -438,6 +438,11 @@ class RaceTimes(LapSettings):
         return self.finish_delays[min(place, len(self.finish_delays)) - 1]
 
 
+def called(number: int, team: str) -> str:
+    """Return how officials call a kart."""
+    return f'kart {number} ({team})' if team else f'kart {number}'
+
+
 @dataclass(slots=True)
 class Kart:
     """
@@ -505,7 +510,7 @@ class Kart:
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
-        return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
+        return called(self.number, self.team)
 
     @property
     def may_be_moving(self) -> bool:

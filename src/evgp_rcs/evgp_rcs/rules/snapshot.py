@@ -23,7 +23,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.laps import Format, Judged, KartResult
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
-from evgp_rcs.rules.race import Alert, Availability, Kart, Race, TrackAccess
+from evgp_rcs.rules.race import Alert, Availability, called, Kart, Race, TrackAccess
 
 _OFFERED = tuple(kind for kind, entry in CATALOGUE.items() if not entry.of_laps)
 _TO_ONE_KART = tuple(kind for kind in _OFFERED if CATALOGUE[kind].to_one_kart)
@@ -51,6 +51,7 @@ class KartSnapshot(NamedTuple):
     hold: RaceState | None
     hold_reason: str
     may_be_moving: bool
+    stands: bool
     settles_at: float | None
     place: int
     flag_at: float | None
@@ -63,7 +64,7 @@ class KartSnapshot(NamedTuple):
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
-        return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
+        return called(self.number, self.team)
 
     @property
     def in_doubt(self) -> bool:
@@ -80,11 +81,6 @@ class KartSnapshot(NamedTuple):
     def settles(self) -> bool:
         """Return whether it has said that it stopped, and only must stand for a while yet."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
-
-    @property
-    def stands(self) -> bool:
-        """Return whether it has stopped, and humans may rely on that."""
-        return self.acknowledged and not self.may_be_moving and self.sent.is_red
 
     @property
     def flag_follows(self) -> bool:
@@ -231,8 +227,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
     )
 
 
-_AS_IN_THE_RULES = {*KartSnapshot._fields} & {*Kart.__slots__, 'may_be_moving', 'stopped_itself'}
-_AS_IN_THE_RULES -= {'link'}
+_AS_IN_THE_RULES = {name for name in KartSnapshot._fields if hasattr(Kart, name)} - {'link'}
 
 
 def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
