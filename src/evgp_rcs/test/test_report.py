@@ -466,7 +466,7 @@ def test_a_wall_clock_that_was_set_changes_no_duration(paper: PaperRace) -> None
     paper.wall_offset_ns -= 3600 * 10**9
     paper.command(CommandKind.ALL_KILL)
     account = paper.account()
-    (step,) = account.clock_steps
+    (step,) = account.replay.clock_steps
     assert step.by == pytest.approx(-3600.0)
     assert account.length == pytest.approx(11.0)
 

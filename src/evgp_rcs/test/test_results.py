@@ -16,8 +16,8 @@ from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.store import PROGRAM, Record
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Began, Rules
-from evgp_rcs.rules.race import EventKind, Heat
+from evgp_rcs.rules.inputs import Began, Recovered, Rules
+from evgp_rcs.rules.race import EventKind, Heat, LastRun
 import pytest
 from recorded_races import edit, PaperRace
 
@@ -312,3 +312,12 @@ def test_a_hostile_team_is_one_cell_that_no_spreadsheet_runs(
     assert first['team'].lstrip()[0] not in '=+-@\uff1d'
     assert second['kart'] == '8'
     assert second['team'] == 'Michigan'
+
+
+def test_a_place_from_before_a_crash_is_shown_without_its_time(paper: PaperRace) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 9)
+    again = PaperRace(TEAMS, HEATS)
+    again.feed(Recovered(again.now, paper.race.memory(), LastRun.UNKNOWN))
+    assert again.race.karts[9].place == 1
+    assert results(again)[9] == Result(9, place=1)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 from typing import NamedTuple
 
 from evgp_rcs.record.plain import plain
@@ -110,6 +110,7 @@ class Replay:
     :ivar rules: with what the rules began; None: that is not there.
     :ivar seconds: up to when it was compared, since the run began.
     :ivar missing: why it could not go on to the end, as a clause; empty: it could.
+    :ivar clock_steps: where the wall times do not go on as the clock of the rules does.
     """
 
     def __init__(self, kept: Kept) -> None:
@@ -119,6 +120,7 @@ class Replay:
         self.seconds = 0.0
         self.difference: Difference | None = None
         self.missing = ''
+        self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
         # Of the last input: what it was, and what it made that was not compared yet.
         self._given: Input | None = None
@@ -127,6 +129,7 @@ class Replay:
         self._made: list[Event] = []
         self._told: list[StampedEvent] = []
         self._last: StampedEvent | None = None
+        self._timed: StampedEvent | None = None
 
     def __str__(self) -> str:
         """Return the counts."""
@@ -136,15 +139,16 @@ class Replay:
         )
 
     def run(self) -> Replay:
-        """Compare up to the first difference or gap."""
+        """Take all steps."""
         for _ in self.steps():
-            if self.difference is not None or self.missing:
-                break
+            pass
         return self
 
     def steps(self) -> Iterator[Step]:
         """Yield the run step by step; where it ends to be known, the events as they stand."""
         for entry in self.kept.entries():
+            if isinstance(entry, StampedEvent):
+                self._look_at_the_clock(entry)
             try:
                 yield from self._follow(entry)
             except _EndError:
@@ -258,6 +262,13 @@ class Replay:
             least = f'not before event {before.sequence}, {before.monotonic!r}'
             self._differ(f'event {number}', what, least)
 
+    def _look_at_the_clock(self, entry: StampedEvent) -> None:
+        """Compare how far wall time and time went on since the event before."""
+        before, self._timed = self._timed or entry, entry
+        by = (entry.wall_ns - before.wall_ns) / 1e9 - entry.monotonic + before.monotonic
+        if abs(by) > MOST_CLOCK_STEP:
+            self.clock_steps.append(ClockStep(entry, by))
+
     def _compare_event(self, entry: StampedEvent) -> None:
         name, made = f'event {entry.sequence}', self._made
         left = list(made)
@@ -310,8 +321,8 @@ class Replay:
         lines.append(f'Run {run.number}: {self}: {found} difference')
         if self.difference is not None:
             return FAILED, [*lines, *str(self.difference).split('\n')]
-        steps = clock_steps([each for each in self.kept.events() if not isinstance(each, Gap)])
-        if steps:
+        if self.clock_steps:
+            steps = self.clock_steps
             lines.append(
                 f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
                 f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
@@ -326,17 +337,6 @@ class Replay:
                 'This run was not ended in good order; it was replayed up to its last entry.'
             )
         return DONE, lines
-
-
-def clock_steps(events: Sequence[StampedEvent]) -> list[ClockStep]:
-    """Return where the wall times do not go on as the clock of the rules does."""
-    by = (
-        ClockStep(
-            event, (event.wall_ns - before.wall_ns) / 1e9 - event.monotonic + before.monotonic
-        )
-        for before, event in pairwise(events)
-    )
-    return [step for step in by if abs(step.by) > MOST_CLOCK_STEP]
 
 
 def _order(order: Order | None) -> str:

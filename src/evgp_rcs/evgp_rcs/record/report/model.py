@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.record.replay import clock_steps, Replay, Step
+from evgp_rcs.record.replay import Replay, Step
 from evgp_rcs.record.runs import Kept
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Gap, Input, Recovered
@@ -204,7 +204,8 @@ class RaceAccount:
 
     :param began: the first time that is known of it.
     :param starters: who was sent GREEN_GREEN.
-    :param finished: who was marked as finished when, in the order of their places.
+    :param finished: who was marked as finished when, in the order of their places; None: before
+        the run began.
     :param out: why each starter that dropped out did so, before it finished.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
@@ -220,7 +221,7 @@ class RaceAccount:
     incomplete: bool = False
     changes: list[Change] = field(default_factory=list)
     starters: list[int] = field(default_factory=list)
-    finished: dict[int, float] = field(default_factory=dict)
+    finished: dict[int, float | None] = field(default_factory=dict)
     out: dict[int, Out] = field(default_factory=dict)
     results: str = ''
     incidents: list[StampedEvent] = field(default_factory=list)
@@ -290,7 +291,6 @@ class Account:
             self.laps = {
                 number: with_late_penalties(each, last.laps) for number, each in self.laps.items()
             }
-        self.clock_steps = clock_steps(self.events)
         self._close()
 
     # ----- what there is to see -----------------------------------------------------------
@@ -479,10 +479,6 @@ class Account:
             return
         if event.command in SENDS_RED:
             race.stops.append(stamped)
-        elif event.command is CommandKind.KART_FINISH:
-            race.finished[event.kart] = self.at(stamped)
-        elif event.command is CommandKind.KART_UNDO_FINISH:
-            race.finished.pop(event.kart, None)  # later places move up
 
     def _incident(self, race: RaceAccount | None, event: StampedEvent) -> None:
         incidents = self.outside if race is None else race.incidents
@@ -507,6 +503,11 @@ class Account:
             self.lost += lost
             if isinstance(given, Disconnected) and given.reason == CLOSED_BY_KART:
                 self.closed += lost
+        if self.races:
+            before = self.races[-1].finished
+            now = None if isinstance(step.entry, Recovered) else at
+            placed = sorted((each.place, number) for number, each in race.karts.items())
+            self.races[-1].finished = {n: before.get(n, now) for place, n in placed if place}
         cause = cause_of(step)
         for kart in race.karts.values():
             lane = self._look_at_kart(kart, at)
