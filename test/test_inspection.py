@@ -38,7 +38,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
 
 SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
-SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0']
+SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0', '--long', '3', '--dwell', '1']
 UNATTENDED = ['--unattended', '--word', 'ready']
 
 ATTEMPTS = 5

@@ -13,6 +13,7 @@ import dataclasses
 import datetime
 import functools
 import pathlib
+import random
 import re
 import signal
 import sys
@@ -103,6 +104,8 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         limits = Limits.taken_from(options)
+        seed = limits.seed or random.randrange(1, 1_000_000)  # noqa: S311 - no secret
+        limits = dataclasses.replace(limits, seed=seed)
         explained = select(KART, options.explain) if options.explain else ()
         clauses = select(KART, options.only)
     except ValueError as error:

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 from evgp_inspection import kart_judges as judge
 from evgp_inspection.kart_judges import GREEN_GREEN, GRID_ACTIVE, RED_FLAG, RED_RED
+from evgp_inspection.oracle import Law
 from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, says_frames, wire
 
 KILLING_STEPS = ('bridge', 'stack')
 DRIVING_STEPS = (
     *('race', 'red', 'flag_red', 'early', 'silence', 'noise'),
-    *('fin', 'reset', 'half', 'cut', 'restart', *KILLING_STEPS),
+    *('fin', 'reset', 'half', 'cut', 'restart', 'rounds', 'long', *KILLING_STEPS),
 )
 KART_STEPS = (
     *('connect', 'first_stop', 'alone', 'pieces', 'ready', 'again', 'backlog'),
-    *(*DRIVING_STEPS[:-2], 'half_open', *KILLING_STEPS),
+    *(*DRIVING_STEPS[:-2], 'half_open', 'dwell', *KILLING_STEPS),
 )
 """The steps of `inspect_kart`, in their order; in those that are not `DRIVING_STEPS`, the kart
 stands. In the last two, a part of the kart's program is ended by force."""
@@ -30,13 +31,13 @@ _PIECES = (
     'TCP does not keep frames together: one read may return half a frame, the next one ten frames.'
 )
 
-KART: tuple[Clause, ...] = (
+PHASES: tuple[Clause, ...] = (
     proposal(
         'K-3A-01',
         'IN_GARAGE: stands still by itself',
         'IN_GARAGE: The kart is not currently driving in the Race.',
         'IN_GARAGE is sent when the kart connects, and again after a race.',
-        judge.stands('connect/garage', 'race/after'),
+        judge.stands('connect/garage', 'race/after', 'dwell/IN_GARAGE'),
     ),
     proposal(
         'K-3A-02',
@@ -50,7 +51,7 @@ KART: tuple[Clause, ...] = (
         'GRID_ACTIVE: stands still',
         'stands, gets ready',
         'GRID_ACTIVE is sent, and goes on after the kart has acknowledged it.',
-        judge.stands('ready/grid'),
+        judge.stands('ready/grid', 'dwell/GRID_ACTIVE'),
     ),
     proposal(
         'K-3A-04',
@@ -137,6 +138,14 @@ KART: tuple[Clause, ...] = (
         'RED_RED is sent 0.15 s after GREEN_GREEN, as a kart may only be starting to move.',
         judge.stops_early,
         ('K-3A-10',),
+    ),
+    proposal(
+        'K-3A-15',
+        'RED_RED and RED_FLAG: remains stopped',
+        'The kart should remain stopped once it has stopped moving',
+        'RED_RED and RED_FLAG are sent for a long time to a kart that stands.',
+        judge.stands('dwell/RED_RED', 'dwell/RED_FLAG'),
+        ('K-3A-08',),
     ),
     wire(
         'K-3B-01',
@@ -420,6 +429,47 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges_again,
     ),
 )
+
+_OTHERS = tuple(clause.name for clause in PHASES)
+
+ALWAYS: tuple[Clause, ...] = (
+    proposal(
+        'K-3A-16',
+        'at any moment: stands where it must stand',
+        'The kart should remain stopped once it has stopped moving',
+        'Every speed of odometry is compared with what the kart was sent at that moment.',
+        judge.keeps(Law.STAND),
+        (*_OTHERS, 'K-3A-17', 'K-3A-18'),
+    ),
+    proposal(
+        'K-3A-17',
+        'at any moment: RED_FLAG is obeyed',
+        'RED_FLAG: The kart should begin slowing down to a stop while continuing to steer to '
+        'avoid obstacles.',
+        'RED_FLAG is sent at random times after GREEN_GREEN, too.',
+        judge.keeps(Law.FLAG),
+        (*_OTHERS, 'K-3A-18'),
+    ),
+    proposal(
+        'K-3A-18',
+        'at any moment: RED_RED is obeyed',
+        'RED_RED: The kart must immediately stop as quickly as possible.',
+        'RED_RED is sent at random times after GREEN_GREEN, and after a long drive, too.',
+        judge.keeps(Law.RED),
+        _OTHERS,
+    ),
+    proposal(
+        'K-3E-11',
+        'at any moment: a lost connection is obeyed as RED_RED',
+        DISCONNECTED,
+        'The connection is lost in every state, also while RED_FLAG brakes.',
+        judge.keeps(Law.LOST),
+        (*_OTHERS, 'K-3A-18'),
+    ),
+)
+"""The clauses that the whole inspection shows, whatever its steps were about."""
+
+KART = tuple(sorted((*PHASES, *ALWAYS), key=lambda clause: clause.name))
 
 BY_STATEMENT = (
     "§2.B: with the MSR's remote off, the motor has no power and the kart obeys RED_RED",

@@ -17,6 +17,7 @@ from collections.abc import Callable
 import math
 
 from evgp_inspection.limits import Limits
+from evgp_inspection.oracle import AROUND, breaches, halts, Law
 from evgp_inspection.traces import Event, Kind, Section, Trace
 from evgp_inspection.verdicts import (
     EARLY,
@@ -428,6 +429,29 @@ def connects(step: str, phase: str = 'lost', limit: str = 'reconnect') -> Judge:
         return failed(f'No new connection in {waited:.1f} s.', section, measured=waited)
 
     return find
+
+
+def keeps(law: Law) -> Judge:
+    """Judge whether the wheels keep a law at every moment of the whole inspection."""
+
+    def find(trace: Trace, limits: Limits) -> Finding:
+        seen = [halt for halt in halts(trace, limits) if halt.speeds]
+        asked = [halt for halt in seen if any(told.law is law for told in halt.told)]
+        if not asked:
+            return not_judged('No odometry showed it.')
+        breach = next((each for each in breaches(trace, limits) if each.law is law), None)
+        if breach is None:
+            speeds = sum(len(halt.speeds) for halt in asked)
+            return passed(f'{speeds} speeds of odometry in {len(asked)} halts were judged.')
+        around = tuple(each for each in trace.events if abs(each.at - breach.at) <= AROUND)
+        return Finding(Verdict.FAIL, f'At {breach.at:.2f} s. {breach.why}', None, around)
+
+    return Judge(
+        find,
+        'Fail: at any moment of the inspection, the wheels turn where they must stand, turn '
+        'again, begin to slow down too late, or slow down less than for other RED_RED. Needs '
+        'odometry.',
+    )
 
 
 # ----- the judges that stand alone ------------------------------------------------------------

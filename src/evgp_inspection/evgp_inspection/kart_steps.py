@@ -18,6 +18,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping
 import functools
+import random
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -71,6 +72,12 @@ FLAG_BRAKES = 0.8
 
 FLAG_ALONE = 1.0
 """Maximum time for which RED_FLAG brakes alone, s; where nobody measures, a third of it."""
+
+RANDOM_STOP = (0.1, 2.0)
+"""Range of the time from GREEN_GREEN to a stop of the step `rounds`, s."""
+
+ROUNDS = ('red', 'flag', 'fin', 'flag_fin', 'silence', 'red', 'red', 'flag')
+"""The stops of the step `rounds`, whose order is chosen by the seed."""
 
 PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
 """How RED_RED is sent in the step `pieces`, ten times a second."""
@@ -285,8 +292,8 @@ class KartSteps:
         self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({step}).')
         await self._watch(self._limits.warning)
 
-    async def _drive(self, step: str) -> bool:
-        """Have the kart drive for a while; return whether it does."""
+    async def _drive(self, step: str, seconds: float = 0.0) -> bool:
+        """Have the kart drive for so long, or for `drive`; return whether it does."""
         limits = self._limits
         if not await self._grid(step):
             return False
@@ -304,7 +311,7 @@ class KartSteps:
             )
         if step == 'race':
             await self._ask(TURNS)
-        await self._pass(limits.drive)
+        await self._pass(seconds or limits.drive)
         return drove(self._trace, step, limits)
 
     async def _comes_to_stand(self, seconds: float) -> bool:
@@ -492,6 +499,55 @@ class KartSteps:
                 await self._watch(limits.watch)
                 await self._ask(STANDS)
         await self._stop('restart/red')
+
+    async def _rounds(self) -> None:
+        """Stop a kart that drives at random times, in every way."""
+        limits = self._limits
+        chance = random.Random(limits.seed)  # noqa: S311 - no secret
+        first, last = RANDOM_STOP
+        part = (last - first) / len(ROUNDS)
+        for place, stop in enumerate(chance.sample(ROUNDS, len(ROUNDS))):
+            if not await self._grid('rounds'):
+                break
+            await self._announce('rounds')
+            self._phase('rounds/green')
+            self._wire.order(GREEN_GREEN)
+            # One stop in each part of the range, so that none is left out.
+            await self._pass(first + part * (place + chance.random()))
+            self._phase(f'rounds/{stop}')
+            seconds = limits.silence + limits.red_red
+            if 'flag' in stop:
+                self._wire.order(RED_FLAG)
+                seconds = limits.red_flag
+            if stop == 'flag_fin':
+                await self._pass(chance.uniform(0.0, FLAG_ALONE / 4))
+            if 'fin' in stop:
+                self._wire.send(NOTHING)
+                self._wire.close()
+            if stop == 'silence':
+                self._wire.fall_silent()
+            if stop == 'red':
+                self._wire.order(RED_RED)
+            await self._comes_to_stand(seconds)
+            await self._pass(2 * limits.slack)
+            await self._stop('rounds/end')
+
+    async def _long(self) -> None:
+        if await self._drive('long', self._limits.long):
+            await self._stop('long/red')
+            await self._look_at_wheels()
+        await self._stop('long/end')
+
+    async def _dwell(self) -> None:
+        """Send every state to a kart that stands, for long, and lose the connection in it."""
+        for state in (RED_RED, IN_GARAGE, GRID_ACTIVE, RED_FLAG):
+            await self._must_stand(f'dwell/{state.value}', state, seconds=self._limits.dwell)
+            self._phase('dwell/lost')
+            self._wire.close()
+            await self._watch(self._limits.slack)
+            if not await self._connected():
+                break
+        await self._stop('dwell/end')
 
     async def _half_open(self) -> None:
         await self._stop('half_open/red')

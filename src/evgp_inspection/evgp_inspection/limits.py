@@ -30,14 +30,15 @@ class _Limits:
 
     The meaning of each is in its field's metadata, for the command line.
 
-    :raises ValueError: a limit is not a finite number above 0 (``warning`` and ``hold``: from 0).
+    :raises ValueError: a limit is not a finite number above 0 (``warning``, ``hold``, ``seed``:
+        from 0).
     """
 
     def __post_init__(self) -> None:
         """Refuse what no check can work with."""
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
-            least = 0.0 if field.name in ('warning', 'hold') else math.ulp(0.0)
+            least = 0.0 if field.name in ('warning', 'hold', 'seed') else math.ulp(0.0)
             if not (math.isfinite(value) and value >= least):
                 raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')
 
@@ -82,6 +83,9 @@ class Limits(_Limits):
     slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
     fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
     harder: float = _limit(0.8, 'maximum part of the time of a RED_FLAG stop for RED_RED')
+    long: float = _limit(60.0, 'time for which the kart drives once without a break')
+    dwell: float = _limit(10.0, 'time for which each state is sent to a kart that stands')
+    seed: float = _limit(0.0, 'number that chooses when random stops come; 0: by chance')
     fast: float = _limit(3.0, 'time for which 100 frames a second are sent')
     answer: float = _limit(20.0, 'maximum time to wait for an answer of the inspector')
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')

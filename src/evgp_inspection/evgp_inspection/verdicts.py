@@ -21,6 +21,9 @@ NOTICED = 1.0
 """Maximum time after a hold-up until the inspecting computer notices it itself, s: what has come
 meanwhile may be read first."""
 
+MANY = 10
+"""So many clauses that excuse another one are not named one by one."""
+
 EARLY = 0.05
 """A wait that ended this much before its limit was not cut short, s."""
 
@@ -173,7 +176,8 @@ class Clause:
         if self.judge.limit:
             lines.append(f'  Limit:   --{self.judge.limit.replace("_", "-")}')
         if self.unless:
-            lines.append(f'  Not judged where {" or ".join(self.unless)} fails: the same fault.')
+            causes = ' or '.join(self.unless) if len(self.unless) < MANY else 'any other clause'
+            lines.append(f'  Not judged where {causes} fails: the same fault.')
         lines.append(f'  Step:    {", ".join(self.steps) or "the whole inspection"}')
         return '\n'.join(lines)
 

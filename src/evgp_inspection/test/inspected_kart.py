@@ -26,10 +26,17 @@ LATE_TURN = 0.05
 0.07 s apart, it may then have seen one frame."""
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
 FLAG_BRAKING = 6.0  # m/s²
+COASTING = 3.0  # m/s²
 UNCOMMANDED = 0.3  # s: then the base brakes by itself
 DEAF = 1.2  # s
 RETRY = 0.1  # s
 DEAD_TIME = 0.3  # s; from a command to the movement
+
+SLOW_TURN = 1 / 17  # s
+
+LONG_AFTER = 1.8  # s; longer than any phase in which nothing but `dwell` has it stand
+
+LOOKS_AWAY = (0.3, 1.3)  # s after GREEN_GREEN
 
 MOST_UNREAD = 200
 """Number of bytes that are read 0.7 s late, 6 in each turn."""
@@ -91,6 +98,13 @@ FAULTS = {
     'keeps a silent connection': 'K-4D-04',
     'gives up when it is refused': 'K-4D-05',
     'never acknowledges RED_RED after FIN': 'K-4D-06',
+    'reads 17 frames a second while it drives': 'K-4C-09',
+    'moves off long after a red': 'K-3A-15',
+    'brakes backwards while it stands': 'K-3A-18',
+    'coasts when its link is lost while RED_FLAG brakes': 'K-3E-11',
+    'looks at no stop for a while after GREEN_GREEN': 'K-4C-09',
+    'ignores RED_FLAG at first': 'K-3A-17',
+    'drives by itself long after IN_GARAGE': 'K-3A-01',
 }
 """Each fault, and the clause that must find it."""
 
@@ -149,6 +163,9 @@ class InspectedKart:
         self._bridge_killed = False
         self._stack_died_at: float | None = None
         self.held_up = False
+        self._coasts = False
+        self._green_at = 0.0
+        self._backs = False
         self._begins = False  # it was told to drive just before a stop
 
     async def run(self) -> None:
@@ -243,8 +260,12 @@ class InspectedKart:
             one_frame = self._is['reads one frame a turn'] or (
                 self._is['reads one frame a turn while it drives'] and self.speed > 0.0
             )
+            slow = self._is['reads 17 frames a second while it drives'] and self.speed > 0.0
+            before = unread(link)
             if gone or one_frame:
                 await asyncio.sleep(STEP)
+            elif slow:
+                await asyncio.sleep(SLOW_TURN)
             if gone:
                 try:
                     link.send(b'$RED_RED;' if self._silent_kept else b' ')
@@ -256,6 +277,8 @@ class InspectedKart:
             size = 4096 if not one_frame else 13 if self._is['reads one frame a turn'] else 6
             if size == 6:  # but it is never so late that it misses other limits too
                 size = max(size, unread(link) - MOST_UNREAD)
+            if slow and unread(link) - before < 70:  # where many come at once, it reads them all
+                size = len(encode(GREEN_GREEN))
             if not await self._readable(link):
                 self._idle += 1
                 continue
@@ -306,6 +329,11 @@ class InspectedKart:
 
     def _lost(self, how: str) -> None:
         self._lost_how = how
+        self._coasts = (
+            self._is['coasts when its link is lost while RED_FLAG brakes']
+            and self._commanded is RED_FLAG
+            and self.speed > 0.0
+        )
         self._closed = self._closed or how == 'closed'
         self._goes_on = (
             (
@@ -355,6 +383,15 @@ class InspectedKart:
             self._armed = False
         if state is self._commanded:
             return
+        away, back = LOOKS_AWAY
+        looks_away = self._is['looks at no stop for a while after GREEN_GREEN']
+        if looks_away and self._armed and away < now - self._green_at < back:
+            return
+        self._green_at = now if state is GREEN_GREEN else 0.0
+        self._coasts = False
+        self._backs = (
+            self._is['brakes backwards while it stands'] and state is RED_RED and self.speed == 0.0
+        )
         before, self._before, self._commanded = self._commanded, self._commanded, state
         if self._is['is deaf after GREEN_GREEN'] and state is GREEN_GREEN and self._armed:
             self._deaf_until = now + DEAF
@@ -430,6 +467,15 @@ class InspectedKart:
         rolls = self._reached_at is not None and now - self._reached_at > 1.1
         if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
             target = 0.5
+        if since > LONG_AFTER and (
+            (self._is['moves off long after a red'] and obeyed is RED_RED)
+            or (self._is['drives by itself long after IN_GARAGE'] and obeyed is IN_GARAGE)
+        ):
+            target = 0.5 if self._commanded is not None else target
+        if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 0.8:
+            target = self.speed
+        if self._backs and since < 0.35:
+            target = -1.0
         died = self._stack_died_at
         if died is not None and now - died > UNCOMMANDED:
             target = TOP if self._is['drives on without its stack'] else 0.0
@@ -444,6 +490,8 @@ class InspectedKart:
             )
         )
         braking = FLAG_BRAKING if gently and died is None else BRAKING
+        if self._coasts:
+            braking = COASTING
         change = target - self.speed
         # Where this computer is busy, a step is longer.
         step, self._ticked_at = now - self._ticked_at, now
