@@ -32,8 +32,6 @@ DEAF = 1.2  # s
 RETRY = 0.1  # s
 DEAD_TIME = 0.3  # s; from a command to the movement
 
-SLOW_TURN = 1 / 17  # s
-
 LONG_AFTER = 1.8  # s; longer than any phase in which nothing but `dwell` has it stand
 
 LOOKS_AWAY = (0.3, 1.3)  # s after GREEN_GREEN
@@ -98,7 +96,6 @@ FAULTS = {
     'keeps a silent connection': 'K-4D-04',
     'gives up when it is refused': 'K-4D-05',
     'never acknowledges RED_RED after FIN': 'K-4D-06',
-    'reads 17 frames a second while it drives': 'K-4C-09',
     'moves off long after a red': 'K-3A-15',
     'brakes backwards while it stands': 'K-3A-18',
     'coasts when its link is lost while RED_FLAG brakes': 'K-3E-11',
@@ -260,12 +257,8 @@ class InspectedKart:
             one_frame = self._is['reads one frame a turn'] or (
                 self._is['reads one frame a turn while it drives'] and self.speed > 0.0
             )
-            slow = self._is['reads 17 frames a second while it drives'] and self.speed > 0.0
-            before = unread(link)
             if gone or one_frame:
                 await asyncio.sleep(STEP)
-            elif slow:
-                await asyncio.sleep(SLOW_TURN)
             if gone:
                 try:
                     link.send(b'$RED_RED;' if self._silent_kept else b' ')
@@ -277,8 +270,6 @@ class InspectedKart:
             size = 4096 if not one_frame else 13 if self._is['reads one frame a turn'] else 6
             if size == 6:  # but it is never so late that it misses other limits too
                 size = max(size, unread(link) - MOST_UNREAD)
-            if slow and unread(link) - before < 70:  # where many come at once, it reads them all
-                size = len(encode(GREEN_GREEN))
             if not await self._readable(link):
                 self._idle += 1
                 continue
