@@ -377,12 +377,10 @@ class OurRaceControl:
     def put(self, batch: Any) -> None:
         pass
 
-    def remember(self, memory: Any, at: float) -> None:
+    def remember(self, memory: Any) -> None:
         pass
 
-    def make_sure(
-        self, memory: Any, at: float, within: float, done: Callable[[bool], None]
-    ) -> None:
+    def make_sure(self, memory: Any, within: float, done: Callable[[bool], None]) -> None:
         done(True)
 
     def trouble(self) -> str:
