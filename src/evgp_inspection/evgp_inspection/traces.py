@@ -20,9 +20,6 @@ from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.hearing import Hearing, NO_ORDER
 
-STRANGER = 'stranger'
-"""The name of whoever connects to race control from an address that is no kart."""
-
 BEAT = 1 / BEAT_RATE
 """Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
 

@@ -137,8 +137,7 @@ class Clause:
     One clause, and how it is checked: everything that names, selects or judges a check goes by it.
 
     :ivar source: where the sentence is: the proposal or a document.
-    :ivar name: the letter of what is inspected (K: a kart, R: a race control), the § of the
-        proposal, and a number, such as ``K-3A-07``.
+    :ivar name: K for a kart, the § of the proposal, and a number, such as ``K-3A-07``.
     :ivar title: what a good one does, in a few words.
     :ivar sentence: the sentence, as it is in the source.
     :ivar done: what the inspection does.
@@ -193,7 +192,7 @@ DISCONNECTED = (
     'If a kart has disconnected (as described in Connection status) during the race, the kart '
     'shall immediately enter the RED_RED state.'
 )
-"""A sentence of the proposal (§3.E) that speaks of a kart and of race control."""
+"""A sentence of the proposal (§3.E)."""
 
 
 @dataclasses.dataclass(frozen=True)
