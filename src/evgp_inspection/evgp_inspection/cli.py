@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 import contextlib
 import dataclasses
 import datetime
@@ -39,6 +39,11 @@ from evgp_protocol.frames import DEFAULT_PORT
 
 Options: TypeAlias = argparse.Namespace
 
+Begin: TypeAlias = Callable[
+    [Inspector, Limits, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
+]
+"""Inspects once the word is given: by these limits, for these clauses, until the event is set."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``kart`` or ``survey``."""
@@ -52,59 +57,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     """Inspect a kart; return the exit code."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
-    wrong = ''
-    if options.unattended and options.word != WORD:
-        wrong = (
-            f'--unattended makes a kart drive with nobody there: say --word {WORD} to state that '
-            'its wheels are off the ground and that somebody has the MSR'
-        )
-    elif options.odometry == '-' and not options.unattended:
-        wrong = '--odometry - takes the keyboard: it needs --unattended'
-    try:
-        limits = Limits.taken_from(options)
-        explained = select(KART, options.explain) if options.explain else ()
-        clauses = select(KART, options.only)
-    except ValueError as error:
-        parser.error(str(error))
-    if options.list or explained:
-        lines = [each.line() for each in clauses] if options.list else []
-        print('\n'.join(lines or [f'{each.explain()}\n' for each in explained]))
-        return Exit.PASSED
-    if wrong:
-        parser.error(wrong)
-    printer = Printer()
-    began = datetime.datetime.now().astimezone()
-    try:
-        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses))
-    except (OSError, ValueError, ImportError) as error:
-        print(f'The inspection cannot start: {error}', file=sys.stderr)
-        return Exit.NOT_PASSED
-    finally:
-        printer.close()
-    header = Header(
-        subject=f'kart {options.number}' if options.number else 'kart',
-        team=options.team,
-        inspector='' if options.unattended else options.inspector,
-        began=began.isoformat(timespec='seconds'),
-        seconds=inspection.seconds,
-        limits=dataclasses.asdict(limits),
-        statements=BY_STATEMENT,
-        remarks=inspection.remarks,
-    )
-    print(f'\n{header.subject} {header.team}'.rstrip())
-    for remark in inspection.remarks:
-        print(remark)
-    for statement in header.statements:
-        print(f'To be stated by the team, and ticked by hand: {statement}')
-    print(summary(inspection.results))
-    if options.report:
-        _write(pathlib.Path(options.report), header, inspection.results, began)
-    return inspection.exit_code
-
-
-def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='inspect_kart',
         description='Play race control to one kart, and judge whether it is fit to race.',
@@ -148,7 +100,44 @@ def _parser() -> argparse.ArgumentParser:
     add('--unattended', action='store_true', help='ask nothing; needs --word')
     add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
     Limits.add_to(parser)
-    return parser
+    options = parser.parse_args(arguments)
+    try:
+        limits = Limits.taken_from(options)
+        explained = select(KART, options.explain) if options.explain else ()
+        clauses = select(KART, options.only)
+    except ValueError as error:
+        parser.error(str(error))
+    if options.list or explained:
+        lines = [each.line() for each in clauses] if options.list else []
+        print('\n'.join(lines or [f'{each.explain()}\n' for each in explained]))
+        return Exit.PASSED
+    if options.unattended and options.word != WORD:
+        parser.error(
+            f'--unattended makes a kart drive with nobody there: say --word {WORD} to state that '
+            'its wheels are off the ground and that somebody has the MSR'
+        )
+    if options.odometry == '-' and not options.unattended:
+        parser.error('--odometry - takes the keyboard: it needs --unattended')
+
+    def begin(
+        inspector: Inspector, limits: Limits, clauses: Sequence[Clause], stopping: asyncio.Event
+    ) -> Awaitable[Inspection]:
+        return inspect(
+            inspector,
+            limits,
+            clauses,
+            stopping,
+            host=options.listen,
+            port=options.port,
+            kart_address=options.kart_address,
+            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
+            kills=_kills(options, inspector, limits),
+            listening=lambda port: inspector.tell(
+                f'Waiting for the kart on port {port} for {limits.connect:g} s.'
+            ),
+        )
+
+    return _inspect(options, limits, clauses, begin)
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
@@ -176,11 +165,44 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
     }
 
 
+def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause], begin: Begin) -> int:
+    """Inspect, from the word to the report; return the exit code."""
+    printer = Printer()
+    began = datetime.datetime.now().astimezone()
+    try:
+        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses, begin))
+    except (OSError, ValueError, ImportError) as error:
+        print(f'The inspection cannot start: {error}', file=sys.stderr)
+        return Exit.NOT_PASSED
+    finally:
+        printer.close()
+    header = Header(
+        subject=f'kart {options.number}' if options.number else 'kart',
+        team=options.team,
+        inspector='' if options.unattended else options.inspector,
+        began=began.isoformat(timespec='seconds'),
+        seconds=inspection.seconds,
+        limits=dataclasses.asdict(limits),
+        statements=BY_STATEMENT,
+        remarks=inspection.remarks,
+    )
+    print(f'\n{header.subject} {header.team}'.rstrip())
+    for remark in inspection.remarks:
+        print(remark)
+    for statement in header.statements:
+        print(f'To be stated by the team, and ticked by hand: {statement}')
+    print(summary(inspection.results))
+    if options.report:
+        _write(pathlib.Path(options.report), header, inspection.results, began)
+    return inspection.exit_code
+
+
 async def _with_the_word(
     options: Options,
     printer: Printer,
     limits: Limits,
     clauses: Sequence[Clause],
+    begin: Begin,
 ) -> Inspection:
     """Inspect once the inspector has given the word; a signal ends it."""
     stopping = asyncio.Event()
@@ -198,26 +220,13 @@ async def _with_the_word(
                 given.cancel()
                 not_done = [Result(each, NOT_DONE) for each in clauses]
                 return Inspection(not_done, remarks=['Not begun.'])
-        return await inspect(
-            inspector,
-            limits,
-            clauses,
-            stopping,
-            host=options.listen,
-            port=options.port,
-            kart_address=options.kart_address,
-            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
-            kills=_kills(options, inspector, limits),
-            listening=lambda port: inspector.tell(
-                f'Waiting for the kart on port {port} for {limits.connect:g} s.'
-            ),
-        )
+        return await begin(inspector, limits, clauses, stopping)
 
 
 def _write(
     folder: pathlib.Path, header: Header, results: list[Result], began: datetime.datetime
 ) -> None:
-    """Write the files of the report."""
+    """Write the two files of the report."""
     name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
     stem = f'{name}-{began:%Y%m%d-%H%M%S}'
     try:

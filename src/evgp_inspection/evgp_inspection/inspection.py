@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The inspection of a kart, from the first connection to the results, and the exit codes."""
+"""The inspection, from the first connection to the results, and the exit codes."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def _limit(default: float, meaning: str) -> float:
 
 class _Limits:
     """
-    What all limits are: seconds, unless the meaning names another unit.
+    What the limits have in common: seconds, unless the meaning names another unit.
 
     The meaning of each is in its field's metadata, for the command line.
 

@@ -36,12 +36,10 @@ class Kind(enum.Enum):
     CLOSED = 'closed'  # the other end ended it; `text`: closed, reset
     ENDED = 'ended'  # the inspection ended it; `text` says how
     SENT = 'sent'  # by the inspection
-    SAID = 'said'  # by the kart or race control that is inspected
+    SAID = 'said'  # by the kart
     SPEED = 'speed'  # odometry; `value` in m/s
     ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 for yes, 0 for no
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
-    COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
-    ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
     UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not answered
     KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
@@ -321,8 +319,6 @@ _DESCRIBED = {
     Kind.ENDED: 'connection {0.link}: {0.text} by the inspection',
     Kind.ANSWER: 'inspector, {0.text}: {1}',
     Kind.HELD_UP: 'the inspecting computer was held up for {0.value:.2f} s',
-    Kind.COMMAND: 'command {0.text}',
-    Kind.ANSWERED: 'accepted: {1} {0.text}',
     Kind.UNANSWERED: 'connection {0.link}: TCP has not answered {0.value:.0f} bytes',
     Kind.KILLED: 'the {0.text} of the kart was killed',
     Kind.SILENT: 'no frame from here on: {0.text}',

@@ -24,6 +24,7 @@ import pytest
 LIMITS = Limits()
 RED_RED, GREEN_GREEN = RaceState.RED_RED, RaceState.GREEN_GREEN
 ROOT = pathlib.Path(__file__).parents[3]
+
 PHASES = sorted({phase for clause in BY_NAME.values() for phase in clause.judge.phases})
 FRAMES = [encode(state) for state in RaceState]
 
@@ -223,7 +224,7 @@ def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes])
 
 
 def test_every_clause_has_a_name_of_its_own_and_steps_and_limits_that_exist() -> None:
-    assert list(BY_NAME.values()) == list(KART)
+    assert tuple(BY_NAME.values()) == KART
     for clause in BY_NAME.values():
         assert re.fullmatch(r'K-\d[A-F]-\d\d', clause.name)
         assert set(clause.steps) <= set(KART_STEPS)
