@@ -16,9 +16,9 @@ import dataclasses
 import enum
 
 from evgp_protocol.frames import FrameDecoder, StateFrame
+from evgp_protocol.hearing import Hearing, NO_ORDER
 from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.hearing import Hearing, NO_ORDER
 
 BEAT = 1 / BEAT_RATE
 """Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
@@ -83,7 +83,7 @@ class Said:
 
     :ivar state: the state; None: the bytes are no frame.
     :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
-    :ivar answers: what it acknowledges, by race control's rules (`evgp_rcs.rules.hearing`): not
+    :ivar answers: what it acknowledges, by race control's rules (`evgp_protocol.hearing`): not
         always what is being sent, since it may have been said before that was read; None: nothing.
     :ivar reason: what is wrong with bytes that are no frame.
     """
