@@ -187,7 +187,9 @@ def test_race_control_that_ends_unasked_comes_back(rehearsal: Rehearsal) -> None
     official.wait_for_connected(*rehearsal.plan.numbers)
 
 
-def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it() -> None:
+def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_debriefed() -> (
+    None
+):
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--no-window']
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rehearsal,
@@ -200,6 +202,12 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it() -> None:
             printed.append(line)
             if line.startswith('Ctrl-C'):
                 break
+        found = re.search(r'http://\S+/', ''.join(printed))
+        assert found is not None
+
+        def press(**what: Any) -> Any:
+            return ask(f'{found[0]}do', what, **{'Content-Type': 'application/json'})
+
         lines = re.findall(r'ROS_DOMAIN_ID=(\d+) make ctl ARGS=(.+)', ''.join(printed))
         until = time.monotonic() + PATIENCE
         states = []
@@ -215,9 +223,17 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it() -> None:
             race = re.search(r'IN GARAGE|GRID ACTIVE|GREEN GREEN|RED RED', shown.stdout)
             assert race is not None, shown.stdout
             states.append(race.group())
+            if race.group() == 'GREEN GREEN':
+                while press(do='inject', incident='spin', kart=2)['told']:  # once every kart races
+                    assert time.monotonic() < until
         assert states == ['IN GARAGE', 'GRID ACTIVE', 'GREEN GREEN', 'RED RED']
+        press(do='mend')
+        order = f'the rule book: {INCIDENTS["spin"].order[:30]}'
+        assert any(order in line for line in rehearsal.stdout)  # as soon as it has ended
         rehearsal.send_signal(signal.SIGINT)
-        assert 'No incident began' in rehearsal.stdout.read()
+        at_the_end = rehearsal.stdout.read()
+        assert 'spin (kart 2): a kart spins in front of others' in at_the_end
+        assert 'gave ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
         assert rehearsal.wait() == 0
 
 

@@ -132,7 +132,7 @@ def _explain(console: Console, rehearsal: Rehearsal) -> None:
 
 def _show(console: Console, lines: Sequence[str]) -> None:
     console.rule(f'{BANNER}: debrief')
-    console.print(Text('\n'.join(lines)))
+    console.print(Text('\n'.join(lines)), soft_wrap=True)
 
 
 if __name__ == '__main__':
