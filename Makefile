@@ -61,7 +61,7 @@ DEVICE :=
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
 	@echo 'make sim     three karts of three kinds race in a simulator; a moving picture of it  (ARGS="--laps 3")'
-	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
+	@echo 'make rehearsal  train officials: simulated karts, incidents, debrief  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'

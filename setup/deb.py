@@ -87,7 +87,7 @@ complete -F _{name} {command}
 MENU = {
     'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
     'window': ('Race window', 'Start, flag and stop the race', False),
-    'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, score', True),
+    'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, debrief', True),
 }
 """Name, comment, and whether it runs in a terminal."""
 
