@@ -161,7 +161,7 @@ ctl:
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
 button:
 	$(IN_WORKSPACE) $(if $(DEVICE),python -m evgp_node.restarting $(RCS_BUTTON) --ros-args \
-	  -p 'device:=$(DEVICE)' -p 'kind:=$(or $(KIND),evdev)' \
+	  -p 'device:=$(DEVICE)' \
 	  $(if $(OFFICIAL),-p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"') $(ARGS),$(RCS_BUTTON) test $(ARGS))
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.

@@ -91,7 +91,7 @@ MENU = {
 }
 """Name, comment, and whether it runs in a terminal."""
 
-NEEDED = """argcomplete jinja2 mcap pyserial pyside6-essentials pyyaml rich
+NEEDED = """argcomplete jinja2 mcap pyside6-essentials pyyaml rich
 ros-jazzy-common-interfaces ros-jazzy-rcl-interfaces ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp"""
 """What of setup/*.in runs here; what these need comes with them."""
 
