@@ -61,7 +61,7 @@ DEVICE :=
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
 	@echo 'make sim     three karts of three kinds race in a simulator; a moving picture of it  (ARGS="--laps 3")'
-	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
+	@echo 'make rehearsal  train officials: simulated karts, incidents, debrief  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
@@ -160,7 +160,7 @@ ctl:
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
 button:
 	$(IN_WORKSPACE) $(if $(DEVICE),python -m evgp_node.restarting $(RCS_BUTTON) --ros-args \
-	  -p 'device:=$(DEVICE)' -p 'kind:=$(or $(KIND),evdev)' \
+	  -p 'device:=$(DEVICE)' \
 	  $(if $(OFFICIAL),-p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"') $(ARGS),$(RCS_BUTTON) test $(ARGS))
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.

@@ -117,6 +117,10 @@ NO_ORDER = 0
 _TOO_OLD = -1
 """In place of where a frame began: during a flood."""
 
+PAUSE = 0.3
+"""Time without a word after which a kart that says every frame back was busy, or had nothing to
+say, rather than slow, in seconds."""
+
 Heard = StateFrame | MalformedFrame
 
 
@@ -154,8 +158,12 @@ class _Pace:
     def __init__(self, beat_rate: float) -> None:
         self._beat_rate = beat_rate
         self._window = math.ceil(PACE_WINDOW * beat_rate)
-        self._counts = False
+        # Whether the kart has said the last order back, and since then, up to a window:
+        self._speaks = False
+        self._frames_of_order = self._words_of_order = 0
         self._frames = self._words = 0
+        # Frames since its last word, until it speaks of the last order: it may be doing that.
+        self._unsaid = 0
         self._slow = 0  # windows with too few words, one after the other
         self._lost = 0  # frames that were sent and not said back
         self.speaks_seldom = False
@@ -167,23 +175,21 @@ class _Pace:
 
     def begin(self) -> None:
         """Take note of a new order: the kart says it back when it has done it."""
-        self._counts = False
+        self._speaks = False
+        self._unsaid = 0
 
     def sent(self) -> None:
         """Take note of a frame of the last order."""
-        self._frames += 1
-        if not self._counts or self._frames < self._window:
+        if not self._speaks:
+            self._unsaid += 1
             return
-        if self._words > 1:
-            self.speaks_seldom = self._words < SELDOM * PACE_WINDOW
-        if self._words >= PACE * self._frames:
-            self._lost = max(0, self._lost - max(0, self._words - self._frames))
-            if self._slow < 2 or not self._lost:
-                self._slow = self._lost = 0
-        elif self._words >= 0.9 * SLOWEST / self._beat_rate * self._frames:
-            self._lost += self._frames - self._words
-            self._slow += 1
-        self._frames = self._words = 0
+        self._frames_of_order += 1
+        if self._frames_of_order == self._window:
+            if self._words_of_order > 1:
+                self.speaks_seldom = self._words_of_order < SELDOM * PACE_WINDOW
+            self._frames_of_order = self._words_of_order = 0
+        self._frames += 1
+        self._judge()
 
     def said(self, after: int | None) -> None:
         """
@@ -192,15 +198,38 @@ class _Pace:
         :param after: number of beats since the kart's TCP had answered the order, if this is the
             first word for it.
         """
-        self._words += 1
         if after is not None:
             # Of a slow one, all of that may be time for which it has not read the order.
             self._lost = after if self._slow > 1 else min(self._lost, after)
             if self._lost < 3:
                 self._lost = self._slow = 0
-        if not self._counts:
-            self._counts = True
-            self._frames = self._words = 0
+        if not self._speaks:
+            self._speaks = True
+            self._frames_of_order = self._words_of_order = 0
+        else:
+            self._words += 1
+        self._words_of_order += 1
+
+    def said_before(self) -> None:
+        """Take note of a word for what came before the last order: it has not reached that."""
+        if self._unsaid < PAUSE * self._beat_rate:  # longer: it was silent for a reason
+            self._frames += self._unsaid
+            self._words += 1
+        self._unsaid = 0
+        self._judge()
+
+    def _judge(self) -> None:
+        """Compare the words of a window with its frames, once it is over."""
+        if self._frames < self._window:
+            return
+        if self._words >= PACE * self._frames:
+            self._lost = max(0, self._lost - max(0, self._words - self._frames))
+            if self._slow < 2 or not self._lost:
+                self._slow = self._lost = 0
+        elif self._words >= 0.9 * SLOWEST / self._beat_rate * self._frames:
+            self._lost += self._frames - self._words
+            self._slow += 1
+        self._frames = self._words = 0
 
 
 class Hearing:
@@ -392,6 +421,7 @@ class Hearing:
             if order.state is heard.state and order.answers_from <= place
         ]
         if not can:
+            self._pace.said_before()
             return NO_ORDER
         for _ in range(can[0]):
             self._pass()
@@ -406,6 +436,8 @@ class Hearing:
             if order.words == 1 and order.answered_in is not None:
                 first_after = self._beats - order.answered_in
             self._pace.said(first_after)
+        else:
+            self._pace.said_before()
         if len(can) == 1:
             if order.state is not RaceState.IN_GARAGE:
                 self._outruns |= order.words > self._frames_of_first()

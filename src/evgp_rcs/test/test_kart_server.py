@@ -216,12 +216,10 @@ class Running:
             wanted = self._shown + times
             assert self._news.wait_for(lambda: self._shown >= wanted, TIMEOUT)
 
-    def remember(self, memory: RaceMemory, at: float) -> None:
+    def remember(self, memory: RaceMemory) -> None:
         self.remembered.append(memory)
 
-    def make_sure(
-        self, memory: RaceMemory, at: float, within: float, done: Callable[[bool], None]
-    ) -> None:
+    def make_sure(self, memory: RaceMemory, within: float, done: Callable[[bool], None]) -> None:
         with self._news:
             self.sure.append((memory, done))
             self._news.notify_all()

@@ -360,7 +360,7 @@ def write_and_die(path: pathlib.Path) -> None:
     record = Record(path)
     record.begin(Rules(rules_version(), paper.setup))
     record.put(paper.log.take())
-    record.remember(paper.race.memory(), paper.now, surely=True)
+    record.remember(paper.race.memory(), surely=True)
     os._exit(0 if record.write() else 1)
 
 

@@ -105,7 +105,7 @@ def put(record: Record, *entries: Entry, first: int = 0) -> None:
 
 def have_written(record: Record, memory: RaceMemory) -> None:
     """Have this on the disk for the next run."""
-    record.remember(memory, 0.0, surely=True)
+    record.remember(memory, surely=True)
     assert record.write()
 
 
@@ -170,17 +170,9 @@ def test_a_stream_that_another_program_wrote_is_no_run_of_race_control(
 @pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])
 def test_a_run_leaves_its_race(begin: Begin, memory: RaceMemory) -> None:
     record = begin()
-    record.remember(memory, 0.0)
+    record.remember(memory)
     record.end()
     assert begin().left_behind == memory
-
-
-def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> None:
-    record = begin()
-    record.remember(RACING, 2.0)
-    record.remember(HOME, 1.0)
-    record.end()
-    assert begin().left_behind == RACING
 
 
 def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_between(
@@ -188,8 +180,8 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
 ) -> None:
     record = begin()
     have_written(record, RACING)
-    record.remember(HOME, 1.0)  # both before it comes to write
-    record.remember(RACING, 2.0)
+    record.remember(HOME)  # both before it comes to write
+    record.remember(RACING)
     record.end()
     assert begin().left_behind == RACING
 
@@ -202,7 +194,7 @@ def test_results_are_left_behind_for_the_days_of_one_event(
     of_laps = LapsMemory(heat='Heat 1', crossed={7: (0.0, 10.0)})
     memory = dataclasses.replace(RACING, laps=of_laps, heats=(of_laps,))
     record = begin()
-    record.remember(memory, 0.0)
+    record.remember(memory)
     record.end()
     began_ns = time.time_ns() - days * 86_400 * 10**9
     with contextlib.closing(sqlite3.connect(path)) as database, database:
@@ -219,10 +211,10 @@ def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin) -> None
 
 def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -> None:
     first = begin()
-    first.remember(RACING, 0.0)
+    first.remember(RACING)
     first.end()
     second = begin()
-    second.remember(HOME, 0.0)
+    second.remember(HOME)
     second.end()
     assert begin().left_behind == HOME
 
@@ -276,7 +268,7 @@ def test_a_record_that_was_harmed_knows_nothing(
     begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
 ) -> None:
     record = begin()
-    record.remember(HOME, 0.0)
+    record.remember(HOME)
     record.end()
     harm(path)
     assert begin().left_behind is None
@@ -288,7 +280,7 @@ def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
     begin().end()  # an earlier run, that ended in order
     record = begin()
     have_written(record, RACING)
-    record.remember(HOME, 2.0)
+    record.remember(HOME)
     assert record.write()
     assert HOME.state.name in remembered(path)
     # What a machine finds that lost its power, and whose -wal somebody deleted then.
@@ -360,7 +352,7 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     ballast = filled(small_disk)
     count = 1000
     record.put(Batch(1, [event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)]))
-    record.remember(RACING, 0.0, surely=True)
+    record.remember(RACING, surely=True)
     assert not record.write()
     assert record.error == 'database or disk is full'
     ballast.unlink()
@@ -547,7 +539,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     [
         lambda record: put(record, event(1)),
         lambda record: record.begin(RULES),
-        lambda record: record.remember(HOME, 0.0),
+        lambda record: record.remember(HOME),
     ],
     ids=['an event', 'the rules', 'a memory'],
 )
@@ -563,9 +555,9 @@ def test_what_is_remembered_already_is_not_written_again_unless_it_must_be_sure(
     begin: Begin,
 ) -> None:
     record = begin()
-    record.remember(HOME, 0.0)
+    record.remember(HOME)
     assert record.write()
-    record.remember(HOME, 1.0)
+    record.remember(HOME)
     assert record.due_in() is None
-    record.remember(HOME, 2.0, surely=True)
+    record.remember(HOME, surely=True)
     assert record.due_in() == 0.0

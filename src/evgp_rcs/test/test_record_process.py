@@ -80,7 +80,7 @@ def test_what_must_be_sure_is_told_to_be_there_once_it_is(
     record: RecordProcess, path: pathlib.Path
 ) -> None:
     told: list[bool] = []
-    record.make_sure(RACING, 0.0, PATIENCE, told.append)
+    record.make_sure(RACING, PATIENCE, told.append)
     wait_for(record, lambda: told)
     assert told == [True]
     record.end(PATIENCE, LastRun.UNKNOWN)
@@ -120,8 +120,8 @@ def test_a_process_that_is_killed_is_trouble_at_once_and_holds_nobody_up(
     wait_for(record, record.trouble)
     assert 'its process has ended' in record.trouble()
     put(record, 1)
-    record.remember(HOME, 1.0)
-    record.make_sure(RACING, 2.0, PATIENCE, lambda there: pytest.fail('nobody can know'))
+    record.remember(HOME)
+    record.make_sure(RACING, PATIENCE, lambda there: pytest.fail('nobody can know'))
     assert '1 are lost' in record.trouble()
 
 
@@ -151,7 +151,7 @@ def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
 ) -> None:
     freeze(record.pid)
     told: list[bool] = []
-    record.make_sure(RACING, 0.0, 0.3, told.append)
+    record.make_sure(RACING, 0.3, told.append)
     assert record.trouble() == ''
     wait_for(record, record.trouble)
     monkeypatch.setattr(record_process, 'SLOW', PATIENCE)  # not since an event waits for long
@@ -174,7 +174,7 @@ def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
     assert str(mark) in record.why
     assert str(mark) in record.trouble()
     told: list[bool] = []
-    record.make_sure(RACING, 0.0, PATIENCE, told.append)
+    record.make_sure(RACING, PATIENCE, told.append)
     wait_for(record, lambda: told)
     assert told == [False]
     mark.rmdir()
@@ -192,7 +192,7 @@ def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
     monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 10_000)
     freeze(record.pid)
     for number in range(20_000):
-        record.remember((HOME, RACING)[number % 2], float(number))
+        record.remember((HOME, RACING)[number % 2])
     assert 10_000 < record._end.unsent < 20_000
     os.kill(record.pid, signal.SIGCONT)
 
@@ -217,7 +217,7 @@ def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
     assert record.trouble().startswith(f'The record {path} fails: {path} is no file')
     told: list[bool] = []
     put(record, 1)
-    record.make_sure(RACING, 0.0, PATIENCE, told.append)
+    record.make_sure(RACING, PATIENCE, told.append)
     wait_for(record, lambda: told)
     assert told == [False]
     path.rmdir()

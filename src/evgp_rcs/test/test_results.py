@@ -10,14 +10,16 @@ import csv
 import io
 import pathlib
 import re
+import sqlite3
 
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
-from evgp_rcs.record.store import PROGRAM, Record
+from evgp_rcs.record.runs import Runs
+from evgp_rcs.record.store import Record, Session
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Began, Recovered, Rules
-from evgp_rcs.rules.race import EventKind, Heat, LastRun
+from evgp_rcs.rules.inputs import Began, Entry, Recovered, Rules
+from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import edit, PaperRace
 
@@ -247,10 +249,27 @@ def test_the_table_has_the_races_of_every_run_of_the_day(
         paper.connect(7)
         paper.drive()
         paper.write(record)
-    # In whatever time zone, the second one begins on another day than the first.
-    edit(record, lambda entries: entries.__setitem__(0, Began('1', PROGRAM, 0)))
+
+    def be_long_ago(entries: list[Entry]) -> None:
+        entries[:] = [
+            each._replace(wall_ns=1) if isinstance(each, Began | StampedEvent) else each
+            for each in entries
+        ]
+
+    edit(record, be_long_ago)
     rows = table(paper, *arguments)
     assert [row['run'] for row in rows] == runs
+
+
+def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
+    tmp_path: pathlib.Path,
+) -> None:
+    began = (0, 20, 23, 25, 40)  # hours; each run takes one
+    times = [(at * 3600 * 10**9, (at + 1) * 3600 * 10**9) for at in began]
+    listed = [Session(n, at, None, 1, end, str(n)) for n, (at, end) in enumerate(times)]
+    runs = Runs(tmp_path, sqlite3.connect(':memory:'), listed, None)
+    days = [[each.number for each in runs.day_of(run)] for run in listed]
+    assert days == [[0], [1, 2, 3], [1, 2, 3], [1, 2, 3], [4]]
 
 
 def test_the_table_is_written_to_a_file(

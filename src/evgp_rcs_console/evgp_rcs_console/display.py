@@ -407,7 +407,7 @@ class BottomLine:
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
-        if answer.success and not CATALOGUE[given.command].of_laps:  # no snapshot tells of those
+        if answer.success and CATALOGUE[given.command].is_seen:
             self._outcome = Outcome(given, clock.now())
 
     def take_race(self, race: Snapshot, at: float) -> None:

@@ -12,7 +12,7 @@ from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
-from evgp_rcs_console.view import COLUMNS, MOST_BARS, Row
+from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
@@ -27,8 +27,8 @@ from evgp_rcs_console.widgets import (
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 """Is entered while the window itself scrolls, with the bar that moves."""
 
-BUTTONS = (68, 74, 68, 62, 52)
-"""Widths of a kart's commands; the first two are its stops."""
+BUTTONS = 320
+"""Width of a kart's commands together; each has the same share."""
 
 HEADING, TILES, BAR = 22, 36, 16
 """Heights of the heading and of the tiles, and width of the scroll bar."""
@@ -45,7 +45,7 @@ def columns(width: int, bar: int) -> list[QtCore.QRect]:
     """
     gap, margin = look.px(GAP), look.px(10)
     fixed = [look.px(column.width) for column in COLUMNS]
-    buttons = [look.px(each) for each in BUTTONS]
+    buttons = [look.px(BUTTONS / len(KART_COMMANDS)) for _ in KART_COMMANDS]
     used = sum(fixed) + sum(buttons) + gap * (len(fixed) + len(buttons) - 1)
     left = margin
     found = []
@@ -66,7 +66,7 @@ class KartRow(Painted):
         self.number = 0
         self._row: Row | None = None
         self._chosen = self._stale = False
-        self._buttons = [CommandButton(pressed) for _ in BUTTONS]
+        self._buttons = [CommandButton(pressed) for _ in KART_COMMANDS]
         for button in self._buttons:
             button.setParent(self)
 

@@ -184,12 +184,10 @@ class Remember(NamedTuple):
     """
     What the next run is to find.
 
-    :param at: the time of it (s): what is older than what is known is ignored.
     :param confirm: a number that comes back when it is on the disk or failed; 0: none does.
     """
 
     memory: RaceMemory
-    at: float
     confirm: int = 0
 
 

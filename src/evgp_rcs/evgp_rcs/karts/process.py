@@ -79,7 +79,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
             begin.cannot_know or record.why,
         ),
     )
-    record.remember(race.memory(), loop.time())
+    record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
     # Its own signals end it in order too; those of a terminal reach the ROS half only.

@@ -132,16 +132,14 @@ class RecordProcess:
         self._bytes += size
         self._end.send(data)
 
-    def remember(self, memory: RaceMemory, at: float) -> None:
+    def remember(self, memory: RaceMemory) -> None:
         """Save this for the next run; see ``Record.remember``."""
         # Where the process hangs, it is kept for when it goes on.
         if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
-            self._end.send(pack(Remember(memory, at)))
+            self._end.send(pack(Remember(memory)))
 
-    def make_sure(
-        self, memory: RaceMemory, at: float, within: float, done: Callable[[bool], None]
-    ) -> None:
+    def make_sure(self, memory: RaceMemory, within: float, done: Callable[[bool], None]) -> None:
         """
         Save this for the next run, and report when it is on the disk.
 
@@ -152,7 +150,7 @@ class RecordProcess:
         self._confirms += 1
         self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
         self._remembered = memory
-        self._end.send(pack(Remember(memory, at, self._confirms)))
+        self._end.send(pack(Remember(memory, self._confirms)))
 
     def look(self) -> None:
         """Read the messages that have come from the process."""
@@ -284,7 +282,7 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> N
                     batches += 1
                     record.put(_whole(message))
                 elif isinstance(message, Remember):
-                    record.remember(message.memory, message.at, bool(message.confirm))
+                    record.remember(message.memory, bool(message.confirm))
                     confirm += [message.confirm] if message.confirm else []
                 elif isinstance(message, Rules):
                     record.begin(message)

@@ -270,7 +270,7 @@ class KartServer:
             self._tell(_ended(self._failure))
             self._refuse_the_rest()
             # What changed since the last snapshot must be found by the next run too.
-            self._remember(self.now())
+            self._remember()
             ends_as = self._race.memory().ends_as
         # One turn of the loop, so that closed transports let go of their sockets, and the
         # disconnections are told after the end that they come from.
@@ -474,14 +474,13 @@ class KartServer:
             waiting.answered(outcome.answer)
         self._tell_of_rules(outcome.events, given.at, 1 + bool(outcome.orders))
         if of_start:
-            self._remember(self.now())
+            self._remember()
         if outcome.start is not None:
             number = outcome.start.number
             self._starting = waiting
             self._hand_on()
             self._record.make_sure(
                 outcome.start.memory,
-                self.now(),
                 outcome.start.until - given.at,
                 lambda written: self._journal(number, written),
             )
@@ -566,7 +565,7 @@ class KartServer:
             if laps is not self._shown_laps and due:
                 self._shown_laps, self._results_at = laps, now
                 self._ros_half.send(pack(standings_of(self._race, now)))
-        self._remember(now)
+        self._remember()
         if self._race.paused_until > max(now, self._shown_pause):
             # Then more commands are available, though nothing happens.
             self._shown_pause = self._race.paused_until
@@ -576,9 +575,9 @@ class KartServer:
         if trouble != self._race.record_fails:
             self._take(inputs.RecordTrouble(now, trouble))
 
-    def _remember(self, now: float) -> None:
+    def _remember(self) -> None:
         self._hand_on()
-        self._record.remember(self._race.memory(), now)
+        self._record.remember(self._race.memory())
 
     # ----- what the links tell ------------------------------------------------------------
 

@@ -9,7 +9,6 @@ import argparse
 from collections.abc import Iterable, Iterator
 import contextlib
 from dataclasses import dataclass
-import datetime
 import os
 import pathlib
 import re
@@ -44,6 +43,10 @@ UNREADABLE = 2
 
 PARTLY = 3
 """Exit code: done, with what can be read of a damaged record."""
+
+NIGHT_NS = 6 * 3600 * 10**9
+"""Minimum time without race control between two days of an event, in nanoseconds. The date would
+depend on the time zone of whoever reads the record."""
 
 _Row = TypeVar('_Row')
 
@@ -135,17 +138,20 @@ class Runs:
         raise UnreadableError(f'{self.file} has {what}')
 
     def day_of(self, run: Session) -> list[Session]:
-        """Return the runs that began on the same day, oldest first, this one too."""
-        return [each for each in self.listed if _day(each) == _day(run)]
+        """Return the runs with no `NIGHT_NS` between them and this one, oldest first."""
+        day: list[Session] = []
+        for each in self.listed:
+            if day and each.began_ns - max(day[-1].began_ns, day[-1].last_ns) > NIGHT_NS:
+                if run in day:
+                    break
+                day = []
+            day.append(each)
+        return day
 
     def read(self, run: Session) -> Kept:
         """Read the stream of a run."""
         blocks = list(blocks_of(self.database, run.number))
         return Kept(run, blocks, run is self.present)
-
-
-def _day(run: Session) -> datetime.date:
-    return datetime.datetime.fromtimestamp(run.began_ns / 1e9).date()
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:

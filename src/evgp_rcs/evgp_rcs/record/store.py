@@ -24,7 +24,6 @@ import dataclasses
 import fcntl
 import hashlib
 import itertools
-import math
 import pathlib
 import secrets
 import sqlite3
@@ -49,7 +48,7 @@ from evgp_rcs.rules.inputs import (
 )
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 9
+SCHEMA_VERSION = 10
 
 PROGRAM = 'race control'
 """Who writes these streams; another program may write its own beside them (``inputs.Began``)."""
@@ -151,7 +150,6 @@ class Record:
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
         self._remembered: RaceMemory | None = None
-        self._remembered_at = -math.inf
         self._surely = False  # the memory must be in the file itself
         self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
@@ -189,17 +187,14 @@ class Record:
         self._own += 1
         self._urgent = True
 
-    def remember(self, memory: RaceMemory, at: float, surely: bool = False) -> None:
+    def remember(self, memory: RaceMemory, surely: bool = False) -> None:
         """
         Take what the next run is to find.
 
-        :param at: the time of it, on any clock (s): what is older than what is known is ignored.
         :param surely: have it in the file itself.
         """
-        if at >= self._remembered_at:
-            self._remembered_at = at
-            if surely or memory != (self._memory or self._remembered):
-                self._memory = memory
+        if surely or memory != (self._memory or self._remembered):
+            self._memory = memory
         self._surely |= surely
 
     def due_in(self) -> float | None:

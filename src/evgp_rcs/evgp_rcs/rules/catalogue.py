@@ -159,6 +159,11 @@ class Entry:
         return self.stop or self.result.race == (RaceState.RED_RED,)
 
     @property
+    def is_seen(self) -> bool:
+        """Return whether the race shows that it is in force; else its answer alone does."""
+        return self.result != Result() or self.names_heat
+
+    @property
     def needs_journal(self) -> bool:
         """Return whether it must be on the disk before any kart is told."""
         return RaceState.GREEN_GREEN in self.result.race

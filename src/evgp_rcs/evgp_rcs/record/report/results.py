@@ -61,7 +61,7 @@ def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentP
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} {way}',
         description=f'{description} Without --run or --all, these are the races of all runs of '
-        'the day of the newest run.',
+        'the day of the newest run: those with no six hours without race control between them.',
         epilog=f'{epilog} The columns are explained in docs/record.md.',
     )
     add_run_arguments(parser)
@@ -87,6 +87,8 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
         chosen = [newest] if wanted.run is not None else runs.day_of(newest)
         if wanted.all:
             chosen = runs.listed
+        if left_out := len(runs.listed) - len(chosen):
+            say(f'{left_out} of {len(runs.listed)} runs are left out: --all reads every run')
         kept = [runs.read(run) for run in chosen]
         code = runs.code
     # With the record closed: the race must not wait for what follows.
