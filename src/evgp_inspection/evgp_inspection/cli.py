@@ -28,8 +28,8 @@ from evgp_inspection.inspector import (
     Unattended,
     WORD,
 )
-from evgp_inspection.kart_clauses import BY_STATEMENT, KART, KILLING_STEPS
-from evgp_inspection.kart_steps import Kill, KILL_PART
+from evgp_inspection.kart_script import Kill, KILL_PART, KILLING_STEPS, RACE_STEPS, STEPS
+from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.recording import first
@@ -68,6 +68,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     add('--list', action='store_true', help='print the clauses and end')
     add('--explain', metavar='CLAUSE', default='', help='print all about clauses and end')
     add('--only', metavar='CLAUSES', default='', help='such as K-3A-07,K-4D; default: all')
+    add('--race', action='store_true', help='a race only: connect, one drive, RED_FLAG, RED_RED')
     add('--team', default='', help='for the report')
     add('--inspector', default='', help="the inspector's name, for the report")
     add(
@@ -108,11 +109,14 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         limits = dataclasses.replace(limits, seed=seed)
         explained = select(KART, options.explain) if options.explain else ()
         clauses = select(KART, options.only)
+        if options.race:
+            clauses = tuple(c for c in clauses if not c.steps or {*c.steps} & {*RACE_STEPS})
     except ValueError as error:
         parser.error(str(error))
     if options.list or explained:
+        done = {name: step.done for name, step in STEPS.items()}
         lines = [each.line() for each in clauses] if options.list else []
-        print('\n'.join(lines or [f'{each.explain()}\n' for each in explained]))
+        print('\n'.join(lines or [f'{each.explain(done)}\n' for each in explained]))
         return Exit.PASSED
     if options.unattended and options.word != WORD:
         parser.error(
@@ -135,6 +139,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
             kart_address=options.kart_address,
             odometry=functools.partial(listen, options.odometry) if options.odometry else None,
             kills=_kills(options, inspector, limits),
+            steps=RACE_STEPS if options.race else (),
             listening=lambda port: inspector.tell(
                 f'Waiting for the kart on port {port} for {limits.connect:g} s.'
             ),

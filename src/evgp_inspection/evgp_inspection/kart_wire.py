@@ -169,22 +169,27 @@ class KartWire:
         """Send nothing from now on."""
         self._beats, self._greeting = None, b''
         self._changed.set()
-        self._recording.note(Kind.SILENT, text='the connection stays open')
+        self._recording.note(Kind.SILENT, text='silent')
 
     def send_now(self, data: bytes) -> None:
         """Send bytes in this very moment, whatever the beat does."""
         for link in self._links:
             link.write(data)
 
-    def close(self) -> None:
+    def babble(self) -> None:
+        """Send nothing but malformed bytes from now on."""
+        self._recording.note(Kind.SILENT, text='malformed')
+        self.send(between())
+
+    def close(self, how: str = 'closed') -> None:
         """End every connection in order (FIN)."""
         for link in self._links:
-            link.end()
+            link.end(how)
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
         for link in self._links:
-            link.end(reset=True)
+            link.end('reset')
 
     def half_close(self) -> None:
         """Say on every connection that nothing more will be sent, and go on to listen."""
@@ -200,12 +205,13 @@ class KartWire:
         if self._server is not None:
             self._server.close()
             self._server = None
-        self.close()
+        self.close('away')
 
     async def come_back(self) -> None:
         """Accept connections again, at the same port."""
         if self._server is None:
             await self._open(self.port)
+            self._recording.note(Kind.BACK)
 
     async def shut_down(self) -> None:
         """End everything."""

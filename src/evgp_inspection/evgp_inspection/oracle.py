@@ -2,243 +2,737 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which motion a kart may show, at any moment of a whole trace.
+Which motion and which words a kart may show, at any moment of a whole trace.
 
-Pure: a trace in, breaches out. What was sent, since when and on which connection divides the trace
-into times in which the kart may drive, and times in which it must halt. Every speed of odometry in
-the second is asked: may the kart still roll, has it begun to brake, does it brake as hard as for
-RED_RED, has it stood already?
+Pure: events in, findings out, while the trace is written or later. What was sent, since when and
+on which connection divides the trace into spells: in one the kart may drive, in every other one
+it must stand, or brake and then stand. Every speed, every word and every answer of the inspector
+is judged by the spell in which it comes. Each finding names a sentence of
+`evgp_inspection.kart_sentences`. Three rules:
+
+1. A kart fails only for something that is in the trace. What was not seen is not judged.
+2. What nobody has seen is not passed: a kart that says nothing wrong may still drive.
+3. A breach is the first one of its spell: what follows in the same spell is the same fault.
 """
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 import dataclasses
 import enum
 import math
 import statistics
 
 from evgp_inspection.limits import Limits
-from evgp_inspection.traces import Event, Kind, Said, Trace
-from evgp_protocol.frames import FrameDecoder, StateFrame
+from evgp_inspection.traces import Event, Kind, Said, SentState, Trace
+from evgp_inspection.verdicts import EARLY, Finding, Verdict
 from evgp_protocol.states import RaceState
 
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
+
 VARIES = 0.15
-"""How much later than `slack` the measured begin of a brake may be, s."""
+"""By how much more odometry may be late than it was at the beginning of the same stop, s."""
+
+GENTLY = 0.1
+"""Part of the time of a RED_FLAG stop by which it may begin later: a gentle stop begins gently."""
+
+ROLLING = 0.1
+"""Part of its highest speed at which a kart rolls, however it measures its standstill."""
 
 WEAK = 0.6
-"""Part of the median deceleration of RED_RED stops that is too little for any stop as RED_RED."""
+"""Part of the deceleration of RED_RED stops that is too little for any stop as RED_RED."""
+
+COMPARED = 0.5
+"""Part of the speed of the fastest RED_RED stop from which on another stop is compared with it."""
 
 FAST = 10
 """Times the speed of a kart that stands: from there on a deceleration can be measured."""
 
+SOONER = 0.95
+"""Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
+
+MOST_BYTES_A_SECOND = 4096 * 12
+"""More bytes than this in one second are a flood."""
+
 AROUND = 2.0
 """Time before and after a breach whose events are its evidence, s."""
 
+STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
+"""The names of the two questions to the inspector, as they are in the trace."""
+
+# ----- what the oracle calls the sentences ----------------------------------------------------
+
+STAYS = {
+    IN_GARAGE: 'K-3A-01',
+    GRID_ACTIVE: 'K-3A-03',
+    RED_FLAG: 'K-3A-08',
+    RED_RED: 'K-3A-15',
+}
+"""Broken by wheels that turn although the kart stood: by what it is sent."""
+
+STOPS = {RED_FLAG: 'K-3A-16', RED_RED: 'K-3A-14'}
+"""Broken by a kart that drives and begins to brake too late, or stands too late."""
+
+SAYS = {
+    GRID_ACTIVE: ('K-3A-02', 'grid'),
+    GREEN_GREEN: ('K-3A-04', 'green'),
+    RED_FLAG: ('K-3A-06', 'red_flag'),
+    RED_RED: ('K-3A-09', 'red_red'),
+}
+"""Broken by a kart that does not say in time what it is sent; the limit of that."""
+
+LOST = {
+    'closed': 'K-3C-01',
+    'silent': 'K-3E-01',
+    'reset': 'K-3E-03',
+    'half-closed': 'K-3E-04',
+    'away': 'K-3E-06',
+    'malformed': 'K-3E-07',
+    'bridge': 'K-3E-09',
+    'stack': 'K-3E-10',
+}
+"""Broken by wheels that turn after a loss, by what was lost how."""
+
+UNARMED = {
+    IN_GARAGE: 'K-3B-01',
+    RED_RED: 'K-3B-02',
+    GRID_ACTIVE: 'K-3B-03',
+    RED_FLAG: 'K-3B-04',
+    'silent': 'K-3E-02',
+    'malformed': 'K-3E-02',
+    'away': 'K-3E-06',
+}
+"""Broken by a kart that obeys GREEN_GREEN after this, or after another loss (`K-3E-05`)."""
+
+BACK = {'closed': 'K-4D-01', 'reset': 'K-4D-02', 'half-closed': 'K-4D-03'}
+"""Broken by a kart that does not connect again in time."""
+
+PIECES = {
+    'bytes': 'K-4C-02',
+    'many': 'K-4C-03',
+    'late': 'K-4C-04',
+    'slow': 'K-4C-05',
+    'backlog': 'K-4C-06',
+    'malformed': 'K-4C-08',
+}
+"""Broken by a kart that does not say RED_RED in time, or drops the connection, in these steps."""
+
+SEEN = {
+    *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11'),
+    *('K-4C-07', 'K-4C-11', *STAYS.values(), *STOPS.values(), *LOST.values(), *UNARMED.values()),
+}
+"""What only wheels show: without it no inspection is passed."""
+
+Speeds = list[tuple[float, float]]
+"""Times, s, and speeds, m/s."""
+
 
 class Law(enum.Enum):
-    """What is asked of the wheels; the value says what the kart was told, for people."""
+    """What is asked of the wheels."""
 
-    STAND = 'it had to stand'
+    DRIVE = 'drive'
+    STAND = 'stand'
     FLAG = 'RED_FLAG'
     RED = 'RED_RED'
-    LOST = 'the loss of its connection'
+    LOST = 'lost'
 
 
 @dataclasses.dataclass(frozen=True)
 class Breach:
     """
-    A moment in which a kart moved otherwise than it may.
+    What was found about one sentence.
 
-    :ivar at: when, s.
-    :ivar why: a sentence.
+    :ivar name: of the sentence.
+    :ivar since: when what led to it began, s.
+    :ivar at: when it was so, s.
     """
 
-    law: Law
-    at: float
+    name: str
+    verdict: Verdict
     why: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Told:
-    """
-    What a kart that must halt is told, from one moment on.
-
-    :ivar at: since when, s.
-    :ivar grace: time after that in which it need not know it yet, s.
-    :ivar killed: a part of its program is gone: the base brakes as it can.
-    """
-
-    law: Law
+    since: float
     at: float
-    grace: float = 0.0
-    killed: bool = False
-
-    def limit(self, limits: Limits) -> float:
-        """Return when the kart must stand, s."""
-        return self.at + self.grace + (limits.red_flag if self.law is Law.FLAG else limits.red_red)
+    measured: float | None = None
 
 
 @dataclasses.dataclass
-class Halt:
+class Spell:
     """
-    A time in which the kart must come to stand, and stand.
+    A time in which the same is asked of the kart.
 
-    :ivar driven: it was allowed to drive before, so that it may have to brake first.
-    :ivar told: why, the first reason first.
-    :ivar said: when it first said that it stands, for each time it was told, s.
+    :ivar what: what it was told, for people.
+    :ivar stays: the sentence that wheels break that turn although the kart stood.
+    :ivar stops: the one that it breaks by braking too late.
+    :ivar true: the one that it breaks by saying too early that it stands; empty: it may say none.
+    :ivar grace: time in which it need not know it yet, s.
+    :ivar rolled: it could still roll when this began.
+    :ivar moved: its wheels turned then, or it had said that it drives.
+    :ivar until: when it must stand, s.
+    :ivar said: when it first said so, s.
+    :ivar answer: of the inspector: whether the wheels stand, and when; NaN: none.
     """
 
-    driven: bool
-    told: list[Told]
-    speeds: list[tuple[float, float]] = dataclasses.field(default_factory=list)
-    said: list[float] = dataclasses.field(default_factory=list)
+    law: Law
+    at: float
+    what: str
+    stays: str
+    stops: str
+    true: str = ''
+    grace: float = 0.0
+    rolled: bool = False
+    moved: bool = False
+    until: float = math.inf
+    said: float | None = None
+    answer: Event | None = None
+    broken: bool = False
+    speeds: Speeds = dataclasses.field(default_factory=list)
 
-    def first_stop(self) -> Told | None:
-        """Return when it was first told to stop as for RED_RED."""
-        return next((each for each in self.told if each.law in (Law.RED, Law.LOST)), None)
+    @property
+    def top(self) -> float:
+        """Return its highest speed, m/s."""
+        return max((speed for _, speed in self.speeds), default=0.0)
 
 
-def halts(trace: Trace, limits: Limits) -> list[Halt]:
-    """Return all times in which the kart had to halt, with what odometry said meanwhile."""
-    return list(_Reader(limits).read(trace))
+@dataclasses.dataclass(frozen=True)
+class Due:
+    """Something that the kart must do in time: a limit in s, and the order that it answers."""
+
+    name: str
+    since: float
+    limit: float
+    what: str
+    order: SentState | None = None
 
 
-class _Reader:
-    """Goes through a trace; knows what the kart is told on which connection."""
+class Oracle:
+    """
+    Judges a trace, event by event.
+
+    :ivar trace: what was seen so far.
+    :ivar breaches: what was broken so far, the first one first.
+    :ivar moves: number of breaches of the wheels: the kart has to be stopped.
+    :ivar still: number of speeds since the wheels last turned.
+    :ivar spell: what is asked now.
+    """
 
     def __init__(self, limits: Limits) -> None:
+        self.trace = Trace()
+        self.breaches: list[Breach] = []
+        self.moves = self.still = 0
+        self.spell = Spell(Law.STAND, 0.0, 'nothing yet', 'K-4C-11', 'K-4C-11')
         self._limits = limits
-        self._decoders: defaultdict[int, FrameDecoder] = defaultdict(FrameDecoder)
+        self._found: dict[str, Breach] = {}  # what is not broken: the gravest of each sentence
+        self._heard = 0  # words of the trace
+        self._taken: dict[int, int] = {}  # orders of the trace that are judged, by connection
+        self._step = ''
         self._link = 0
         self._state: RaceState | None = None
-        self._frame_at = 0.0
-        self._ready = self._armed = False
-        self._killed = False
-        self._halt: Halt | None = Halt(False, [Told(Law.STAND, 0.0)])
+        self._ready = self._armed = self._killed = False
+        self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
+        self._silent = 'silent'
+        self._grids = 0
+        self._stood: float | None = 0.0  # since when it stands; None: it may still roll
+        self._freed = 0.0  # when it had to stop driving, s
+        self._drives_on = 0  # the connection on which it drove
+        self._turned: float | None = None
+        self._said_green: float | None = None
+        self._speed = math.nan
+        self._said_due: Due | None = None
+        self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
+        self._open: dict[int, float] = {}
+        self._doubtful: dict[int, float] = {}  # connections that were open when another one was
+        self._quiet: dict[int, float] = {}  # connections that were sent nothing yet
+        self._recent: deque[Event] = deque()
+        self._bytes = 0
+        self._stops: list[Spell] = []
+        self._by_word: dict[Law, float] = {}
 
-    def read(self, trace: Trace) -> Iterator[Halt]:
-        """Yield each halt once it is over."""
-        words = iter([said for section in trace.sections for said in section.said])
-        word = next(words, None)
-        for event in trace.events:
-            before = self._halt
-            self._silence(event.at)
-            if event.kind is Kind.SPEED and math.isfinite(event.value) and self._halt:
-                self._halt.speeds.append((event.at, abs(event.value)))
-            elif event.kind in (Kind.CLOSED, Kind.ENDED) and event.link == self._link:
-                self._lose(event.at)
-            elif event.kind is Kind.OPENED:
-                self._lose(event.at)
-                self._link = event.link
-            elif event.kind is Kind.KILLED and event.text == 'stack':
-                self._killed = True
-                self._tell(Told(Law.LOST, event.at, self._limits.silence, killed=True))
-            elif event.kind is Kind.SENT:
-                self._take_sent(event)
-            while event.kind is Kind.SAID and word is not None and word.at <= event.at:
-                self._take_said(word)
-                word = next(words, None)
-            if before is not None and self._halt is not before:
-                yield before
-        if self._halt is not None:
-            yield self._halt
+    @classmethod
+    def of(cls, events: Iterable[Event], limits: Limits) -> Oracle:
+        """Return an oracle that has seen all of these events."""
+        oracle = cls(limits)
+        for event in events:
+            oracle.take(event)
+        return oracle
 
-    def _silence(self, now: float) -> None:
-        """Notice that nothing whole was sent for so long that it is a lost connection."""
-        since = self._frame_at + self._limits.silence
-        if self._state is not None and now >= since:
-            self._lose(since)
+    # ----- what was found -----------------------------------------------------------------------
 
-    def _lose(self, at: float) -> None:
+    def findings(self) -> dict[str, Finding]:
+        """End the trace; return what was found about each sentence, by its name."""
+        now = self.trace.events[-1].at if self.trace.events else 0.0
+        self._end_spell(now)
+        self._let_go(now)
+        self._expire_link(now)
+        if self.trace.said:
+            self._pass('K-4C-10', 'It never flooded.', now)
+        if self._open or self._taken:
+            self._pass('K-4A-02', 'It never had two connections.', now)
+        self._compare()
+        all_of = dict(self._found)
+        all_of.update({breach.name: breach for breach in reversed(self.breaches)})
+        return {name: self._finding(breach) for name, breach in all_of.items()}
+
+    def _finding(self, breach: Breach) -> Finding:
+        since, until = breach.since - AROUND, breach.at + AROUND
+        if breach.verdict is Verdict.PASS:
+            return Finding(Verdict.PASS, breach.why, breach.measured)
+        events = tuple(
+            each
+            for each in self.trace.events
+            # A hold-up is noticed when it is over.
+            if since <= each.at <= until + (each.value if each.kind is Kind.HELD_UP else 0.0)
+        )
+        return Finding(breach.verdict, breach.why, breach.measured, events)
+
+    def _fail(
+        self, name: str, why: str, since: float, at: float, measured: float | None = None
+    ) -> None:
+        self.breaches.append(Breach(name, Verdict.FAIL, why, since, at, measured))
+
+    def _break(self, name: str, why: str, at: float) -> None:
+        """Take the wheels' breach of a spell; what they do next is the same fault."""
+        self.spell.broken = True
+        self.moves += 1
+        self._fail(name, f'After {self.spell.what}: {why}', self.spell.at, at)
+        if self.spell.law is not Law.DRIVE:
+            self._stood, self.spell.until = None, math.inf
+
+    def _pass(self, name: str, why: str, at: float, measured: float | None = None) -> None:
+        self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
+
+    def _keep(self, found: Breach) -> None:
+        """Keep what was not seen before what passed, and the slowest of these."""
+
+        def rank(each: Breach) -> tuple[bool, float]:
+            return each.verdict is Verdict.NOT_JUDGED, each.measured or 0.0
+
+        before = self._found.get(found.name)
+        if before is None or rank(found) > rank(before):
+            self._found[found.name] = found
+
+    # ----- events -------------------------------------------------------------------------------
+
+    def take(self, event: Event) -> None:
+        """Judge the next event."""
+        at = event.at
+        self.trace.add(event)
+        self._let_time_pass(at)
+        if event.kind is Kind.SPEED and math.isfinite(event.value):
+            self._take_speed(at, abs(event.value))
+        elif event.kind is Kind.SAID:
+            self._take_bytes(event)
+        elif event.kind is Kind.SENT:
+            self._take_sent(event)
+        elif event.kind is Kind.STEP:
+            self._step, self._silent = event.text, 'silent'
+            if event.text == 'malformed' and self._state is GRID_ACTIVE:
+                self._begin(Law.STAND, at, 'malformed frames', 'K-4C-07')
+        elif event.kind is Kind.OPENED:
+            self._take_opened(event)
+        elif event.kind in (Kind.CLOSED, Kind.ENDED):
+            self._take_end(event)
+        elif event.kind is Kind.BACK:
+            self._back_due = Due('K-4D-05', at, self._limits.reconnect, 'connect')
+        elif event.kind is Kind.SILENT:
+            self._silent = event.text
+            if event.text == 'silent':
+                self._back_due = Due('K-4D-04', at, self._limits.reconnect, 'connect')
+        elif event.kind is Kind.KILLED and (event.text == 'stack' or self._state is not None):
+            self._lose(at, event.text, self._limits.silence)
+            self._killed = event.text == 'stack'
+        elif event.kind is Kind.ANSWER:
+            self._take_answer(event)
+        self._take_words()
+
+    def _let_time_pass(self, now: float) -> None:
+        limits = self._limits
+        framed = self.trace.framed_at(self._link)
+        if self._state is not None and now >= framed + limits.silence:
+            self._lose(framed + limits.silence, self._silent)
+        due = self._said_due
+        if due is not None and due.order is not None and self.trace.has(due.order):
+            self._acknowledged(due, now)
+        elif due is not None and now > due.since + due.limit + EARLY:
+            self._let_go(now)
+        if self._back_due is not None and now > self._back_due.since + self._back_due.limit + EARLY:
+            self._expire_link(now)
+        said = self._said_green
+        if self.spell.law is Law.DRIVE and said is not None and now > said + limits.slack:
+            self._said_green = None
+            if self.spell.speeds and (self._turned is None or self._turned > said + limits.slack):
+                why = 'it said $GREEN_GREEN;, and its wheels stood still.'
+                self._break('K-3A-05', why, now)
+        for link, since in list(self._doubtful.items()):
+            if now > since + limits.slack:
+                del self._doubtful[link]
+                self._fail('K-4A-02', f'It kept connection {link} beside a new one.', since, now)
+
+    # ----- wheels -------------------------------------------------------------------------------
+
+    def _take_speed(self, at: float, speed: float) -> None:
+        spell, limits = self.spell, self._limits
+        spell.speeds.append((at, speed))
+        self._speed = speed
+        turns = speed > limits.standstill
+        self.still = 0 if turns else self.still + 1
+        if spell.law is Law.DRIVE:
+            if turns and self._turned is None:
+                self._turned = at
+                self._pass('K-3A-05', 'The wheels turned.', at, at - spell.at)
+        elif not turns:
+            if self._stood is None and at > self._freed + limits.slack and not spell.broken:
+                self._stood = at
+        elif not spell.broken:
+            if self._stood is not None and at > self._stood + limits.slack:
+                self._break(spell.stays, f'it had stood; {speed:.2f} m/s.', at)
+            elif spell.said is not None and at > spell.said + limits.slack:
+                self._break(spell.true, f'it had said that it stands; {speed:.2f} m/s.', at)
+            elif at > spell.until:
+                self._break(spell.stops, f'it still rolls, {speed:.2f} m/s.', at)
+
+    def _take_answer(self, event: Event) -> None:
+        spell, limits = self.spell, self._limits
+        if event.text == TURNS and spell.law is Law.DRIVE:
+            if event.value == 0.0:
+                self._break('K-3A-05', 'the inspector saw the wheels stand still.', event.at)
+            elif event.value == 1.0:
+                self._pass('K-3A-05', 'The inspector saw the wheels turn.', event.at)
+        elif event.text == STANDS and spell.law is not Law.DRIVE and not spell.broken:
+            spell.answer = event
+            if event.value == 0.0:
+                name = spell.stops if spell.rolled else spell.stays
+                if spell.said is not None and spell.rolled:
+                    name = spell.true
+                self._break(name, 'the inspector saw the wheels turn.', event.at)
+            elif event.value == 1.0 and self._stood is None and event.at > self._freed + limits.slack:
+                self._stood = event.at
+
+    def _begin(
+        self,
+        law: Law,
+        at: float,
+        what: str,
+        stays: str,
+        stops: str = '',
+        true: str = '',
+        grace: float = 0.0,
+    ) -> None:
+        before, limits = self.spell, self._limits
+        drove = before.law is Law.DRIVE
+        self._end_spell(at)
+        if drove:
+            self._freed, self._stood = at, None
+        moved = self._speed > limits.standstill or (drove and self._turned is not None)
+        moved = moved or (self._drives_on > 0 and self._stood is None and math.isnan(self._speed))
+        until = at + grace + (limits.red_flag if law is Law.FLAG else limits.red_red)
+        rolled = self._stood is None
+        if rolled and not drove:
+            until = min(until, before.until)
+        spell = Spell(law, at, what, stays, stops or stays, true, grace, rolled, moved, until)
+        self.spell = spell
+
+    def _end_spell(self, at: float) -> None:
+        """Judge a spell as a whole."""
+        spell, limits = self.spell, self._limits
+        if spell.law is Law.DRIVE or spell.broken:
+            return
+        if spell.rolled:
+            self._judge_stop(spell)
+        if spell.broken:
+            return
+        names = {spell.stays}
+        if spell.rolled:
+            names |= {spell.stops, spell.true if spell.said is not None else ''}
+        answer = math.nan if spell.answer is None else spell.answer.value
+        seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= limits.slack
+        asked = spell.answer is not None or not math.isnan(self._speed)
+        if answer == 1.0 and spell.answer is not None and spell.rolled and not seen:
+            # An answer says that the wheels stand, and not since when.
+            seen = spell.answer.at <= spell.until + 2 * limits.slack
+        elif answer == 1.0:
+            seen = True
+        for name in names - {''}:
+            if seen and self._stood is not None:
+                took = max(self._stood - spell.at, 0.0) if spell.rolled else None
+                self._pass(name, f'It stood, after {spell.what}.', at, took)
+            elif asked and not seen and at - spell.at > limits.slack:
+                self._unseen(name, spell, at)
+
+    def _unseen(self, name: str, spell: Spell, at: float) -> None:
+        why = f'Nobody saw in time whether the wheels stood, after {spell.what}.'
+        self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
+
+    def _judge_stop(self, spell: Spell) -> None:
+        """Judge when a kart that rolled began to brake, and whether what it said was true."""
+        limits, top = self._limits, spell.top
+        began = None
+        if top >= FAST * limits.standstill:
+            slower, slow = _fell(spell.speeds, 0.9 * top), _fell(spell.speeds, 0.7 * top)
+            if slower is not None and slow is not None:
+                began = slower - (slow - slower) * (0.1 / 0.2)
+        due = spell.at + spell.grace + limits.slack + VARIES
+        if began is not None:
+            stood = self._stood if self._stood is not None else spell.speeds[-1][0]
+            late = due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0)
+            if began > late:
+                why = f'it began to slow down after {began - spell.at:.2f} s only.'
+                self._break(spell.stops, why, began)
+                return
+            self._stops.append(spell)
+        said = spell.said
+        if said is None or spell.law not in (Law.FLAG, Law.RED):
+            return
+        lag = limits.slack if began is None else min(max(began - spell.at, 0.0) + VARIES, limits.slack)
+        rolls = max(ROLLING * top, limits.standstill)
+        turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
+        if turned is not None:
+            why = f'it said that it stands; {turned[0] - said:.2f} s later, {turned[1]:.2f} m/s.'
+            self._break(spell.true, why, turned[0])
+        elif spell.moved and said - self._freed < limits.fastest_stop:
+            self._break(spell.true, 'no kart at speed stops that fast.', said)
+
+    # ----- the connection -------------------------------------------------------------------
+
+    def _take_opened(self, event: Event) -> None:
+        due, self._back_due = self._back_due, None
+        if due is not None:
+            took = event.at - due.since
+            self._pass(due.name, f'It connected after {took:.2f} s.', event.at, took)
+        self._doubtful.update(dict.fromkeys(self._open, event.at))
+        self._open[event.link] = self._quiet[event.link] = event.at
         if self._state is not None:
-            self._tell(Told(Law.LOST, at))
-        self._state, self._ready, self._armed = None, False, False
+            self._lose(event.at, 'kart')
+        self._link = event.link
 
-    def _tell(self, told: Told) -> None:
-        if self._halt is None:
-            self._halt = Halt(True, [told])
-        elif self._halt.told[-1].law is not told.law or told.killed:
-            self._halt.told.append(told)
+    def _take_end(self, event: Event) -> None:
+        if event.text != 'half-closed':
+            self._open.pop(event.link, None)
+            self._doubtful.pop(event.link, None)
+        if event.link != self._link or self._state is None:
+            return
+        at, how = event.at, event.text
+        if event.kind is Kind.ENDED:
+            if how in BACK:
+                self._back_due = Due(BACK[how], at, self._limits.reconnect, 'connect again')
+            self._lose(at, how)
+            return
+        if self._step in PIECES:
+            self._fail(PIECES[self._step], 'It dropped the connection.', self.spell.at, at)
+        if self._step == 'bridge':
+            self._lose(at, 'bridge', self._limits.silence)
+        else:
+            self._lose(at, 'kart')
+
+    def _expire_link(self, now: float) -> None:
+        due, self._back_due = self._back_due, None
+        if due is not None and now >= due.since + due.limit - EARLY:
+            why = f'It did not {due.what} in {now - due.since:.1f} s.'
+            self._fail(due.name, why, due.since, now, now - due.since)
+
+    def _lose(self, at: float, how: str, grace: float = 0.0) -> None:
+        """Have the kart lose race control; `how` is a key of `LOST`, or `kart`: its own doing."""
+        if self._killed:
+            return
+        self._let_go(at)
+        braked = self.spell.law is Law.FLAG and self._stood is None
+        name = 'K-3E-11' if braked else LOST.get(how, 'K-3E-11')
+        self._state, self._ready, self._armed, self._since = None, False, False, how
+        what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(
+            how, f'a loss ({how})'
+        )
+        self._begin(Law.LOST, at, what, name, grace=grace)
+
+    # ----- orders -------------------------------------------------------------------------------
 
     def _take_sent(self, event: Event) -> None:
-        for frame in self._decoders[event.link].feed(event.data):
-            if event.link != self._link or not isinstance(frame, StateFrame):
-                continue
-            before, self._state, self._frame_at = self._state, frame.state, event.at
-            if frame.state is before:
-                continue
-            green = frame.state is RaceState.GREEN_GREEN
-            self._armed = green and self._ready and before is RaceState.GRID_ACTIVE
-            self._ready = False
-            if self._armed and not self._killed:
-                self._halt = None
-            elif frame.state is RaceState.RED_FLAG:
-                self._tell(Told(Law.FLAG, event.at))
-            elif frame.state is RaceState.RED_RED or green:
-                self._tell(Told(Law.RED, event.at))
+        link = event.link
+        orders = self.trace.orders(link)
+        fresh = orders[self._taken.get(link, 0) :]
+        self._taken[link] = len(orders)
+        opened = self._quiet.pop(link, None)
+        if link != self._link:
+            return
+        if self.trace.framed_at(link) == event.at:
+            self._expire_link(event.at)  # it is no loss any more
+        if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
+            self._pass('K-4C-12', 'It said nothing before it was sent anything.', event.at)
+        if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
+            fresh = orders[-1:]  # the same again, after a silence
+        for order in fresh:
+            self._take_order(order, event.at)
+
+    def _take_order(self, order: SentState, at: float) -> None:
+        if self._killed:
+            return
+        before, self._state = self._state, order.state
+        self._let_go(at)
+        state = order.state
+        if state is GREEN_GREEN:
+            self._armed = before is GRID_ACTIVE and self._ready
+            if not self._armed and before is not None:
+                self._since = before
+            if self._armed:
+                self._free(order)
             else:
-                self._tell(Told(Law.STAND, event.at))
+                name = UNARMED.get(self._since, 'K-3E-05')
+                self._begin(Law.RED, at, f'GREEN_GREEN that does not count ({name})', name)
+        elif state in (RED_FLAG, RED_RED):
+            law = Law.FLAG if state is RED_FLAG else Law.RED
+            true = 'K-3A-07' if law is Law.FLAG else 'K-3A-10'
+            if law is Law.RED and self.spell.law is Law.FLAG:
+                true = 'K-3A-12'
+            if law is Law.RED and self._drives_on not in (0, order.link):
+                true = 'K-3E-08'
+            self._begin(law, at, state.value, STAYS[state], STOPS[state], true)
+        else:
+            malformed = state is GRID_ACTIVE and self._step == 'malformed'
+            self._begin(Law.STAND, at, state.value, 'K-4C-07' if malformed else STAYS[state])
+        self._ready = False
+        if state in SAYS and (state is not GREEN_GREEN or self._armed):
+            name, limit = SAYS[state]
+            if state is GRID_ACTIVE:
+                self._grids += 1
+                name = name if self._grids == 1 else 'K-3A-11'
+            elif state is RED_RED:
+                name = PIECES.get(self._step, name)
+                if self._since == 'closed' and before is None:
+                    name = 'K-4D-06'
+            self._said_due = Due(name, at, getattr(self._limits, limit), state.value, order)
 
-    def _take_said(self, said: Said) -> None:
-        if said.answers is None or said.answers.state is not self._state:
-            return
-        if said.answers.state is RaceState.GRID_ACTIVE:
+    def _free(self, order: SentState) -> None:
+        self._armed = True
+        self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
+        self._turned = self._said_green = None
+        self._drives_on = 0
+
+    # ----- words --------------------------------------------------------------------------------
+
+    def _acknowledged(self, due: Due, at: float) -> None:
+        assert due.order is not None
+        self._said_due = None
+        took = at - due.since
+        if took > due.limit + EARLY:
+            self._fail(due.name, f'It took {took:.2f} s to say {due.what}.', due.since, at, took)
+        else:
+            self._pass(due.name, f'It said {due.what} after {took:.3f} s.', at, took)
+        state = due.order.state
+        if state is GRID_ACTIVE:
             self._ready = True
-        elif self._halt is not None and said.answers.state.is_red:
-            self._halt.said.append(said.at)
+        elif state is GREEN_GREEN:
+            self._said_green, self._drives_on = at, self._link
+        else:
+            self.spell.said = at
+            if self.spell.rolled and self.spell.moved:
+                self._by_word.setdefault(self.spell.law, took)
 
-
-def breaches(trace: Trace, limits: Limits) -> list[Breach]:
-    """Return all moments in which the kart moved otherwise than it may, the first one first."""
-    found: list[Breach] = []
-    stops: list[tuple[Told, float]] = []
-    for halt in halts(trace, limits):
-        found += _stands(halt, limits)
-        if halt.driven and halt.speeds:
-            found += _begins(halt, limits)
-            stop = halt.first_stop()
-            braking = None if stop is None else _deceleration(halt, stop, limits)
-            if stop is not None and braking is not None and not any(t.killed for t in halt.told):
-                stops.append((stop, braking))
-    red = [braking for told, braking in stops if told.law is Law.RED]
-    if red:
-        hard = statistics.median(red)
-        found += [
-            Breach(
-                told.law,
-                told.at,
-                f'After {told.law.value} it slows down by {braking:.1f} m/s² only, '
-                f'else by {hard:.1f} m/s².',
-            )
-            for told, braking in stops
-            if braking < WEAK * hard
-        ]
-    return sorted(found, key=lambda breach: breach.at)
-
-
-def _stands(halt: Halt, limits: Limits) -> Iterator[Breach]:
-    """Yield the first moment in which a kart moves that has to stand by now."""
-    must = halt.told[0].at + limits.slack
-    why = 'It had to stand'
-    if halt.driven:
-        must = min(told.limit(limits) for told in halt.told)
-        stood = next((at for at, speed in halt.speeds if speed <= limits.standstill), math.inf)
-        since, why = min(
-            (must, 'It still turned, too late'),
-            (stood + limits.slack, 'It had stood'),
-            *((said + limits.slack, 'It had said that it stands') for said in halt.said[:1]),
-        )
-        must = since
-    for at, speed in halt.speeds:
-        if at > must and speed > limits.standstill:
-            told = max((t for t in halt.told if t.at <= at), key=lambda t: t.at)
-            yield Breach(told.law, at, f'{why}; after {told.law.value}: {speed:.2f} m/s.')
+    def _let_go(self, at: float) -> None:
+        """Take it that the kart did not say what it had to, if it had the time for it."""
+        due, self._said_due = self._said_due, None
+        if due is None or at < due.since + due.limit - EARLY or self.spell.broken:
             return
+        if self._stood is None and self._speed > self._limits.standstill and due.what != 'GREEN_GREEN':
+            return  # it rolls still: that is another fault
+        waited = at - due.since
+        self._fail(due.name, f'No ${due.what}; in {waited:.1f} s.', due.since, at, waited)
+
+    def _take_words(self) -> None:
+        fresh, self._heard = self.trace.said[self._heard :], len(self.trace.said)
+        for said in fresh:
+            self._take_word(said)
+        due = self._said_due
+        if due is not None and due.order is not None and self.trace.has(due.order):
+            self._acknowledged(due, self.trace.events[-1].at)
+
+    def _take_word(self, said: Said) -> None:
+        at, sent = said.at, said.sent
+        if said.state is None:
+            self._fail('K-4C-01', f'It said {said}', at, at)
+            return
+        self._pass('K-4C-01', 'It said frames only.', at)
+        if said.link in self._quiet:
+            name = 'K-4C-11' if said.link == 1 else 'K-4C-12'
+            self._fail(name, f'It said {said}; nothing was sent on this connection yet.', at, at)
+        if sent is None or said.link != self._link:
+            return
+        if said.state is GRID_ACTIVE and sent.state is GREEN_GREEN and self._obeys_none():
+            if self._since is GRID_ACTIVE and not self._armed:
+                self._free(sent)  # GREEN_GREEN came with it, and it has said GRID_ACTIVE first
+        green = said.state is GREEN_GREEN
+        if green and self._state is not None and self._obeys_none():
+            if sent.state is GREEN_GREEN or self.spell.stays == 'K-4C-07':
+                self._break(self.spell.stays, 'it said $GREEN_GREEN;', at)
+        since = at - sent.at
+        # GREEN_GREEN that is not to be obeyed is RED_RED to the kart. And it may stop itself.
+        careful = sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
+        if said.state is not sent.state and since > self._limits.slack and not careful:
+            why = f'It said {said} {since:.2f} s after it was sent {sent.state.value}.'
+            self._fail('K-4C-09', why, sent.at, at, since)
+        elif said.state is sent.state:
+            self._pass('K-4C-09', 'It said nothing but what it was being sent.', at)
+
+    def _obeys_none(self) -> bool:
+        """Return whether the kart may obey no GREEN_GREEN, and has not done so yet."""
+        return self.spell.law is not Law.DRIVE and not self.spell.broken
+
+    def _take_bytes(self, event: Event) -> None:
+        self._recent.append(event)
+        self._bytes += len(event.data)
+        while self._recent[0].at < event.at - 1.0:
+            self._bytes -= len(self._recent.popleft().data)
+        if self._bytes > MOST_BYTES_A_SECOND:
+            why = f'It said {self._bytes} bytes in one second.'
+            self._fail('K-4C-10', why, event.at - 1.0, event.at)
+            self._recent.clear()
+            self._bytes = 0
+
+    # ----- how hard it brakes -------------------------------------------------------------------
+
+    def _compare(self) -> None:
+        """Compare the stops with each other, each pair between the same two speeds."""
+        if not self._stops and {Law.FLAG, Law.RED} <= self._by_word.keys():
+            red, flag = self._by_word[Law.RED], self._by_word[Law.FLAG]
+            why = f'It says that it stands after {flag:.2f} s for RED_FLAG, {red:.2f} s for RED_RED.'
+            if red > SOONER * flag:
+                self._fail('K-3A-13', why, 0.0, 0.0, red)
+            else:
+                self._pass('K-3A-13', why, 0.0, red)
+        stops = [each for each in self._stops if 'stack' not in each.what]
+        reds = [each for each in stops if each.law is Law.RED and each.stops == 'K-3A-14']
+        fastest = max((_braking(each, self._limits)[0][1] for each in reds), default=0.0)
+        for stop in stops:
+            speeds = _braking(stop, self._limits)
+            top = min(max(speed for _, speed in speeds), fastest)
+            took = _falling(speeds, top)
+            others = [_falling(_braking(each, self._limits), top) for each in reds]
+            hard = [each for each in others if each is not None]
+            if took is None or not hard or top < COMPARED * fastest:
+                continue
+            median = statistics.median(hard)
+            gentle = stop.law is Law.FLAG
+            tolerance = 2 * _apart(speeds)
+            if (gentle and median > self._limits.harder * took) or (
+                not gentle and took > median / WEAK + tolerance
+            ):
+                why = f'After {stop.what} it slows down in {took:.2f} s, for RED_RED '
+                why += f'from the same speed in {median:.2f} s.'
+                name = 'K-3E-11' if stop.law is Law.LOST else 'K-3A-13'
+                self._fail(name, why, stop.at, stop.speeds[-1][0], took)
+            elif gentle:
+                why = f'From the same speed, RED_FLAG takes {took:.2f} s, RED_RED {median:.2f} s.'
+                self._pass('K-3A-13', why, stop.at, median)
 
 
-def _fell(speeds: list[tuple[float, float]], level: float) -> float | None:
+def _braking(spell: Spell, limits: Limits) -> Speeds:
+    """Return the speeds from which on the kart had to know that it must brake."""
+    begins = spell.at + spell.grace + min(limits.slack, VARIES)
+    late = [each for each in spell.speeds if each[0] >= begins]
+    return late or spell.speeds[-1:]
+
+
+def _fell(speeds: Speeds, level: float) -> float | None:
     """Return when the speed fell below a level for the last time, s; None: it did not."""
     above = [place for place, (_, speed) in enumerate(speeds) if speed >= level]
     if not above or above[-1] + 1 == len(speeds):
@@ -247,32 +741,16 @@ def _fell(speeds: list[tuple[float, float]], level: float) -> float | None:
     return at + (then - at) * (speed - level) / max(speed - lower, 1e-9)
 
 
-def _begins(halt: Halt, limits: Limits) -> Iterator[Breach]:
-    """Yield where a kart begins to brake too late: the line through 0.8 and 0.5 of its speed."""
-    told = halt.told[0]
-    until = next((later.at for later in halt.told[1:] if later.at > told.at), math.inf)
-    speeds = [each for each in halt.speeds if each[0] <= until]
-    due = told.at + told.grace + limits.slack + VARIES
-    top = max((speed for _, speed in speeds), default=0.0)
-    slower, half = _fell(speeds, 0.8 * top), _fell(speeds, 0.5 * top)
-    if top < FAST * limits.standstill or slower is None or half is None:
-        return
-    began = slower - (half - slower) * (0.2 / 0.3)
-    if began > due:
-        yield Breach(
-            told.law,
-            due,
-            f'After {told.law.value} it began to slow down after {began - told.at:.2f} s only, '
-            f'not within {due - told.at:.2f} s.',
-        )
-
-
-def _deceleration(halt: Halt, stop: Told, limits: Limits) -> float | None:
-    """Return how much a kart slows down once it must stop as for RED_RED, m/s²; None: unknown."""
-    begins = stop.at + stop.grace + min(limits.slack, VARIES)
-    speeds = [each for each in halt.speeds if each[0] >= begins]
-    top = max((speed for _, speed in speeds), default=0.0)
+def _falling(speeds: Speeds, top: float) -> float | None:
+    """Return how long it took to slow down from most of a speed to little of it, s."""
     fast, slow = _fell(speeds, 0.8 * top), _fell(speeds, 0.2 * top)
-    if top < FAST * limits.standstill or fast is None or slow is None:
-        return None
-    return 0.6 * top / max(slow - fast, 1e-9)
+    return None if fast is None or slow is None else slow - fast
+
+
+def _apart(speeds: Speeds) -> float:
+    """Return the time between two speeds, s."""
+    return statistics.median(b[0] - a[0] for a, b in _pairs(speeds)) if len(speeds) > 1 else 0.0
+
+
+def _pairs(speeds: Speeds) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
+    return zip(speeds, speeds[1:], strict=False)

@@ -12,7 +12,9 @@ import socket
 import struct
 from typing import Any
 
-from evgp_inspection.traces import Event, Kind, Trace
+from evgp_inspection.limits import Limits
+from evgp_inspection.oracle import Oracle
+from evgp_inspection.traces import Event, Kind
 from evgp_protocol.link import unanswered, unread
 
 RESET = struct.pack('ii', 1, 0)
@@ -23,10 +25,15 @@ READ_SIZE = 65536
 
 
 class Recording:
-    """Writes a `Trace` in one event loop; times are seconds since it was made."""
+    """
+    Writes a trace in one event loop, and has an oracle judge it; times are seconds since it began.
 
-    def __init__(self) -> None:
-        self.trace = Trace()
+    :param limits: of the oracle.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self.oracle = Oracle(limits)
+        self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()
         self._waiting: list[asyncio.Future[None]] = []
@@ -46,7 +53,7 @@ class Recording:
         unread: int = 0,
     ) -> None:
         """Write an event of this moment."""
-        self.trace.add(Event(self.now, kind, link, data, text, value, unread))
+        self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             _wake(future)
@@ -108,17 +115,19 @@ class Link(asyncio.BufferedProtocol):
             rest = kept + self._of_socket(unanswered)
             self.recording.note(Kind.UNANSWERED, self.number, value=float(rest), unread=arrived)
 
-    def end(self, reset: bool = False) -> None:
+    def end(self, how: str = 'closed') -> None:
         """
         Close it in order (FIN), or reset it.
+
+        :param how: for the trace: closed, reset, or away where race control is away then.
 
         The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
         """
         if not self.open:
             return
         self.open = False
-        self.recording.note(Kind.ENDED, self.number, text='reset' if reset else 'closed')
-        if reset:
+        self.recording.note(Kind.ENDED, self.number, text=how)
+        if how == 'reset':
             self.option(socket.SO_LINGER, RESET)
             self.transport.abort()
             return

@@ -178,7 +178,7 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
             parts += [
                 f'<h2>{e(clause.name)} {e(clause.title)}</h2>',
                 f'<p>{e(clause.section)}, {e(clause.source)}: “{e(clause.sentence)}”</p>',
-                f'<p>{e(clause.done)} <b>{e(finding.why)}</b></p>',
+                f'<p><b>{e(finding.why)}</b></p>',
                 f'<pre>{e(chr(10).join(describe(finding.evidence)))}</pre>',
             ]
     return '\n'.join([*parts, '</body></html>', ''])

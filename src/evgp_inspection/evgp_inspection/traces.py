@@ -31,18 +31,19 @@ computer is held up, it reads nothing."""
 class Kind(enum.Enum):
     """What an event is; the value is how reports name it."""
 
-    STEP = 'step'  # a phase of the inspection begins; `text` names it
+    STEP = 'step'  # a step of the inspection begins; `text` names it
     OPENED = 'opened'  # the other end made a connection
     CLOSED = 'closed'  # the other end ended it; `text`: closed, reset
     ENDED = 'ended'  # the inspection ended it; `text` says how
     SENT = 'sent'  # by the inspection
     SAID = 'said'  # by the kart
     SPEED = 'speed'  # odometry; `value` in m/s
-    ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 for yes, 0 for no
+    ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 yes, 0 no, NaN none
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
     UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not answered
     KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
+    BACK = 'back'  # the inspection accepts connections again, after it refused them
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,52 +101,6 @@ class Said:
         return self.state.value if self.state else f'bytes that are no frame: {self.reason}'
 
 
-class Section:
-    """
-    The events of one phase, and what they mean.
-
-    :ivar name: of the phase, such as ``race/green``.
-    :ivar events: all of its events, in order of time.
-    :ivar began: when it began, s.
-    :ivar ended: when the next phase began, or the trace ended, s.
-    :ivar sent: what each connection began to be sent in this phase.
-    :ivar said: what was said.
-    """
-
-    def __init__(self, name: str, began: float) -> None:
-        self.name = name
-        self.began = self.ended = began
-        self.events: list[Event] = []
-        self.sent: list[SentState] = []
-        self.said: list[Said] = []
-
-    def of(self, *kinds: Kind) -> list[Event]:
-        """Return its events of these kinds."""
-        return [event for event in self.events if event.kind in kinds]
-
-    @property
-    def speeds(self) -> list[tuple[float, float]]:
-        """Return the times, s, and speeds, m/s, of odometry."""
-        return [(event.at, event.value) for event in self.of(Kind.SPEED)]
-
-    def first_sent(self, state: RaceState) -> SentState | None:
-        """Return when this phase began to send a state."""
-        return next((sent for sent in self.sent if sent.state is state), None)
-
-    def first_said(self, state: RaceState) -> Said | None:
-        """Return the first time that a state was said in this phase."""
-        return next((said for said in self.said if said.state is state), None)
-
-    def acknowledged(self, state: RaceState) -> tuple[SentState, Said] | None:
-        """Return when a state was sent first and when that was acknowledged, in this phase."""
-        sent = self.first_sent(state)
-        return next(((sent, said) for said in self.said if sent and said.answers == sent), None)
-
-    def answer(self, question: str) -> Event | None:
-        """Return the inspector's answer to a question, if there is one."""
-        return next((each for each in self.of(Kind.ANSWER) if each.text == question), None)
-
-
 class _Wire:
     """One connection: what was sent on it, and which of that each word answers."""
 
@@ -154,14 +109,19 @@ class _Wire:
         self.sending = FrameDecoder()
         self.bytes_sent = 0
         self.orders: list[SentState] = []
+        self.framed_at = 0.0  # when the last whole frame was sent
 
 
 class Trace:
-    """Everything that was seen, in the order of time, read while it is written."""
+    """
+    Everything that was seen, in the order of time, read while it is written.
+
+    :ivar said: everything that was said.
+    """
 
     def __init__(self) -> None:
         self.events: list[Event] = []
-        self.sections: list[Section] = [Section('', 0.0)]
+        self.said: list[Said] = []
         self._wires: defaultdict[int, _Wire] = defaultdict(_Wire)
         self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
@@ -175,20 +135,17 @@ class Trace:
             trace.add(event)
         return trace
 
-    @property
-    def now(self) -> Section:
-        """Return the phase that goes on."""
-        return self.sections[-1]
-
-    def called(self, name: str) -> Section | None:
-        """Return the last phase of this name; None: there was none."""
-        return next((each for each in reversed(self.sections) if each.name == name), None)
-
     def acknowledged(self, state: RaceState) -> bool:
         """Return whether a state is what the kart is sent and has acknowledged, now."""
-        return any(
-            sent.state is state and sent in self._acknowledged for sent in self._sent.values()
-        )
+        return any(sent.state is state and self.has(sent) for sent in self._sent.values())
+
+    def has(self, sent: SentState) -> bool:
+        """Return whether the kart has acknowledged a state that it was sent."""
+        return sent in self._acknowledged
+
+    def sent_on(self, link: int) -> SentState | None:
+        """Return what an open connection is being sent; None: nothing yet."""
+        return self._sent.get(link)
 
     def waits(self, link: int) -> bool:
         """Return whether it matters how many bytes of a connection are unanswered."""
@@ -203,11 +160,6 @@ class Trace:
         """Take the next event."""
         self._let_pass(event.at)
         self.events.append(event)
-        self.now.ended = max(self.now.ended, event.at)
-        if event.kind is Kind.STEP:
-            self.sections.append(Section(event.text, event.at))
-        section = self.now
-        section.events.append(event)
         if event.kind in (Kind.CLOSED, Kind.ENDED):
             self._sent.pop(event.link, None)
         if event.kind is Kind.SENT:
@@ -222,11 +174,21 @@ class Trace:
         wire.bytes_sent += len(event.data)
         for frame in wire.sending.feed(event.data):
             sent = self._sent.get(event.link)
-            if isinstance(frame, StateFrame) and (sent is None or sent.state is not frame.state):
+            if not isinstance(frame, StateFrame):
+                continue
+            wire.framed_at = event.at
+            if sent is None or sent.state is not frame.state:
                 sent = self._sent[event.link] = SentState(event.at, event.link, frame.state)
-                self.now.sent.append(sent)
                 wire.orders.append(sent)
                 wire.hearing.order(len(wire.orders), sent.state, wire.bytes_sent, event.unread)
+
+    def orders(self, link: int) -> list[SentState]:
+        """Return all that a connection was sent, each state once as long as it was sent."""
+        return self._wires[link].orders if link in self._wires else []
+
+    def framed_at(self, link: int) -> float:
+        """Return when a connection was last sent a whole, correct frame, s."""
+        return self._wires[link].framed_at if link in self._wires else 0.0
 
     def _take_said(self, event: Event, wire: _Wire) -> None:
         wire.hearing.read(len(event.data))
@@ -238,7 +200,7 @@ class Trace:
                 state = frame.state
             else:
                 reason = f'{frame.reason}: {printable(frame.raw)}'
-            self.now.said.append(Said(event.at, event.link, state, sent, answers, reason))
+            self.said.append(Said(event.at, event.link, state, sent, answers, reason))
             if answers is not None:
                 self._acknowledged.add(answers)
 
@@ -298,7 +260,7 @@ def describe(events: Sequence[Event], most: int = 60) -> list[str]:
         else:
             put_speeds()
             at_line.clear()
-            yes = 'yes' if event.value else 'no'
+            yes = {1.0: 'yes', 0.0: 'no'}.get(event.value, 'no answer')
             put(_DESCRIBED[event.kind].format(event, yes), event.at)
     put_speeds()
     lines.sort(key=lambda line: line[1])
@@ -322,4 +284,5 @@ _DESCRIBED = {
     Kind.UNANSWERED: 'connection {0.link}: TCP has not answered {0.value:.0f} bytes',
     Kind.KILLED: 'the {0.text} of the kart was killed',
     Kind.SILENT: 'no frame from here on: {0.text}',
+    Kind.BACK: 'connections are accepted again',
 }

@@ -18,8 +18,8 @@ import time
 
 from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import Unattended
-from evgp_inspection.kart_clauses import KART
-from evgp_inspection.kart_steps import Kill, START_KART_AGAIN
+from evgp_inspection.kart_sentences import KART
+from evgp_inspection.kart_script import Kill, START_KART_AGAIN
 from evgp_inspection.kart_wire import KartWire, LATE_BEAT
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take

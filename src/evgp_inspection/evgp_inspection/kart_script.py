@@ -1,0 +1,597 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The script of `inspect_kart`: race control is played to one kart, and everything is written down.
+
+The script judges nothing; `evgp_inspection.oracle` does, while it goes on. The script looks at the
+oracle only to go on as soon as there is nothing more to see, and to stop the kart at once when it
+does what it must not.
+
+The kart is never left driving. Whatever ends the inspection, RED_RED is sent for some seconds
+first, and the inspector is told whether the kart has said that it stands. A kart that does not
+acknowledge RED_RED, or sees it late, is not made to drive again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
+import math
+import random
+from types import MappingProxyType
+from typing import NamedTuple, TypeAlias
+
+from evgp_inspection.inspector import Inspector
+from evgp_inspection.kart_wire import (
+    after,
+    Beats,
+    between,
+    KartWire,
+    late_halves,
+    MALFORMED,
+    many_in_a_piece,
+    NOTHING,
+    single_bytes,
+    whole,
+)
+from evgp_inspection.limits import Limits
+from evgp_inspection.oracle import Law, STANDS, TURNS
+from evgp_inspection.recording import EndedError, Recording
+from evgp_inspection.traces import Kind
+from evgp_protocol.frames import encode
+from evgp_protocol.hearing import QUIET
+from evgp_protocol.link import BEAT_RATE
+from evgp_protocol.states import RaceState
+
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
+
+ODOMETRY_COMES = 5.0
+"""Maximum time to wait for the first odometry once the kart has connected, in seconds."""
+
+SLOW_RATE, LONG_RATE, FAST_RATE = 10.0, 20.0, 100.0
+"""How often a frame is sent where that is slow, in the long drive, and where it is fast, Hz."""
+
+BURST = 400
+"""Frames that are sent at once, before the stop that must be seen in time."""
+
+MOMENT = 0.2
+"""Time for which IN_GARAGE is sent between two checks, s."""
+
+SHORT_SILENCE = 0.4
+"""Part of `silence` for which a new connection is sent nothing: not a silence yet."""
+
+EARLY_STOP = 0.15
+"""Time from GREEN_GREEN to the RED_RED that must stop a kart which has hardly begun, s."""
+
+FLAG_BRAKES = 0.8
+"""Part of its highest speed to which RED_FLAG brakes a kart before something else comes."""
+
+FLAG_ALONE = 1.0
+"""Maximum time for which RED_FLAG brakes alone, s; where nobody measures, a third of it."""
+
+RANDOM_STOP = (0.1, 2.0)
+"""Range of the time from GREEN_GREEN to a stop of the step `random`, s."""
+
+RANDOM_STOPS = ('red', 'flag', 'fin', 'flag_lost', 'silence', 'red', 'red', 'flag')
+"""The stops of the step `random`, whose order is chosen by the seed."""
+
+PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
+"""How RED_RED is sent in these steps, ten times a second."""
+
+KILLING_STEPS = ('bridge', 'stack')
+"""The last steps, in which a part of the kart's program is ended by force."""
+
+Kill: TypeAlias = Callable[[], Awaitable[bool]]
+"""Kills a part of the kart's program; returns whether it is killed."""
+
+KILL_PART = {
+    'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
+    'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
+}
+"""What the inspector is asked to kill while the kart drives."""
+
+START_KART_AGAIN = "Then end the kart's program and start it again. Is it started?"
+"""What the inspector is asked about a kart that does not connect again."""
+
+
+class Step(NamedTuple):
+    """What is done in a step, for people; and the acts that it is made of (`KartScript`)."""
+
+    done: str
+    acts: tuple[str, ...]
+
+
+DRIVE = ('garage', 'grid', 'drive')
+
+STEPS: Mapping[str, Step] = {
+    'connect': Step(
+        'Nothing is sent for a moment, then IN_GARAGE.', ('connect', 'garage', 'watch')
+    ),
+    'first': Step('RED_RED is sent to a kart that stands.', ('red',)),
+    'alone': Step('GREEN_GREEN is sent after IN_GARAGE.', ('garage', 'green')),
+    'bytes': Step('RED_RED is sent byte by byte.', ('garage', 'pieces')),
+    'many': Step('RED_RED is sent five frames a piece, cut inside one.', ('garage', 'pieces')),
+    'late': Step('RED_RED is sent in halves, 0.07 s apart.', ('garage', 'pieces')),
+    'slow': Step('RED_RED is sent 10 times a second.', ('garage', 'pieces')),
+    'malformed': Step(
+        'After an acknowledged GRID_ACTIVE, malformed frames that look like GREEN_GREEN are sent '
+        'between correct ones; then RED_RED.',
+        ('garage', 'grid', 'watch', 'malformed'),
+    ),
+    'again': Step(
+        'GRID_ACTIVE is acknowledged once more; then RED_RED is sent, then GREEN_GREEN.',
+        ('garage', 'grid', 'red', 'green', 'garage'),
+    ),
+    'glued': Step('GRID_ACTIVE and GREEN_GREEN are sent in one piece.', ('garage', 'glued')),
+    'backlog': Step(
+        'IN_GARAGE is sent 100 times a second, then 400 frames at once, then RED_RED.',
+        ('fast', 'backlog'),
+    ),
+    'race': Step(
+        'A drive; RED_FLAG for long, GREEN_GREEN, RED_RED for long, IN_GARAGE for long.',
+        (*DRIVE, 'flag', 'dwell', 'green', 'red', 'dwell', 'garage', 'dwell'),
+    ),
+    'red': Step(
+        'A drive with 100 frames a second; RED_RED.', ('garage', 'grid', 'fast_drive', 'red')
+    ),
+    'flag_red': Step('A drive; RED_RED while RED_FLAG brakes.', (*DRIVE, 'brake', 'red')),
+    'flag_lost': Step('A drive; the connection is closed while RED_FLAG brakes.', (*DRIVE, 'brake', 'fin')),
+    'early': Step('RED_RED is sent 0.15 s after GREEN_GREEN.', ('garage', 'grid', 'start', 'red')),
+    'silence': Step(
+        'A drive; nothing is sent for a while, then GREEN_GREEN.', (*DRIVE, 'silence', 'green')
+    ),
+    'noise': Step('A drive; only malformed frames are sent.', (*DRIVE, 'noise')),
+    'fin': Step(
+        'A drive; the connection is closed (FIN). On the next one, nothing is sent for a moment, '
+        'then GREEN_GREEN, then RED_RED.',
+        (*DRIVE, 'fin', 'quiet', 'green'),
+    ),
+    'reset': Step(
+        'A drive; the connection is reset (RST), then GREEN_GREEN.', (*DRIVE, 'reset', 'green')
+    ),
+    'half': Step(
+        'A drive; race control closes its half, then GREEN_GREEN.', (*DRIVE, 'half', 'green')
+    ),
+    'cut': Step('A drive; a reset, and RED_RED on the next connection.', (*DRIVE, 'cut')),
+    'restart': Step(
+        'A drive; race control goes away, refuses connections, comes back with GREEN_GREEN.',
+        (*DRIVE, 'away', 'back'),
+    ),
+    'random': Step('Eight drives, stopped in every way at random times after GREEN_GREEN.', ()),
+    'long': Step('A drive of a minute with 20 frames a second; RED_RED.', ('garage', 'grid', 'long_drive', 'red')),
+    'half_open': Step('Nothing is sent to a kart that stands.', ('red', 'half_open')),
+    'dwell': Step(
+        'Each state is sent for long to a kart that stands, and its connection closed; after '
+        'GRID_ACTIVE, GREEN_GREEN follows.',
+        ('dwells', 'garage', 'grid', 'close', 'green'),
+    ),
+    'bridge': Step(
+        'A drive; the program that is connected to race control is killed.', (*DRIVE, 'kill')
+    ),
+    'stack': Step('A drive; the program that commands the motors is killed.', (*DRIVE, 'kill')),
+}
+"""The steps of an inspection, in their order."""
+
+DRIVING_STEPS = {
+    name
+    for name, step in STEPS.items()
+    if name == 'random' or {'drive', 'fast_drive', 'long_drive', 'start'} & {*step.acts}
+}
+
+RACE_STEPS = ('connect', 'race')
+"""The steps of a race only."""
+
+
+def not_stopped(why: str) -> EndedError:
+    """Return the end of an inspection whose kart did not say that it stands when told to stop."""
+    return EndedError(f'{why} The inspection ended there. Use the MSR.')
+
+
+class KartScript:
+    """
+    The steps, in their order.
+
+    An act is a method of this class; it returns False where the rest of its step makes no sense.
+
+    :param wanted: the names of the steps to be done.
+    :param seen: whether odometry is expected.
+    :param kills: what kills the parts of the kart's program, by the names of `KILLING_STEPS`; a
+        step for which there is none is not done.
+    :param step_done: is called after each step with its name.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        wire: KartWire,
+        inspector: Inspector,
+        limits: Limits,
+        step_done: Callable[[str], None],
+        wanted: Collection[str] = tuple(STEPS),
+        seen: bool = False,
+        kills: Mapping[str, Kill] = MappingProxyType({}),
+    ) -> None:
+        self._hindrance = ''
+        self._recording = recording
+        self._oracle = recording.oracle
+        self._trace = recording.trace
+        self._wire = wire
+        self._inspector = inspector
+        self._limits = limits
+        self._step_done = step_done
+        self._wanted = wanted
+        self._seen = seen
+        self._kills = kills
+        self._step = ''
+        self._chance = random.Random(limits.seed)  # noqa: S311 - no secret
+        self._speechless = False  # what acknowledges was killed
+
+    async def run(self) -> str:
+        """
+        Do the steps, and stop the kart.
+
+        :return: why it was not made to drive, a sentence; empty: it was.
+        :raises EndedError: the kart did not connect, or was not stopped.
+        """
+        try:
+            for name, step in STEPS.items():
+                undone = name not in self._wanted and name != 'connect'
+                if undone or (name in DRIVING_STEPS and self._hindrance):
+                    continue
+                if name in KILLING_STEPS and name not in self._kills:
+                    continue
+                for acts in self._at_random() if name == 'random' else [step.acts]:
+                    await self._do(name, acts)
+                self._step_done(name)
+        except asyncio.CancelledError:
+            self._inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
+            raise
+        finally:
+            await self._end()
+        return f'{self._hindrance} It was not made to drive.' if self._hindrance else ''
+
+    async def _do(self, name: str, acts: tuple[str, ...]) -> None:
+        """Do the acts of a step, no further than until the kart moves when it must not."""
+        self._step = name
+        # The oracle asks how something is sent; before that, it is sent as always.
+        before = 'before ' if {'pieces', 'malformed', 'backlog'} & {*acts} else ''
+        self._recording.note(Kind.STEP, text=before + name)
+        moves = self._oracle.moves
+        for act in acts:
+            done = await getattr(self, f'_{act}')()
+            if done is False or self._oracle.moves > moves:
+                break
+        if not self._speechless and name != 'connect':
+            await self._stop()
+
+    def _at_random(self) -> Iterator[tuple[str, ...]]:
+        """Yield the acts of the step `random`: one stop in each part of the range."""
+        stops = self._chance.sample(RANDOM_STOPS, len(RANDOM_STOPS))
+        first, last = RANDOM_STOP
+        part = (last - first) / len(stops)
+        for place, stop in enumerate(stops):
+            self._delay = first + part * (place + self._chance.random())
+            acts = ('brake', 'fin') if stop == 'flag_lost' else (stop,)
+            yield ('garage', 'grid', 'start_at_random', *acts)
+
+    # ----- what the acts are made of --------------------------------------------------------
+
+    async def _until(self, found: Callable[[], object], seconds: float) -> bool:
+        return await self._recording.until(found, seconds)
+
+    async def _pass(self, seconds: float) -> None:
+        """Let time pass, while everything is written down."""
+        await self._until(lambda: None, seconds)
+
+    async def _stay(self, seconds: float) -> bool:
+        """Watch a kart that must not drive, no longer than until it does; have it looked at."""
+        moves = self._oracle.moves
+        if await self._until(lambda: self._oracle.moves > moves, seconds):
+            return False
+        await self._ask(STANDS)
+        return True
+
+    async def _ask(self, question: str) -> bool | None:
+        """Have the inspector look, unless odometry does; return the answer, if there is one."""
+        return None if self._seen else await self._look(question)
+
+    async def _look(self, question: str) -> bool | None:
+        answer = await self._inspector.ask(f'Do {question}?', self._limits.answer)
+        value = math.nan if answer is None else float(answer)
+        self._recording.note(Kind.ANSWER, text=question, value=value)
+        return answer
+
+    async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
+        """Return whether the kart acknowledges a state, which it is being sent, in time."""
+        return await self._until(lambda: self._trace.acknowledged(state), seconds)
+
+    async def _connected(self) -> bool:
+        """Return whether the kart is connected, or connects in time."""
+        return await self._until(lambda: self._wire.connected, self._limits.reconnect)
+
+    async def _stop(self) -> None:
+        """
+        Bring the kart to a standstill.
+
+        One fault that ends a kart would hide all others: so the inspector may start it again.
+
+        :raises EndedError: it does not connect, or acknowledge RED_RED, in time.
+        """
+        limits = self._limits
+        self._wire.order(RED_RED)
+        if not await self._connected():
+            why = f'The kart has not connected again for {limits.reconnect:g} s.'
+            self._inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
+            again = await self._inspector.ask(START_KART_AGAIN, limits.connect)
+            if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
+                raise not_stopped(why)
+        if not await self._acknowledged(RED_RED, limits.red_red):
+            raise not_stopped(f'The kart has not acknowledged RED_RED within {limits.red_red:g} s.')
+
+    async def _see_it_stand(self, seconds: float) -> bool:
+        """
+        Wait until the wheels stand, for so long at most; ask where there is no odometry.
+
+        :return: False: they were seen to turn on.
+        """
+        if not self._seen:
+            return await self._look(STANDS) is not False
+        still = self._oracle.still
+        return await self._until(lambda: 3 <= self._oracle.still != still, seconds)
+
+    async def _announce(self) -> None:
+        self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({self._step}).')
+        await self._until(lambda: None, self._limits.warning)
+
+    # ----- acts: to a kart that stands ----------------------------------------------------------
+
+    async def _connect(self) -> None:
+        limits = self._limits
+        if not await self._until(lambda: self._wire.connected, limits.connect):
+            raise EndedError(f'No kart connected within {limits.connect:g} s.')
+        if self._seen:
+            # The first of it takes its time: until then nobody sees the wheels.
+            await self._until(lambda: self._oracle.spell.speeds, ODOMETRY_COMES)
+            await self._until(lambda: self._wire.connected, limits.connect)
+        await self._quiet()
+
+    async def _quiet(self) -> None:
+        await self._until(lambda: self._trace.events[-1].kind is Kind.SAID, self._limits.silence * SHORT_SILENCE)
+
+    async def _garage(self) -> None:
+        self._wire.order(IN_GARAGE)
+        await self._pass(MOMENT)
+        # Wait until a kart that stands has read it: it says so, or it is silent. What it says
+        # after that cannot answer an order of before (docs/wire.md).
+        await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
+
+    async def _watch(self) -> bool:
+        return await self._stay(self._limits.watch)
+
+    async def _dwell(self) -> bool:
+        return await self._stay(self._limits.dwell)
+
+    async def _green(self) -> bool:
+        """Send a GREEN_GREEN that no kart may obey."""
+        if not await self._connected():
+            return False
+        self._wire.order(GREEN_GREEN)
+        return await self._stay(self._limits.watch)
+
+    async def _pieces(self) -> None:
+        self._recording.note(Kind.STEP, text=self._step)
+        self._wire.order(RED_RED, PIECES[self._step], SLOW_RATE)
+        await self._acknowledged(RED_RED, self._limits.red_red)
+        # A kart that takes slow frames for silence needs time to say so.
+        longer = self._limits.watch if self._step == 'slow' else 0.0
+        await self._pass(self._limits.slack + longer)
+        self._recording.note(Kind.STEP, text=f'after {self._step}')
+
+    async def _malformed(self) -> bool:
+        self._recording.note(Kind.STEP, text=self._step)
+        self._wire.order(GRID_ACTIVE, between)
+        return await self._stay(max(self._limits.watch, len(MALFORMED) / BEAT_RATE))
+
+    async def _glued(self) -> bool:
+        self._wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state))
+        return await self._stay(self._limits.watch)
+
+    async def _fast(self) -> None:
+        self._wire.order(IN_GARAGE, rate=FAST_RATE)
+        await self._pass(self._limits.fast)
+        await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
+
+    async def _backlog(self) -> None:
+        self._recording.note(Kind.STEP, text=self._step)
+        self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
+        if not await self._acknowledged(RED_RED, self._limits.red_red):
+            self._hindrance = 'The kart sees a stop too late.'
+            raise not_stopped(self._hindrance)
+
+    async def _half_open(self) -> None:
+        self._wire.fall_silent()
+        newest = self._wire.newest
+        await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
+
+    async def _dwells(self) -> bool:
+        for state in (RED_RED, IN_GARAGE, GRID_ACTIVE, RED_FLAG):
+            self._wire.order(state)
+            if not (await self._dwell() and await self._close()):
+                return False
+        return True
+
+    async def _close(self) -> bool:
+        """Close the connection of a kart that stands."""
+        self._wire.close()
+        await self._pass(self._limits.slack)
+        return await self._connected()
+
+    # ----- acts: drives -------------------------------------------------------------------------
+
+    async def _grid(self) -> bool:
+        self._wire.order(GRID_ACTIVE)
+        ready = await self._acknowledged(GRID_ACTIVE, self._limits.grid)
+        if not ready:
+            self._hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
+        return ready
+
+    async def _drive(self, seconds: float = 0.0, rate: float = BEAT_RATE) -> bool:
+        """Have the kart drive for so long, or for `drive`; return whether it does."""
+        limits = self._limits
+        await self._announce()
+        self._wire.order(GREEN_GREEN, rate=rate)
+        began = self._recording.now
+        if not await self._acknowledged(GREEN_GREEN, limits.green):
+            self._hindrance = 'The kart has not acknowledged GREEN_GREEN.'
+        elif self._seen:
+            left = max(began + limits.green - self._recording.now, 0.0)
+            await self._until(lambda: self._oracle.still == 0, left)
+        if self._step == 'race':
+            await self._ask(TURNS)
+        await self._pass(seconds or limits.drive)
+        return not self._hindrance or self._oracle.still == 0
+
+    async def _fast_drive(self) -> bool:
+        # Before a stop: a kart that reads too little while it drives is late by now.
+        return await self._drive(rate=FAST_RATE)
+
+    async def _long_drive(self) -> bool:
+        return await self._drive(self._limits.long, LONG_RATE)
+
+    async def _start(self, seconds: float = EARLY_STOP) -> None:
+        await self._announce()
+        self._wire.order(GREEN_GREEN)
+        await self._pass(seconds)
+
+    async def _start_at_random(self) -> None:
+        await self._start(self._delay)
+
+    async def _red(self) -> None:
+        self._wire.order(RED_RED)
+        await self._acknowledged(RED_RED, self._limits.red_red)
+        await self._pass(2 * self._limits.slack)
+        await self._ask(STANDS)
+
+    async def _flag(self) -> bool:
+        self._wire.order(RED_FLAG)
+        said = await self._acknowledged(RED_FLAG, self._limits.red_flag)
+        await self._pass(2 * self._limits.slack)
+        await self._ask(STANDS)
+        return said
+
+    async def _brake(self) -> None:
+        """Have RED_FLAG brake for a while."""
+        self._wire.order(RED_FLAG)
+
+        def slower() -> bool:
+            spell = self._oracle.spell
+            if spell.law is not Law.FLAG or not spell.speeds:
+                return False
+            return spell.speeds[-1][1] < FLAG_BRAKES * spell.top
+
+        await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
+
+    async def _lost(self) -> bool:
+        """Wait until a kart stands that has lost race control, and is back."""
+        limits, newest = self._limits, self._wire.newest
+        stands = await self._see_it_stand(limits.red_red)
+        back = await self._until(lambda: self._wire.newest > newest, limits.reconnect)
+        return stands and back
+
+    async def _fin(self) -> bool:
+        self._wire.send(NOTHING)  # to a new connection, for now
+        self._wire.close()
+        return await self._lost()
+
+    async def _reset(self) -> bool:
+        self._wire.send(NOTHING)
+        self._wire.reset()
+        return await self._lost()
+
+    async def _half(self) -> bool:
+        self._wire.send(NOTHING)
+        self._wire.half_close()
+        return await self._lost()
+
+    async def _silence(self) -> bool:
+        self._wire.fall_silent()
+        return await self._silently()
+
+    async def _noise(self) -> bool:
+        self._wire.babble()
+        return await self._silently()
+
+    async def _silently(self) -> bool:
+        limits, began = self._limits, self._recording.now
+        stands = await self._see_it_stand(limits.silence + limits.red_red)
+        # Also where nobody looks: there is a silence to be noticed.
+        await self._pass(max(began + limits.silence + limits.slack - self._recording.now, 0.0))
+        return stands
+
+    async def _cut(self) -> None:
+        self._wire.reset()
+        await self._red()
+
+    async def _away(self) -> bool:
+        self._wire.go_away()
+        stands = await self._see_it_stand(self._limits.red_red)
+        return await self._stay(self._limits.away) and stands
+
+    async def _back(self) -> bool:
+        self._wire.order(GREEN_GREEN)
+        await self._wire.come_back()
+        return await self._green()
+
+    async def _kill(self) -> bool:
+        """Kill a part of the program of a kart that drives; return whether it was killed."""
+        limits, part = self._limits, self._step
+        killing = asyncio.ensure_future(self._kills[part]())
+        newest = self._wire.newest
+
+        def ended() -> bool:
+            return part == 'bridge' and not self._wire.connected
+
+        try:
+            await self._until(lambda: killing.done() or ended(), limits.connect + limits.answer)
+            # Its connection ends in this moment or never.
+            if part == 'bridge' and await self._until(ended, limits.slack):
+                self._wire.send(NOTHING)  # to a new connection, for now
+            done = await killing
+        finally:
+            killing.cancel()
+        if not done:
+            return False
+        if part == 'stack' or self._wire.newest == newest:
+            self._recording.note(Kind.KILLED, text=part)
+        self._speechless = part == 'stack'
+        if not await self._see_it_stand(limits.silence + limits.red_red):
+            speeds = self._oracle.spell.speeds
+            silent = self._recording.now - speeds[-1][0] if speeds else math.inf
+            if silent <= limits.slack or not await self._look(STANDS):
+                self._inspector.tell('\a  !  THE WHEELS ARE NOT SEEN TO STAND. USE THE MSR.')
+        return True
+
+    # ----- the end --------------------------------------------------------------------------
+
+    async def _end(self) -> None:
+        """Send RED_RED for some seconds, and say whether the kart stands."""
+        self._recording.note(Kind.STEP, text='end')
+        self._wire.send_now(encode(RED_RED))
+        self._wire.order(RED_RED)
+        self._wire.keep_beating()
+        if self._wire.newest == 0:
+            return
+        try:
+            await self._wire.come_back()
+        except OSError as error:
+            self._inspector.tell(f'  !  The port is gone: {error}')
+        await self._pass(self._limits.hold)
+        if self._speechless:
+            self._inspector.tell('  What drives the kart was killed. LOOK WHETHER IT STANDS.')
+        elif not self._trace.acknowledged(RED_RED):
+            self._inspector.tell('\a  !  THE KART HAS NOT SAID THAT IT STANDS. USE THE MSR.')
+        else:
+            self._inspector.tell('  RED_RED was sent last, and the kart says that it stands.')
