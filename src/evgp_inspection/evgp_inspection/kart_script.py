@@ -25,7 +25,6 @@ from typing import NamedTuple, TypeAlias
 from evgp_inspection.inspector import Inspector
 from evgp_inspection.kart_wire import (
     after,
-    Beats,
     between,
     KartWire,
     late_halves,
@@ -138,7 +137,9 @@ STEPS: Mapping[str, Step] = {
         'A drive with 100 frames a second; RED_RED.', ('garage', 'grid', 'fast_drive', 'red')
     ),
     'flag_red': Step('A drive; RED_RED while RED_FLAG brakes.', (*DRIVE, 'brake', 'red')),
-    'flag_lost': Step('A drive; the connection is closed while RED_FLAG brakes.', (*DRIVE, 'brake', 'fin')),
+    'flag_lost': Step(
+        'A drive; the connection is closed while RED_FLAG brakes.', (*DRIVE, 'brake', 'fin')
+    ),
     'early': Step('RED_RED is sent 0.15 s after GREEN_GREEN.', ('garage', 'grid', 'start', 'red')),
     'silence': Step(
         'A drive; nothing is sent for a while, then GREEN_GREEN.', (*DRIVE, 'silence', 'green')
@@ -161,7 +162,10 @@ STEPS: Mapping[str, Step] = {
         (*DRIVE, 'away', 'back'),
     ),
     'random': Step('Eight drives, stopped in every way at random times after GREEN_GREEN.', ()),
-    'long': Step('A drive of a minute with 20 frames a second; RED_RED.', ('garage', 'grid', 'long_drive', 'red')),
+    'long': Step(
+        'A drive of a minute with 20 frames a second; RED_RED.',
+        ('garage', 'grid', 'long_drive', 'red'),
+    ),
     'half_open': Step('Nothing is sent to a kart that stands.', ('red', 'half_open')),
     'dwell': Step(
         'Each state is sent for long to a kart that stands, and its connection closed; after '
@@ -329,7 +333,9 @@ class KartScript:
             if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
                 raise not_stopped(why)
         if not await self._acknowledged(RED_RED, limits.red_red):
-            raise not_stopped(f'The kart has not acknowledged RED_RED within {limits.red_red:g} s.')
+            raise not_stopped(
+                f'The kart has not acknowledged RED_RED within {limits.red_red:g} s.'
+            )
 
     async def _see_it_stand(self, seconds: float) -> bool:
         """
@@ -359,7 +365,9 @@ class KartScript:
         await self._quiet()
 
     async def _quiet(self) -> None:
-        await self._until(lambda: self._trace.events[-1].kind is Kind.SAID, self._limits.silence * SHORT_SILENCE)
+        await self._until(
+            lambda: self._trace.events[-1].kind is Kind.SAID, self._limits.silence * SHORT_SILENCE
+        )
 
     async def _garage(self) -> None:
         self._wire.order(IN_GARAGE)
@@ -470,8 +478,7 @@ class KartScript:
         await self._start(self._delay)
 
     async def _red(self) -> None:
-        self._wire.order(RED_RED)
-        await self._acknowledged(RED_RED, self._limits.red_red)
+        await self._stop()
         await self._pass(2 * self._limits.slack)
         await self._ask(STANDS)
 

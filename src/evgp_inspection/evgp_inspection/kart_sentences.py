@@ -32,7 +32,7 @@ K-3A-08 RED_FLAG: remains stopped | race dwell
 K-3A-09 RED_RED: acknowledged once it stands | first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
-K-3A-10 RED_RED: not acknowledged before it stands | red early random long
+K-3A-10 RED_RED: not acknowledged before it stands | red
     wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
     onto the track.
 K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
@@ -42,7 +42,7 @@ K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_
     onto the track.
 K-3A-13 RED_RED: brakes harder than for RED_FLAG | race red flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
-K-3A-14 RED_RED: brakes at once, whenever it comes | red early random long | red_red
+K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-15 RED_RED: remains stopped | first race dwell
     The kart should remain stopped once it has stopped moving

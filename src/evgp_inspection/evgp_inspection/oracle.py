@@ -18,9 +18,10 @@ is judged by the spell in which it comes. Each finding names a sentence of
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 import dataclasses
 import enum
+import itertools
 import math
 import statistics
 
@@ -357,7 +358,10 @@ class Oracle:
             self._acknowledged(due, now)
         elif due is not None and now > due.since + due.limit + EARLY:
             self._let_go(now)
-        if self._back_due is not None and now > self._back_due.since + self._back_due.limit + EARLY:
+        if (
+            self._back_due is not None
+            and now > self._back_due.since + self._back_due.limit + EARLY
+        ):
             self._expire_link(now)
         said = self._said_green
         if self.spell.law is Law.DRIVE and said is not None and now > said + limits.slack:
@@ -407,7 +411,11 @@ class Oracle:
                 if spell.said is not None and spell.rolled:
                     name = spell.true
                 self._break(name, 'the inspector saw the wheels turn.', event.at)
-            elif event.value == 1.0 and self._stood is None and event.at > self._freed + limits.slack:
+            elif (
+                event.value == 1.0
+                and self._stood is None
+                and event.at > self._freed + limits.slack
+            ):
                 self._stood = event.at
 
     def _begin(
@@ -437,15 +445,13 @@ class Oracle:
     def _end_spell(self, at: float) -> None:
         """Judge a spell as a whole."""
         spell, limits = self.spell, self._limits
-        if spell.law is Law.DRIVE or spell.broken:
-            return
-        if spell.rolled:
-            self._judge_stop(spell)
-        if spell.broken:
+        if spell.law is Law.DRIVE or spell.broken or (spell.rolled and self._stops_badly(spell)):
             return
         names = {spell.stays}
+        if spell.said is not None and (spell.rolled or spell.true == 'K-3E-08'):
+            names.add(spell.true)
         if spell.rolled:
-            names |= {spell.stops, spell.true if spell.said is not None else ''}
+            names.add(spell.stops)
         answer = math.nan if spell.answer is None else spell.answer.value
         seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= limits.slack
         asked = spell.answer is not None or not math.isnan(self._speed)
@@ -454,7 +460,7 @@ class Oracle:
             seen = spell.answer.at <= spell.until + 2 * limits.slack
         elif answer == 1.0:
             seen = True
-        for name in names - {''}:
+        for name in sorted(names):
             if seen and self._stood is not None:
                 took = max(self._stood - spell.at, 0.0) if spell.rolled else None
                 self._pass(name, f'It stood, after {spell.what}.', at, took)
@@ -465,7 +471,7 @@ class Oracle:
         why = f'Nobody saw in time whether the wheels stood, after {spell.what}.'
         self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
 
-    def _judge_stop(self, spell: Spell) -> None:
+    def _stops_badly(self, spell: Spell) -> bool:
         """Judge when a kart that rolled began to brake, and whether what it said was true."""
         limits, top = self._limits, spell.top
         began = None
@@ -480,12 +486,16 @@ class Oracle:
             if began > late:
                 why = f'it began to slow down after {began - spell.at:.2f} s only.'
                 self._break(spell.stops, why, began)
-                return
+                return True
             self._stops.append(spell)
         said = spell.said
-        if said is None or spell.law not in (Law.FLAG, Law.RED):
-            return
-        lag = limits.slack if began is None else min(max(began - spell.at, 0.0) + VARIES, limits.slack)
+        if said is None:
+            return False
+        lag = (
+            limits.slack
+            if began is None
+            else min(max(began - spell.at, 0.0) + VARIES, limits.slack)
+        )
         rolls = max(ROLLING * top, limits.standstill)
         turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
         if turned is not None:
@@ -493,6 +503,7 @@ class Oracle:
             self._break(spell.true, why, turned[0])
         elif spell.moved and said - self._freed < limits.fastest_stop:
             self._break(spell.true, 'no kart at speed stops that fast.', said)
+        return spell.broken
 
     # ----- the connection -------------------------------------------------------------------
 
@@ -633,7 +644,11 @@ class Oracle:
         due, self._said_due = self._said_due, None
         if due is None or at < due.since + due.limit - EARLY or self.spell.broken:
             return
-        if self._stood is None and self._speed > self._limits.standstill and due.what != 'GREEN_GREEN':
+        if (
+            self._stood is None
+            and self._speed > self._limits.standstill
+            and due.what != 'GREEN_GREEN'
+        ):
             return  # it rolls still: that is another fault
         waited = at - due.since
         self._fail(due.name, f'No ${due.what}; in {waited:.1f} s.', due.since, at, waited)
@@ -657,13 +672,14 @@ class Oracle:
             self._fail(name, f'It said {said}; nothing was sent on this connection yet.', at, at)
         if sent is None or said.link != self._link:
             return
-        if said.state is GRID_ACTIVE and sent.state is GREEN_GREEN and self._obeys_none():
-            if self._since is GRID_ACTIVE and not self._armed:
+        spell = self.spell
+        if spell.law is not Law.DRIVE and not spell.broken and self._state is not None:
+            if said.state is GRID_ACTIVE and spell.stays == 'K-3B-03':
                 self._free(sent)  # GREEN_GREEN came with it, and it has said GRID_ACTIVE first
-        green = said.state is GREEN_GREEN
-        if green and self._state is not None and self._obeys_none():
-            if sent.state is GREEN_GREEN or self.spell.stays == 'K-4C-07':
-                self._break(self.spell.stays, 'it said $GREEN_GREEN;', at)
+            elif said.state is GREEN_GREEN and (
+                sent.state is GREEN_GREEN or spell.stays == 'K-4C-07'
+            ):
+                self._break(spell.stays, 'it said $GREEN_GREEN;', at)
         since = at - sent.at
         # GREEN_GREEN that is not to be obeyed is RED_RED to the kart. And it may stop itself.
         careful = sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
@@ -672,10 +688,6 @@ class Oracle:
             self._fail('K-4C-09', why, sent.at, at, since)
         elif said.state is sent.state:
             self._pass('K-4C-09', 'It said nothing but what it was being sent.', at)
-
-    def _obeys_none(self) -> bool:
-        """Return whether the kart may obey no GREEN_GREEN, and has not done so yet."""
-        return self.spell.law is not Law.DRIVE and not self.spell.broken
 
     def _take_bytes(self, event: Event) -> None:
         self._recent.append(event)
@@ -694,7 +706,9 @@ class Oracle:
         """Compare the stops with each other, each pair between the same two speeds."""
         if not self._stops and {Law.FLAG, Law.RED} <= self._by_word.keys():
             red, flag = self._by_word[Law.RED], self._by_word[Law.FLAG]
-            why = f'It says that it stands after {flag:.2f} s for RED_FLAG, {red:.2f} s for RED_RED.'
+            why = (
+                f'It says that it stands after {flag:.2f} s for RED_FLAG, {red:.2f} s for RED_RED.'
+            )
             if red > SOONER * flag:
                 self._fail('K-3A-13', why, 0.0, 0.0, red)
             else:
@@ -749,8 +763,8 @@ def _falling(speeds: Speeds, top: float) -> float | None:
 
 def _apart(speeds: Speeds) -> float:
     """Return the time between two speeds, s."""
-    return statistics.median(b[0] - a[0] for a, b in _pairs(speeds)) if len(speeds) > 1 else 0.0
-
-
-def _pairs(speeds: Speeds) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
-    return zip(speeds, speeds[1:], strict=False)
+    return (
+        statistics.median(b[0] - a[0] for a, b in itertools.pairwise(speeds))
+        if len(speeds) > 1
+        else 0.0
+    )

@@ -147,7 +147,5 @@ def verdict_on(results: Sequence[Result]) -> Verdict:
     found = {each.verdict for each in results}
     if Verdict.FAIL in found:
         return Verdict.FAIL
-    unseen = any(
-        each.clause.starred and each.verdict is Verdict.NOT_JUDGED for each in results
-    )
+    unseen = any(each.clause.starred and each.verdict is Verdict.NOT_JUDGED for each in results)
     return Verdict.NOT_JUDGED if unseen or Verdict.PASS not in found else Verdict.PASS

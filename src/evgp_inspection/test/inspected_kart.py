@@ -34,7 +34,20 @@ DEAD_TIME = 0.3  # s; from a command to the movement
 
 LONG_AFTER = 1.8  # s; longer than any phase in which nothing but `dwell` has it stand
 
-LOOKS_AWAY = (0.3, 1.3)  # s after GREEN_GREEN
+LOOKS_AWAY = (0.4, 1.6)  # s after GREEN_GREEN
+
+FEW_FRAMES = 17.0
+"""Frames that one faulty kart reads in a second while it drives, one in each turn of its loop."""
+
+HABITS = (
+    'says a newline after each frame',
+    'says each byte by itself',
+    'says every frame back',
+    'has a tiny window',
+    'is slow and gentle',
+    'brakes as a wheel that coasts down',
+)
+"""What is unusual about a kart that is good."""
 
 MOST_UNREAD = 200
 """Number of bytes that are read 0.7 s late, 6 in each turn."""
@@ -102,8 +115,32 @@ FAULTS = {
     'looks at no stop for a while after GREEN_GREEN': 'K-4C-09',
     'ignores RED_FLAG at first': 'K-3A-16',
     'drives by itself long after IN_GARAGE': 'K-3A-01',
+    'reads 17 frames a second while it drives': 'K-3A-14',
 }
-"""Each fault, and the clause that must find it."""
+"""Each fault, and the sentence that it breaks."""
+
+ALSO = {
+    'is never ready': {'K-3A-11'},
+    'creeps on the grid': {'K-4C-07'},
+    'echoes RED_RED': {'K-3A-12', 'K-3E-08'},
+    'is deaf after GREEN_GREEN': {'K-4C-09'},
+    'obeys every GREEN_GREEN': {
+        *('K-3B-02', 'K-3B-03', 'K-3B-04', 'K-3E-02', 'K-3E-05', 'K-3E-06'),
+    },
+    'drives on after FIN': {'K-3E-04', 'K-3E-06', 'K-3E-11'},
+    'drives on in silence': {'K-3E-07'},
+    'a lost connection does not disarm it': {'K-3E-06'},
+    'opens two connections': {'K-3A-02', 'K-3A-09', 'K-3B-03'},
+    'needs a whole frame in each read': {'K-4C-04'},
+    ECHOES_LATE: {'K-4C-04'},
+    'reads one frame a turn while it drives': {'K-3A-14'},
+    'looks for GREEN_GREEN anywhere': {'K-3E-07', 'K-4C-09'},
+    'waits for an error after a half-close': {'K-3E-01', 'K-3E-07', 'K-4D-04'},
+    'brakes backwards while it stands': {'K-3A-01'},
+    'looks at no stop for a while after GREEN_GREEN': {'K-3A-14', 'K-3A-16'},
+    'reads 17 frames a second while it drives': {'K-3A-09', 'K-4C-09'},
+}
+"""The other sentences that the same fault breaks, in other steps."""
 
 
 class InspectedKart:
@@ -112,6 +149,8 @@ class InspectedKart:
 
     :param take: gets its speed, m/s, 50 times a second.
     :param fault: one of `FAULTS`; empty: none.
+    :param habit: one of `HABITS`; empty: none.
+    :param long_after: time after which it moves off by itself, if that is its fault, s.
     :param silence: time without a frame after which it stops, s.
     :param says_garage: it says IN_GARAGE back, as docs/wire.md advises.
     """
@@ -123,8 +162,14 @@ class InspectedKart:
         fault: str = '',
         silence: float = 1.0,
         says_garage: bool = True,
+        habit: str = '',
+        long_after: float = LONG_AFTER,
     ) -> None:
         self.speed = 0.0
+        self._has = {name: name == habit for name in HABITS}
+        assert not habit or habit in HABITS
+        self._long_after = long_after
+        self._read_at = 0.0
         self._says_garage = says_garage
         self.last_heard = b''
         self._port = port
@@ -172,7 +217,7 @@ class InspectedKart:
         try:
             while True:
                 try:
-                    link = socket.create_connection(('127.0.0.1', self._port))
+                    link = self._connect()
                 except ConnectionRefusedError:
                     if self._is['gives up when it is refused']:
                         await ticking
@@ -196,6 +241,17 @@ class InspectedKart:
             if second is not None:
                 second.close()
             await asyncio.gather(ticking, return_exceptions=True)
+
+    def _connect(self) -> socket.socket:
+        link = socket.socket()
+        if self._has['has a tiny window']:
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        try:
+            link.connect(('127.0.0.1', self._port))
+        except OSError:
+            link.close()
+            raise
+        return link
 
     def kill(self, part: str) -> None:
         """Have its bridge die, which is started again, or its stack: then the base is left."""
@@ -267,8 +323,13 @@ class InspectedKart:
                     self._lost('closed')
                     return
                 continue
+            if self._is['reads 17 frames a second while it drives'] and self.speed > 0.0:
+                await asyncio.sleep(max(self._read_at + 1 / FEW_FRAMES - self._loop.time(), 0.0))
+                self._read_at = self._loop.time()
+                one_frame = True
             # While it drives it has more to do: a turn is half a frame.
-            size = 4096 if not one_frame else 13 if self._is['reads one frame a turn'] else 6
+            half = self._is['reads one frame a turn while it drives']
+            size = 4096 if not one_frame else 6 if half else 13
             if size == 6:  # but it is never so late that it misses other limits too
                 size = max(size, unread(link) - MOST_UNREAD)
             if not await self._readable(link):
@@ -376,6 +437,8 @@ class InspectedKart:
             self._silent_kept = False
             self._armed = False
         if state is self._commanded:
+            if self._has['says every frame back'] and self._reached_at is not None:
+                self._say(encode(state))
             return
         away, back = LOOKS_AWAY
         looks_away = self._is['looks at no stop for a while after GREEN_GREEN']
@@ -421,8 +484,12 @@ class InspectedKart:
 
     def _say(self, data: bytes) -> None:
         if self._link is not None:
+            if self._has['says a newline after each frame']:
+                data += b'\r\n'
+            bytewise = self._has['says each byte by itself']
             try:
-                self._link.send(data)
+                for each in [data[at : at + 1] for at in range(len(data))] if bytewise else [data]:
+                    self._link.send(each)
             except ConnectionResetError:
                 self._reset = True  # which the next read would take for an orderly close
             except OSError:
@@ -461,12 +528,12 @@ class InspectedKart:
         rolls = self._reached_at is not None and now - self._reached_at > 1.1
         if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
             target = 0.5
-        if since > LONG_AFTER and (
+        if since > self._long_after and (
             (self._is['moves off long after a red'] and obeyed is RED_RED)
             or (self._is['drives by itself long after IN_GARAGE'] and obeyed is IN_GARAGE)
         ):
             target = 0.5 if self._commanded is not None else target
-        if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 0.8:
+        if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 1.0:
             target = self.speed
         if self._backs and since < 0.35:
             target = -1.0
@@ -484,12 +551,21 @@ class InspectedKart:
             )
         )
         braking = FLAG_BRAKING if gently and died is None else BRAKING
+        acceleration = ACCELERATION
+        if self._has['is slow and gentle']:
+            braking, acceleration = braking / 3, ACCELERATION / 10
+            if since < DEAD_TIME:  # and it begins gently, too
+                braking = acceleration = 0.0
+            elif since < 2 * DEAD_TIME:
+                braking *= (since - DEAD_TIME) / DEAD_TIME
+        if self._has['brakes as a wheel that coasts down'] and self.speed > 0.3:
+            braking *= 3 * self.speed / TOP
         if self._coasts:
             braking = COASTING
         change = target - self.speed
         # Where this computer is busy, a step is longer.
         step, self._ticked_at = now - self._ticked_at, now
-        self.speed += max(-braking * step, min(ACCELERATION * step, change))
+        self.speed += max(-braking * step, min(acceleration * step, change))
         self._drove = self._drove or self.speed > 1.0
         self._take(self.speed)
         if self._commanded is not None and died is None:
@@ -522,7 +598,8 @@ class InspectedKart:
         if self._reached_at is None:
             self._reached_at = now
         self._armed = self._armed or obeyed is GRID_ACTIVE
-        self._say(encode(obeyed))
+        if not (self._has['says every frame back'] and now > self._reached_at):
+            self._say(encode(obeyed))
 
     def _keeps_quiet(self, obeyed: RaceState) -> bool:
         keeps = {

@@ -1,25 +1,46 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inspections in this process, and what they came to."""
+"""Inspections in this process, on a simulated clock, and what they came to."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Collection
+import dataclasses
 
-from evgp_inspection.inspection import Inspection
-from evgp_inspection.traces import Kind
-from evgp_inspection.verdicts import Verdict
+from evgp_inspection.inspection import inspect, Inspection
+from evgp_inspection.kart_script import Kill, START_KART_AGAIN
+from evgp_inspection.kart_sentences import KART
+from evgp_inspection.limits import Limits
+from evgp_inspection.odometry import Take
+from evgp_inspection.verdicts import select, Verdict
+from inspected_kart import InspectedKart
+import simulated
 
-ATTEMPTS = 10
-"""Maximum number of inspections of the same, while other programs hold this computer up."""
+SHORT = Limits(
+    connect=10.0,
+    grid=2.0,
+    green=2.0,
+    red_flag=2.0,
+    red_red=2.0,
+    silence=0.8,
+    reconnect=2.0,
+    away=0.4,
+    drive=1.4,
+    long=6.0,
+    dwell=2.5,
+    seed=1.0,
+    watch=0.8,
+    slack=0.4,
+    fast=0.6,
+    warning=0.0,
+    hold=0.8,
+)
+"""Limits for a kart that stops within a second."""
 
-APART = 0.1
-"""Time between the beginnings of two inspections, in seconds: so they do not all judge at once."""
-
-T = TypeVar('T')
+FULL = dataclasses.replace(Limits(), seed=1.0)
+"""The limits of real inspections."""
 
 
 def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
@@ -31,49 +52,104 @@ def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
     }
 
 
-def held_up(inspection: Inspection) -> bool:
-    """Return whether this computer was busy with something else, so that one has to try again."""
-    return any(
-        event.kind is Kind.HELD_UP
-        for result in inspection.results
-        for event in result.finding.evidence
-    )
-
-
-def inspect_all(
-    inspected: Sequence[T],
-    begin: Callable[[T], Callable[[], Awaitable[Inspection]]],
-    is_found: Callable[[T, Inspection], bool] = lambda one, inspection: False,
-    was_held_up: Callable[[T], bool] = lambda one: False,
-) -> list[Inspection]:
+class OneInspection:
     """
-    Inspect all at the same time, and those again for which this computer was held up.
+    One inspection of one kart in this process, and its inspector, who answers nothing.
 
-    :param begin: makes the next inspection of one; all are made before any of them runs.
-    :param is_found: whether an inspection was good enough although this computer was held up.
-    :param was_held_up: whether what was inspected was itself held up in its last inspection.
+    :param fault: of the kart; empty: it is good.
+    :param seen: there is odometry.
+    :param habit: what is unusual about the kart.
+    :param steps: those to be done; none: all that the clauses need.
+    :param starts_again: the inspector starts a kart again that has ended.
     """
 
-    async def after(order: int, inspection: Callable[[], Awaitable[Inspection]]) -> Inspection:
-        await asyncio.sleep(order * APART)
-        return await inspection()
+    def __init__(
+        self,
+        fault: str = '',
+        seen: bool = True,
+        only: str = '',
+        limits: Limits = SHORT,
+        habit: str = '',
+        steps: Collection[str] = (),
+        long_after: float = 1.8,
+        starts_again: bool = False,
+    ) -> None:
+        self.lines: list[str] = []
+        self.kart: InspectedKart | None = None
+        self.driving = asyncio.Event()
+        self.stopping = asyncio.Event()
+        self._fault, self._habit, self._long_after = fault, habit, long_after
+        self._seen = seen
+        self._only = only
+        self._limits = limits
+        self._steps = steps
+        self._starts_again = starts_again
+        self._port = 0
+        self._takes: list[Take] = []
+        self._running: asyncio.Task[None] | None = None
 
-    async def run() -> list[Inspection]:
-        found: dict[int, Inspection] = {}
-        left = list(range(len(inspected)))
-        for _ in range(ATTEMPTS):
-            begun = [begin(inspected[each]) for each in left]
-            done = await asyncio.gather(*(after(*each) for each in enumerate(begun)))
-            found.update(zip(left, done, strict=True))
-            left = [
-                each
-                for each in left
-                if held_up(found[each]) or was_held_up(inspected[each])
-                if not is_found(inspected[each], found[each])
-            ]
-            if not left:
-                break
-        assert not left, f'This computer was busy with something else {ATTEMPTS} times.'
-        return [found[each] for each in range(len(inspected))]
+    def inspect(self) -> Inspection:
+        """Inspect to the end, on a simulated clock."""
+        return simulated.run(self.run())
 
-    return asyncio.run(run())
+    async def run(self) -> Inspection:
+        """Inspect to the end."""
+        try:
+            return await inspect(
+                self,
+                self._limits,
+                select(KART, self._only),
+                self.stopping,
+                odometry=self._odometry if self._seen else None,
+                kills={'bridge': self._kill('bridge'), 'stack': self._kill('stack')},
+                listening=self._start_kart,
+                steps=self._steps,
+            )
+        finally:
+            await self._end_kart()
+
+    def tell(self, line: str) -> None:
+        self.lines.append(line)
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        if question != START_KART_AGAIN or not self._starts_again:
+            return None
+        await self._end_kart()
+        self._start_kart(self._port)
+        return True
+
+    def _kill(self, part: str) -> Kill:
+        async def kill() -> bool:
+            assert self.kart is not None
+            self.kart.kill(part)
+            return True
+
+        return kill
+
+    async def _end_kart(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
+
+    def _start_kart(self, port: int) -> None:
+        self._port = port
+        self.kart = InspectedKart(
+            port,
+            self._take,
+            self._fault,
+            self._limits.silence,
+            self._seen,  # the one that nobody sees says no more than a kart has to
+            self._habit,
+            self._long_after,
+        )
+        self._running = asyncio.create_task(self.kart.run())
+
+    def _take(self, speed: float) -> None:
+        if speed > 1.0:
+            self.driving.set()
+        for take in self._takes:
+            take(speed)
+
+    async def _odometry(self, take: Take) -> Callable[[], None]:
+        self._takes.append(take)
+        return self._takes.clear

@@ -5,21 +5,30 @@
 
 from __future__ import annotations
 
+import pathlib
+import re
+
+from evgp_inspection import oracle
+from evgp_inspection.kart_script import STEPS
+from evgp_inspection.kart_sentences import BY_NAME
 from evgp_inspection.limits import Limits
-from evgp_inspection.oracle import breaches, Law
-from evgp_inspection.traces import Event, Kind, Trace
+from evgp_inspection.oracle import LOST, Oracle, STANDS, TURNS
+from evgp_inspection.traces import describe, Event, Kind
+from evgp_inspection.verdicts import results_of, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given, settings
 from hypothesis import strategies as st
+import pytest
 
+FRAMES = [encode(state) for state in RaceState]
 LIMITS = Limits()
 TICK = 0.05
 
 
 def trace(
     stop: RaceState | None, driven: float, late: float, braking: float, moves_off: float = 1e9
-) -> Trace:
+) -> list[Event]:
     """
     Return the trace of a kart that drives, and stops.
 
@@ -48,32 +57,39 @@ def trace(
         drives = 3.0 <= at < stops + late or at > stops + moves_off
         speed = 6.0 if drives else max(speed - braking * TICK, 0.0)
         events.append(Event(at + 0.03, Kind.SPEED, value=speed))
-    return Trace.of(sorted(events, key=lambda event: event.at))
+    return sorted(events, key=lambda event: event.at)
 
 
 STOPS = st.sampled_from([RaceState.RED_RED, RaceState.RED_FLAG, None])
-LAWS = {RaceState.RED_RED: Law.RED, RaceState.RED_FLAG: Law.FLAG, None: Law.LOST}
+STOPPED = {RaceState.RED_RED: 'K-3A-14', RaceState.RED_FLAG: 'K-3A-16', None: 'K-3E-11'}
+STAYED = {RaceState.RED_RED: 'K-3A-15', RaceState.RED_FLAG: 'K-3A-08', None: 'K-3E-11'}
+
+
+def failed(events: list[Event]) -> set[str]:
+    """Return the sentences that a trace breaks."""
+    findings = Oracle.of(events, LIMITS).findings()
+    return {name for name, finding in findings.items() if finding.verdict is Verdict.FAIL}
 
 
 @settings(deadline=None, max_examples=30)  # the machine may be busy
 @given(STOPS, st.floats(0.5, 20.0), st.floats(0.0, 0.4), st.floats(2.5, 12.0))
-def test_a_kart_that_brakes_in_time_and_stands_breaks_no_law(
+def test_a_kart_that_brakes_in_time_and_stands_breaks_nothing(
     stop: RaceState | None, driven: float, late: float, braking: float
 ) -> None:
-    assert breaches(trace(stop, driven, late, braking), LIMITS) == []
+    said = {'K-3A-06', 'K-3A-09'}  # the kart of this trace says no stop
+    assert failed(trace(stop, driven, late, braking)) <= said
 
 
 @settings(deadline=None, max_examples=30)  # the machine may be busy
-@given(STOPS, st.floats(0.5, 20.0), st.floats(0.8, 8.0))
-def test_a_kart_that_begins_to_brake_late_breaks_the_law_of_what_it_was_told(
+@given(STOPS, st.floats(0.5, 20.0), st.floats(1.0, 8.0))
+def test_a_kart_that_begins_to_brake_late_breaks_the_sentence_of_what_it_was_told(
     stop: RaceState | None, driven: float, late: float
 ) -> None:
-    found = breaches(trace(stop, driven, late, 12.0), LIMITS)
-    assert {breach.law for breach in found} == {LAWS[stop]}
+    assert STOPPED[stop] in failed(trace(stop, driven, late, 12.0))
 
 
 def test_a_stop_that_is_late_after_a_minute_of_driving_is_found() -> None:
-    assert breaches(trace(RaceState.RED_RED, 60.0, 7.8, 12.0), LIMITS)
+    assert 'K-3A-14' in failed(trace(RaceState.RED_RED, 60.0, 7.8, 12.0))
 
 
 @settings(deadline=None, max_examples=30)  # the machine may be busy
@@ -81,5 +97,100 @@ def test_a_stop_that_is_late_after_a_minute_of_driving_is_found() -> None:
 def test_a_kart_that_moves_off_long_after_a_stop_is_found(
     stop: RaceState | None, moves_off: float
 ) -> None:
-    found = breaches(trace(stop, 5.0, 0.1, 12.0, moves_off), LIMITS)
-    assert {breach.law for breach in found} == {LAWS[stop]}
+    assert STAYED[stop] in failed(trace(stop, 5.0, 0.1, 12.0, moves_off))
+
+
+@settings(deadline=None, max_examples=30)  # the machine may be busy
+@given(STOPS, st.floats(0.5, 5.0), st.floats(0.2, 8.0), st.floats(2.5, 12.0))
+def test_the_oracle_finds_the_same_whenever_it_is_asked(
+    stop: RaceState | None, driven: float, late: float, braking: float
+) -> None:
+    events = trace(stop, driven, late, braking)
+    live = Oracle(LIMITS)
+    for event in events:
+        live.take(event)
+        assert live.moves <= len(live.breaches)
+    findings = live.findings()
+    assert findings == Oracle.of(events, LIMITS).findings()
+
+
+# ----- words --------------------------------------------------------------------------------
+
+
+def stop(delay: float, speed: float, turns_for: float) -> list[Event]:
+    """Return the trace of a RED_RED to a kart that drives, and of what it says after a delay."""
+    events = [event for event in trace(RaceState.RED_RED, 2.0, 0.0, 1e9) if event.at < 5.0]
+    events = [event for event in events if event.kind is not Kind.SPEED or event.at < 3.0]
+    events += [Event(at, Kind.SPEED, value=speed) for at in (3.0 + n * 0.05 for n in range(40))]
+    events += [
+        Event(5.0, Kind.SENT, 1, encode(RaceState.RED_RED)),
+        Event(5.0 + delay, Kind.SAID, 1, encode(RaceState.RED_RED)),
+    ]
+    for step in range(250):
+        at = 5.0 + step * 0.02
+        events.append(Event(at, Kind.SPEED, value=speed if step * 0.02 < turns_for else 0.0))
+        events.append(Event(at, Kind.UNANSWERED, 1))
+    return sorted(events, key=lambda event: event.at)
+
+
+@pytest.mark.parametrize('turns_for', [0.3, 0.6])
+@pytest.mark.parametrize('delay', [0.001, 0.05, 0.5, 1.0, 1.9, 2.5])
+def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
+    delay: float, turns_for: float
+) -> None:
+    too_early = delay < turns_for - 0.35 or delay < LIMITS.fastest_stop
+    assert ('K-3A-10' in failed(stop(delay, 5.0, turns_for))) == too_early
+
+
+def test_a_computer_that_was_held_up_fails_nobody() -> None:
+    events = stop(0.001, 5.0, 1.0)
+    clauses = [BY_NAME['K-3A-10']]
+    for late, verdict in ((9.0, Verdict.NOT_JUDGED), (40.0, Verdict.FAIL)):
+        held_up = Event(late, Kind.HELD_UP, value=3.0)
+        findings = Oracle.of([*events, held_up], LIMITS).findings()
+        (result,) = results_of(findings, clauses, LIMITS)
+        assert result.verdict is verdict
+
+
+@st.composite
+def traces(draw: st.DrawFn) -> list[Event]:
+    """Any events in any order, their times ascending."""
+    events = []
+    at = 0.0
+    for _ in range(draw(st.integers(0, 60))):
+        at += draw(st.sampled_from([0.0, 0.01, 0.3, 1.0, 6.0]))
+        kind = draw(st.sampled_from(Kind))
+        data = b''
+        if kind in (Kind.SENT, Kind.SAID):
+            data = draw(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)))
+        text = draw(st.sampled_from([*STEPS, *LOST, STANDS, TURNS]))
+        value = draw(st.floats()) if kind is Kind.SPEED else 1.0
+        events.append(Event(at, kind, draw(st.integers(1, 3)), data, text, value))
+    return events
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(events=traces())
+def test_every_trace_has_findings_on_sentences_that_exist_and_their_evidence_is_in_it(
+    events: list[Event],
+) -> None:
+    judged = Oracle.of(events, LIMITS)
+    for name, finding in judged.findings().items():
+        assert name in BY_NAME
+        assert finding.why
+        known = {id(event) for event in judged.trace.events}
+        assert all(id(event) in known for event in finding.evidence)
+        describe(finding.evidence)
+
+
+def test_of_nothing_nothing_is_found() -> None:
+    assert Oracle(LIMITS).findings() == {}
+
+
+def test_the_oracle_names_no_sentence_that_is_not_in_the_table_and_the_table_none_in_vain() -> (
+    None
+):
+    named = set(
+        re.findall(r"'(K-\d[A-F]-\d\d)'", pathlib.Path(oracle.__file__).read_text('utf-8'))
+    )
+    assert named == set(BY_NAME)

@@ -1,0 +1,146 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The table of sentences, the report, and which words count, from traces alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pathlib
+import re
+
+from evgp_inspection.kart_script import STEPS
+from evgp_inspection.kart_sentences import BY_NAME, KART
+from evgp_inspection.limits import Limits
+from evgp_inspection.report import as_html, as_json, Header
+from evgp_inspection.traces import Event, Kind, Trace
+from evgp_inspection.verdicts import Finding, Result, select, Verdict, verdict_on
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+LIMITS = Limits()
+RED_RED = RaceState.RED_RED
+ROOT = pathlib.Path(__file__).parents[3]
+
+
+def told(*sent: tuple[float, RaceState], read: bool) -> list[Event]:
+    """Return the trace of a kart that is sent these states, and of whether its TCP has them."""
+    events = [
+        Event(0.0, Kind.OPENED, 1, text='kart'),
+        Event(0.0, Kind.SENT, 1, encode(RED_RED)),
+        Event(0.1, Kind.UNANSWERED, 1),
+        Event(0.2, Kind.SAID, 1, encode(RED_RED)),
+    ]
+    for at, state in sent:
+        frame = encode(state)
+        events.append(Event(at, Kind.STEP, text='pieces/bytes'))
+        events.append(Event(at, Kind.SENT, 1, frame))
+        outstanding = 0.0 if read else float(len(frame))
+        events.append(Event(at + 0.1, Kind.UNANSWERED, 1, value=outstanding))
+    return events
+
+
+IN_GARAGE = RaceState.IN_GARAGE
+
+
+def test_a_word_that_can_answer_an_earlier_order_counts_for_that_one() -> None:
+    events = told((1.0, IN_GARAGE), (2.0, RED_RED), read=True)
+    late = Event(2.2, Kind.SAID, 1, encode(RED_RED))
+    assert not Trace.of([*events, late]).acknowledged(RED_RED)
+    said = Event(2.15, Kind.SAID, 1, encode(IN_GARAGE))
+    assert Trace.of([*events, said, late]).acknowledged(RED_RED)
+
+
+def test_a_pause_shows_that_a_kart_has_read_what_its_tcp_had_but_a_hold_up_is_none() -> None:
+    before = told((1.0, IN_GARAGE), read=True)
+    order = [Event(5.0, Kind.SENT, 1, encode(RED_RED)), Event(5.1, Kind.UNANSWERED, 1)]
+    word = Event(5.2, Kind.SAID, 1, encode(RED_RED))
+    assert not Trace.of([*before, *order, word]).acknowledged(RED_RED)
+    frames = [Event(1.2 + 0.05 * n, Kind.SENT, 1, encode(IN_GARAGE)) for n in range(70)]
+    assert Trace.of([*before, *frames, *order, word]).acknowledged(RED_RED)
+
+
+def test_a_word_that_was_under_way_before_the_kart_had_the_order_does_not_count() -> None:
+    red = Event(0.0, Kind.SENT, 1, encode(RED_RED))
+    word = Event(0.3, Kind.SAID, 1, encode(RED_RED))
+    for unanswered, counts in ((0, True), (9, False)):
+        look = Event(0.2, Kind.UNANSWERED, 1, value=unanswered, unread=len(word.data))
+        assert Trace.of([red, look, word]).acknowledged(RED_RED) is counts
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(st.lists(st.binary(max_size=20), max_size=20))
+def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
+    def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
+        trace = Trace.of(Event(1.0, Kind.SAID, 1, part) for part in parts)
+        return [(said.state, said.reason) for said in trace.said]
+
+    whole = b''.join(pieces)
+    assert words(pieces) == words([whole]) == words([bytes([each]) for each in whole])
+
+
+# ----- the table ---------------------------------------------------------------------------
+
+
+def test_every_clause_has_a_name_of_its_own_and_steps_and_limits_that_exist() -> None:
+    assert tuple(BY_NAME.values()) == KART
+    for clause in BY_NAME.values():
+        assert re.fullmatch(r'K-\d[A-F]-\d\d', clause.name)
+        assert set(clause.steps) <= set(STEPS)
+        assert not clause.limit or hasattr(LIMITS, clause.limit)
+        assert clause.name in clause.explain({name: step.done for name, step in STEPS.items()})
+
+
+def test_a_sentence_of_a_document_is_in_it() -> None:
+    for clause in BY_NAME.values():
+        if clause.source != 'proposal':
+            text = (ROOT / clause.source).read_text(encoding='utf-8')
+            assert clause.sentence in ' '.join(text.split())
+
+
+def test_clauses_are_selected_by_the_beginnings_of_their_names() -> None:
+    assert [each.name for each in select(KART, 'k-3a-07, K-4D-01')] == ['K-3A-07', 'K-4D-01']
+    assert all(each.name.startswith('K-4D') for each in select(KART, 'K-4D'))
+    assert select(KART, '') == KART
+    with pytest.raises(ValueError, match='K-9'):
+        select(KART, 'K-3A-07,K-9')
+
+
+def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> None:
+    for clause in BY_NAME.values():
+        found = [
+            Result(each, Finding(Verdict.NOT_JUDGED if each is clause else Verdict.PASS, 'so'))
+            for each in BY_NAME.values()
+        ]
+        assert (verdict_on(found) is Verdict.PASS) != clause.starred
+
+
+# ----- the report --------------------------------------------------------------------------
+
+HEADER = Header('kart 7', 'A & <B>', 'Ada "\x00"', '2026-05-01T10:00:00+02:00', 100.0, {})
+
+
+def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
+    return [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
+
+
+@settings(deadline=None)  # the machine may be busy
+@given(st.text(max_size=60), st.text(max_size=60))
+def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
+    header = dataclasses.replace(HEADER, team=team)
+    failed = results(Verdict.FAIL, why)
+    assert json.loads(as_json(header, failed))['team'] == team
+    page = as_html(dataclasses.replace(HEADER, team='<script>alert(1)</script>'), failed)
+    assert '<script' not in page
+    assert 'http' not in page
+
+
+def test_a_report_holds_what_odometry_says_when_it_says_nonsense() -> None:
+    events = (Event(0.0, Kind.SPEED, value=float('nan')), Event(0.1, Kind.SPEED, value=1e999))
+    result = Result(KART[0], Finding(Verdict.FAIL, 'so it was', None, events))
+    (check,) = json.loads(as_json(HEADER, [result]))['checks']
+    assert [each['value'] for each in check['evidence']] == [None, None]
