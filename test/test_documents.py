@@ -13,7 +13,8 @@ import pathlib
 import re
 import subprocess
 
-from evgp_inspection.kart_clauses import BY_NAME, KART
+from evgp_inspection.kart_script import STEPS
+from evgp_inspection.kart_sentences import BY_NAME, KART
 from evgp_inspection.limits import Limits
 from evgp_rcs_msgs.msg import Alert
 import pytest
@@ -157,17 +158,20 @@ def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> N
         )
 
 
-def test_the_inspection_document_has_every_clause_of_a_kart_with_its_limit() -> None:
+def test_the_inspection_document_has_every_clause_with_its_limit_and_every_step() -> None:
     limits = dataclasses.asdict(Limits())
-    assert list(rows_of('docs/inspection.md', '## The clauses')) == [
+    rows = list(rows_of('docs/inspection.md', '## The clauses'))
+    clauses = [
         [
-            clause.name + '*' * clause.judge.starred,
+            clause.name + '*' * clause.starred,
             clause.title,
-            clause.done,
-            f'{limits[clause.judge.limit]:g} s' if clause.judge.limit else '',
+            ', '.join(clause.steps),
+            f'{limits[clause.limit]:g} s' if clause.limit else '',
         ]
         for clause in KART
     ]
+    steps = [[name, step.done] for name, step in STEPS.items()]
+    assert [row for row in rows if row[0] != 'step'] == [*clauses, *steps]
 
 
 def anchors(document: pathlib.Path) -> set[str]:

@@ -31,7 +31,6 @@ from evgp_rcs.ros.settings import read_settings as read_race_control_settings
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_console.button import read_settings as read_button_settings
 from evgp_rcs_console.view import BEGINS_WITHIN
-from evgp_rehearsal.rehearse_kart import SILENCE
 from evgp_timing.account import MAX_RATE, RECENT
 from evgp_timing.contact import STUCK
 from evgp_timing.node import read_settings as read_timing_settings
@@ -154,7 +153,6 @@ PORT = race_control.defaults['port']
 WRITTEN = [
     ('docs/teams.md', r'TCP port (\d+)', PORT),
     ('docs/teams.md', r'(\d+) times a second', RATE),
-    ('docs/teams.md', r'race control says nothing for ([\d.]+) s', SILENCE),
     (
         'docs/teams.md',
         r'follows after ([\d.]+) s for the first place',

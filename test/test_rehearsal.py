@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import json
 import os
@@ -24,18 +24,13 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import EventKind
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.conduct import TOO_SOON
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Plan, read_plan
-from evgp_rehearsal.rehearse_kart import main as rehearse_kart
-from evgp_testing.domains import Domain, free_port
-from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Program
-from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -294,111 +289,3 @@ def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
         assert said[0] is RaceState.IN_GARAGE  # which our bridge says back
         raced = [RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN, RaceState.RED_FLAG]
         assert said[1:4] == raced
-
-
-@pytest.mark.parametrize(
-    'words', [('--host', '10.0.0.1'), ('--address', '192.168.1.101'), ('--host', 'localhost')]
-)
-def test_a_kart_of_another_machine_is_refused(words: tuple[str, str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        rehearse_kart(words)
-    assert ended.value.code == 2
-
-
-Connect = Callable[[str, int], contextlib.AbstractContextManager[object]]
-
-
-class Brakes(WireKart):
-    """A kart without ROS that says that it stands once it has braked; it does not come back."""
-
-    def answer(self, state: RaceState, change: bool) -> None:
-        """Answer each frame, a stop only after the time that braking takes."""
-        if not state.is_red or time.monotonic() - self.changes[-1][0] > 2 * TOO_SOON:
-            super().answer(state, change)
-
-
-def plain(address: str, port: int) -> WireKart:
-    """Connect a kart without ROS."""
-    return Brakes(address, port, Acknowledges.EACH_FRAME)
-
-
-def lying(address: str, port: int) -> WireKart:
-    """Connect a kart that says at full speed that it stands."""
-    return WireKart(address, port, Acknowledges.EACH_CHANGE)
-
-
-class NeverDrives(WireKart):
-    """A kart that gets ready and then stands."""
-
-    def answer(self, state: RaceState, change: bool) -> None:
-        """Answer anything but GREEN_GREEN."""
-        if state is not RaceState.GREEN_GREEN:
-            super().answer(state, change)
-
-
-def standing(address: str, port: int) -> WireKart:
-    """Connect a kart that never drives."""
-    return NeverDrives(address, port, Acknowledges.EACH_CHANGE)
-
-
-@contextlib.contextmanager
-def bridged(address: str, port: int) -> Iterator[None]:
-    """Connect the real bridge, with the example stack."""
-    with Domain() as own, Bridge(own.number, port, address), ExampleStack(own.number):
-        yield
-
-
-@contextlib.contextmanager
-def rehearsing(incident: str, kart: Connect) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
-    """Run the program with a kart; return it, and the lines before that kart connects."""
-    port = free_port()
-    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse_kart', '--incident', incident]
-    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '30']
-    with (
-        subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as trial,
-        contextlib.ExitStack() as stack,
-    ):
-        stack.callback(trial.terminate)  # also where the test fails
-        assert trial.stdout is not None
-        printed = []
-        for line in trial.stdout:
-            printed.append(line)
-            if line.startswith('Connect your kart'):
-                break
-        stack.enter_context(kart('127.0.3.7', port))
-        yield trial, printed
-
-
-@pytest.mark.parametrize(
-    ('incident', 'kart', 'code'),
-    [
-        ('red_red', plain, 0),
-        ('red_red', lying, 1),
-        ('silence', bridged, 0),
-        pytest.param('none', standing, 1, marks=pytest.mark.long),
-        pytest.param('second_machine', plain, 1, marks=pytest.mark.long),
-        pytest.param('red_flag', bridged, 0, marks=pytest.mark.long),
-        pytest.param('second_machine', bridged, 0, marks=pytest.mark.long),
-        pytest.param('race_control_crash', bridged, 0, marks=pytest.mark.long),
-    ],
-)
-def test_a_race_for_one_kart_says_how_it_did(incident: str, kart: Connect, code: int) -> None:
-    with rehearsing(incident, kart) as (trial, printed):
-        rest, _ = trial.communicate(timeout=80.0)
-        assert trial.returncode == code, ''.join([*printed, rest])
-
-
-def test_ctrl_c_in_mid_race_gives_the_findings_so_far() -> None:
-    with rehearsing('none', plain) as (trial, printed):
-        assert trial.stdout is not None
-        for line in trial.stdout:  # it tells what happens as it happens
-            printed.append(line)
-            if 'acknowledged GREEN_GREEN' in line:
-                break
-        trial.send_signal(signal.SIGINT)
-        rest = trial.stdout.read()
-        assert trial.wait() == 130
-    findings = [line for line in rest.splitlines() if line.startswith(('good', 'BAD', 'note'))]
-    assert len(findings) == 2, ''.join([*printed, rest])
-    assert sum('waiting for your kart' in line for line in printed) >= 3  # nor is it mute
-    assert all(line.startswith('good') for line in findings), rest

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""docs/rehearsal.md, and docs/teams.md of one kart, say of the incidents what the code does."""
+"""docs/rehearsal.md says of the incidents what the code does."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pathlib
 import re
 
 from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.rehearse_kart import INCIDENTS as OF_ONE_KART
 
 DOCS = pathlib.Path(__file__).parents[1] / 'docs'
 TEXT = (DOCS / 'rehearsal.md').read_text(encoding='utf-8')
@@ -24,14 +23,6 @@ def rows(heading: str) -> list[list[str]]:
 
 def test_the_table_of_incidents_is_that_of_the_code() -> None:
     assert rows('Incidents') == [[row.name, row.meaning, row.order] for row in INCIDENTS.values()]
-
-
-def test_the_incidents_for_one_kart_are_all_named() -> None:
-    text = (DOCS / 'teams.md').read_text(encoding='utf-8')
-    _, _, own = text.partition('\n## A race for your one kart\n')
-    listed = re.search(r'Incidents: (.*?)\. `--port`', own, re.DOTALL)
-    assert listed is not None
-    assert re.findall(r'`(\w+)`', listed[1]) == list(OF_ONE_KART)
 
 
 def test_the_rule_books_order_is_in_the_rules_where_the_table_says() -> None:

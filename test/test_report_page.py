@@ -13,7 +13,7 @@ import random
 import re
 from typing import Any
 
-from evgp_inspection.kart_clauses import KART
+from evgp_inspection.kart_sentences import KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.report import as_html, Header
 from evgp_inspection.verdicts import Finding, Result, Verdict
@@ -268,7 +268,7 @@ def test_the_report_of_an_inspection_that_was_passed_is_one_sheet(
     )
     page = tmp_path / 'inspection.html'
     judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
-    results = [Result(each, judged, 120.0 if each.judge.limit else None) for each in KART]
+    results = [Result(each, judged, 120.0 if each.limit else None) for each in KART]
     page.write_text(as_html(header, results), encoding='utf-8')
     browser.visit(page)
     assert sheets_of(browser) == [A4]

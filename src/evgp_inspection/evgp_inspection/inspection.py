@@ -17,6 +17,7 @@ from evgp_inspection.kart_script import KartScript, Kill, STEPS
 from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
+from evgp_inspection.oracle import Breach
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
 from evgp_inspection.traces import Kind
@@ -72,7 +73,7 @@ async def inspect(
     """
     Inspect a kart, once the inspector has given the word.
 
-    What each step has broken is told at its end.
+    Each step is told when it begins, and what is broken when it is found.
 
     :param clauses: those that the report is to have.
     :param stopping: ends the inspection when it is set; the kart is stopped first.
@@ -84,20 +85,18 @@ async def inspect(
     :param steps: those to be done; none: those that the clauses need.
     :raises OSError: the port or the odometry cannot be used.
     """
-    recording = Recording(limits)
-    wire = KartWire(recording, inspector.tell, kart_address)
-    told: set[str] = set()
 
-    def tell(step: str) -> None:
+    def tell(breach: Breach) -> None:
+        inspector.tell(f'{breach.at:6.1f}  FAIL  {breach.name}  {breach.why}')
+
+    def tell_step(step: str) -> None:
         inspector.tell(f'{recording.now:6.1f}  {step}: {STEPS[step].done}')
-        for breach in recording.oracle.breaches:
-            if breach.name not in told:
-                told.add(breach.name)
-                inspector.tell(f'{breach.at:6.1f}  FAIL  {breach.name}  {breach.why}')
 
+    recording = Recording(limits, tell)
+    wire = KartWire(recording, inspector.tell, kart_address)
     wanted = steps or {step for clause in clauses for step in clause.steps or STEPS}
     seen = odometry is not None
-    script = KartScript(recording, wire, inspector, limits, tell, wanted, seen, kills)
+    script = KartScript(recording, wire, inspector, limits, tell_step, wanted, seen, kills)
     end_odometry = None
     if odometry is not None:
         end_odometry = await odometry(lambda speed: recording.note(Kind.SPEED, value=speed))

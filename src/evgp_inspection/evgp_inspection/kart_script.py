@@ -204,7 +204,7 @@ class KartScript:
     :param seen: whether odometry is expected.
     :param kills: what kills the parts of the kart's program, by the names of `KILLING_STEPS`; a
         step for which there is none is not done.
-    :param step_done: is called after each step with its name.
+    :param begin_step: is called with the name of each step.
     """
 
     def __init__(
@@ -213,7 +213,7 @@ class KartScript:
         wire: KartWire,
         inspector: Inspector,
         limits: Limits,
-        step_done: Callable[[str], None],
+        begin_step: Callable[[str], None],
         wanted: Collection[str] = tuple(STEPS),
         seen: bool = False,
         kills: Mapping[str, Kill] = MappingProxyType({}),
@@ -225,7 +225,7 @@ class KartScript:
         self._wire = wire
         self._inspector = inspector
         self._limits = limits
-        self._step_done = step_done
+        self._begin_step = begin_step
         self._wanted = wanted
         self._seen = seen
         self._kills = kills
@@ -247,9 +247,9 @@ class KartScript:
                     continue
                 if name in KILLING_STEPS and name not in self._kills:
                     continue
+                self._begin_step(name)
                 for acts in self._at_random() if name == 'random' else [step.acts]:
                     await self._do(name, acts)
-                self._step_done(name)
         except asyncio.CancelledError:
             self._inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
             raise

@@ -18,7 +18,7 @@ is judged by the spell in which it comes. Each finding names a sentence of
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import dataclasses
 import enum
 import itertools
@@ -119,7 +119,8 @@ PIECES = {
     'backlog': 'K-4C-06',
     'malformed': 'K-4C-08',
 }
-"""Broken by a kart that does not say RED_RED in time, or drops the connection, in these steps."""
+"""Broken by a kart that does not say RED_RED in time in these steps, or drops the connection (not
+in `backlog`: a kart may take so many frames at once for old ones)."""
 
 SEEN = {
     *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11'),
@@ -213,14 +214,18 @@ class Oracle:
     Judges a trace, event by event.
 
     :ivar trace: what was seen so far.
-    :ivar breaches: what was broken so far, the first one first.
+    :param tell: takes the first breach of each sentence, when it is found.
+    :ivar breaches: what was broken so far: the first breach of each sentence.
     :ivar moves: number of breaches of the wheels: the kart has to be stopped.
     :ivar still: number of speeds since the wheels last turned.
     :ivar spell: what is asked now.
     """
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(
+        self, limits: Limits, tell: Callable[[Breach], object] = lambda breach: None
+    ) -> None:
         self.trace = Trace()
+        self._tell = tell
         self.breaches: list[Breach] = []
         self.moves = self.still = 0
         self.spell = Spell(Law.STAND, 0.0, 'nothing yet', 'K-4C-11', 'K-4C-11')
@@ -272,8 +277,7 @@ class Oracle:
         if self._open or self._taken:
             self._pass('K-4A-02', 'It never had two connections.', now)
         self._compare()
-        all_of = dict(self._found)
-        all_of.update({breach.name: breach for breach in reversed(self.breaches)})
+        all_of = {**self._found, **{breach.name: breach for breach in self.breaches}}
         return {name: self._finding(breach) for name, breach in all_of.items()}
 
     def _finding(self, breach: Breach) -> Finding:
@@ -291,7 +295,9 @@ class Oracle:
     def _fail(
         self, name: str, why: str, since: float, at: float, measured: float | None = None
     ) -> None:
-        self.breaches.append(Breach(name, Verdict.FAIL, why, since, at, measured))
+        if name not in {breach.name for breach in self.breaches}:
+            self.breaches.append(Breach(name, Verdict.FAIL, why, since, at, measured))
+            self._tell(self.breaches[-1])
 
     def _break(self, name: str, why: str, at: float) -> None:
         """Take the wheels' breach of a spell; what they do next is the same fault."""
@@ -366,7 +372,8 @@ class Oracle:
         said = self._said_green
         if self.spell.law is Law.DRIVE and said is not None and now > said + limits.slack:
             self._said_green = None
-            if self.spell.speeds and (self._turned is None or self._turned > said + limits.slack):
+            seen = self.spell.speeds and self.spell.speeds[-1][0] > said
+            if seen and (self._turned is None or self._turned > said + limits.slack):
                 why = 'it said $GREEN_GREEN;, and its wheels stood still.'
                 self._break('K-3A-05', why, now)
         for link, since in list(self._doubtful.items()):
@@ -530,7 +537,7 @@ class Oracle:
                 self._back_due = Due(BACK[how], at, self._limits.reconnect, 'connect again')
             self._lose(at, how)
             return
-        if self._step in PIECES:
+        if self._step in PIECES and self._step != 'backlog':
             self._fail(PIECES[self._step], 'It dropped the connection.', self.spell.at, at)
         if self._step == 'bridge':
             self._lose(at, 'bridge', self._limits.silence)
@@ -683,7 +690,9 @@ class Oracle:
         since = at - sent.at
         # GREEN_GREEN that is not to be obeyed is RED_RED to the kart. And it may stop itself.
         careful = sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
-        if said.state is not sent.state and since > self._limits.slack and not careful:
+        # IN_GARAGE is said even if another frame follows it, by a kart that was busy too.
+        garage = said.state is IN_GARAGE and since <= self._limits.silence
+        if said.state is not sent.state and since > self._limits.slack and not (careful or garage):
             why = f'It said {said} {since:.2f} s after it was sent {sent.state.value}.'
             self._fail('K-4C-09', why, sent.at, at, since)
         elif said.state is sent.state:

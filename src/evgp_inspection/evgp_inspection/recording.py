@@ -13,7 +13,7 @@ import struct
 from typing import Any
 
 from evgp_inspection.limits import Limits
-from evgp_inspection.oracle import Oracle
+from evgp_inspection.oracle import Breach, Oracle
 from evgp_inspection.traces import Event, Kind
 from evgp_protocol.link import unanswered, unread
 
@@ -29,10 +29,13 @@ class Recording:
     Writes a trace in one event loop, and has an oracle judge it; times are seconds since it began.
 
     :param limits: of the oracle.
+    :param tell: takes what the oracle finds broken.
     """
 
-    def __init__(self, limits: Limits) -> None:
-        self.oracle = Oracle(limits)
+    def __init__(
+        self, limits: Limits, tell: Callable[[Breach], object] = lambda breach: None
+    ) -> None:
+        self.oracle = Oracle(limits, tell)
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()
