@@ -103,87 +103,61 @@ class Step(NamedTuple):
     acts: tuple[str, ...]
 
 
-DRIVE = ('garage', 'grid', 'drive')
+_TABLE = """
+connect | connect garage watch | Nothing is sent for a moment, then IN_GARAGE.
+first | red | RED_RED is sent to a kart that stands.
+alone | garage green | GREEN_GREEN is sent after IN_GARAGE.
+bytes | garage pieces | RED_RED is sent byte by byte.
+many | garage pieces | RED_RED is sent five frames a piece, cut inside one.
+late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
+slow | garage pieces | RED_RED is sent 10 times a second.
+malformed | garage grid watch malformed | After an acknowledged GRID_ACTIVE, malformed frames that
+    look like GREEN_GREEN are sent between correct ones; then RED_RED.
+again | garage grid red green garage | GRID_ACTIVE is acknowledged once more; then RED_RED is sent,
+    then GREEN_GREEN.
+glued | garage glued | GRID_ACTIVE and GREEN_GREEN are sent in one piece.
+backlog | fast backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
+    RED_RED.
+race | DRIVE flag dwell green red dwell garage dwell | A drive; RED_FLAG for long, GREEN_GREEN,
+    RED_RED for long, IN_GARAGE for long.
+red | garage grid fast_drive red | A drive with 100 frames a second; RED_RED.
+flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
+flag_lost | DRIVE brake fin | A drive; the connection is closed while RED_FLAG brakes.
+flag_green | DRIVE brake green_again | A drive; GREEN_GREEN while RED_FLAG brakes.
+early | garage grid start red | RED_RED is sent 0.15 s after GREEN_GREEN.
+silence | DRIVE silence green | A drive; nothing is sent for a while, then GREEN_GREEN.
+noise | DRIVE noise | A drive; only malformed frames are sent.
+fin | DRIVE fin quiet green | A drive; the connection is closed (FIN). On the next one, nothing is
+    sent for a moment, then GREEN_GREEN, then RED_RED.
+reset | DRIVE reset green | A drive; the connection is reset (RST), then GREEN_GREEN.
+half | DRIVE half green | A drive; race control closes its half, then GREEN_GREEN.
+cut | DRIVE cut | A drive; a reset, and RED_RED on the next connection.
+restart | DRIVE away back | A drive; race control goes away, refuses connections, comes back with
+    GREEN_GREEN.
+random | at_random | Eight drives, stopped in every way at random times after GREEN_GREEN.
+long | garage grid long_drive red | A drive of a minute with 20 frames a second; RED_RED.
+half_open | red half_open | Nothing is sent to a kart that stands.
+dwell | dwells garage grid close green | Each state is sent for long to a kart that stands, and its
+    connection closed; after GRID_ACTIVE, GREEN_GREEN follows.
+bridge | DRIVE kill | A drive; the program that is connected to race control is killed.
+stack | DRIVE kill | A drive; the program that commands the motors is killed.
+"""
+"""Name; acts, DRIVE for what every drive begins with; what is done."""
 
-STEPS: Mapping[str, Step] = {
-    'connect': Step(
-        'Nothing is sent for a moment, then IN_GARAGE.', ('connect', 'garage', 'watch')
-    ),
-    'first': Step('RED_RED is sent to a kart that stands.', ('red',)),
-    'alone': Step('GREEN_GREEN is sent after IN_GARAGE.', ('garage', 'green')),
-    'bytes': Step('RED_RED is sent byte by byte.', ('garage', 'pieces')),
-    'many': Step('RED_RED is sent five frames a piece, cut inside one.', ('garage', 'pieces')),
-    'late': Step('RED_RED is sent in halves, 0.07 s apart.', ('garage', 'pieces')),
-    'slow': Step('RED_RED is sent 10 times a second.', ('garage', 'pieces')),
-    'malformed': Step(
-        'After an acknowledged GRID_ACTIVE, malformed frames that look like GREEN_GREEN are sent '
-        'between correct ones; then RED_RED.',
-        ('garage', 'grid', 'watch', 'malformed'),
-    ),
-    'again': Step(
-        'GRID_ACTIVE is acknowledged once more; then RED_RED is sent, then GREEN_GREEN.',
-        ('garage', 'grid', 'red', 'green', 'garage'),
-    ),
-    'glued': Step('GRID_ACTIVE and GREEN_GREEN are sent in one piece.', ('garage', 'glued')),
-    'backlog': Step(
-        'IN_GARAGE is sent 100 times a second, then 400 frames at once, then RED_RED.',
-        ('fast', 'backlog'),
-    ),
-    'race': Step(
-        'A drive; RED_FLAG for long, GREEN_GREEN, RED_RED for long, IN_GARAGE for long.',
-        (*DRIVE, 'flag', 'dwell', 'green', 'red', 'dwell', 'garage', 'dwell'),
-    ),
-    'red': Step(
-        'A drive with 100 frames a second; RED_RED.', ('garage', 'grid', 'fast_drive', 'red')
-    ),
-    'flag_red': Step('A drive; RED_RED while RED_FLAG brakes.', (*DRIVE, 'brake', 'red')),
-    'flag_lost': Step(
-        'A drive; the connection is closed while RED_FLAG brakes.', (*DRIVE, 'brake', 'fin')
-    ),
-    'early': Step('RED_RED is sent 0.15 s after GREEN_GREEN.', ('garage', 'grid', 'start', 'red')),
-    'silence': Step(
-        'A drive; nothing is sent for a while, then GREEN_GREEN.', (*DRIVE, 'silence', 'green')
-    ),
-    'noise': Step('A drive; only malformed frames are sent.', (*DRIVE, 'noise')),
-    'fin': Step(
-        'A drive; the connection is closed (FIN). On the next one, nothing is sent for a moment, '
-        'then GREEN_GREEN, then RED_RED.',
-        (*DRIVE, 'fin', 'quiet', 'green'),
-    ),
-    'reset': Step(
-        'A drive; the connection is reset (RST), then GREEN_GREEN.', (*DRIVE, 'reset', 'green')
-    ),
-    'half': Step(
-        'A drive; race control closes its half, then GREEN_GREEN.', (*DRIVE, 'half', 'green')
-    ),
-    'cut': Step('A drive; a reset, and RED_RED on the next connection.', (*DRIVE, 'cut')),
-    'restart': Step(
-        'A drive; race control goes away, refuses connections, comes back with GREEN_GREEN.',
-        (*DRIVE, 'away', 'back'),
-    ),
-    'random': Step('Eight drives, stopped in every way at random times after GREEN_GREEN.', ()),
-    'long': Step(
-        'A drive of a minute with 20 frames a second; RED_RED.',
-        ('garage', 'grid', 'long_drive', 'red'),
-    ),
-    'half_open': Step('Nothing is sent to a kart that stands.', ('red', 'half_open')),
-    'dwell': Step(
-        'Each state is sent for long to a kart that stands, and its connection closed; after '
-        'GRID_ACTIVE, GREEN_GREEN follows.',
-        ('dwells', 'garage', 'grid', 'close', 'green'),
-    ),
-    'bridge': Step(
-        'A drive; the program that is connected to race control is killed.', (*DRIVE, 'kill')
-    ),
-    'stack': Step('A drive; the program that commands the motors is killed.', (*DRIVE, 'kill')),
-}
+
+def _steps() -> Iterator[tuple[str, Step]]:
+    for row in (
+        _TABLE.strip().replace('\n    ', ' ').replace('DRIVE', 'garage grid drive').split('\n')
+    ):
+        name, acts, done = row.split(' | ')
+        yield name, Step(done, tuple(acts.split()))
+
+
+STEPS: Mapping[str, Step] = dict(_steps())
 """The steps of an inspection, in their order."""
 
-DRIVING_STEPS = {
-    name
-    for name, step in STEPS.items()
-    if name == 'random' or {'drive', 'fast_drive', 'long_drive', 'start'} & {*step.acts}
-}
+DRIVES = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
+DRIVING_STEPS = {name for name, step in STEPS.items() if DRIVES & {*step.acts}}
 
 RACE_STEPS = ('connect', 'race')
 """The steps of a race only."""
@@ -248,7 +222,8 @@ class KartScript:
                 if name in KILLING_STEPS and name not in self._kills:
                     continue
                 self._begin_step(name)
-                for acts in self._at_random() if name == 'random' else [step.acts]:
+                random_step = step.acts == ('at_random',)
+                for acts in self._at_random() if random_step else [step.acts]:
                     await self._do(name, acts)
         except asyncio.CancelledError:
             self._inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
@@ -345,12 +320,11 @@ class KartScript:
         """
         if not self._seen:
             return await self._look(STANDS) is not False
-        still = self._oracle.still
-        return await self._until(lambda: 3 <= self._oracle.still != still, seconds)
+        return await self._until(lambda: self._oracle.still > 2 and self._oracle.stands, seconds)
 
     async def _announce(self) -> None:
         self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({self._step}).')
-        await self._until(lambda: None, self._limits.warning)
+        await self._pass(self._limits.warning)
 
     # ----- acts: to a kart that stands ----------------------------------------------------------
 
@@ -388,6 +362,11 @@ class KartScript:
             return False
         self._wire.order(GREEN_GREEN)
         return await self._stay(self._limits.watch)
+
+    async def _green_again(self) -> bool:
+        """Send GREEN_GREEN to a kart that brakes: to it, that is RED_RED."""
+        self._wire.order(GREEN_GREEN)
+        return await self._see_it_stand(self._limits.red_red)
 
     async def _pieces(self) -> None:
         self._recording.note(Kind.STEP, text=self._step)
@@ -501,27 +480,23 @@ class KartScript:
 
         await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
 
-    async def _lost(self) -> bool:
-        """Wait until a kart stands that has lost race control, and is back."""
-        limits, newest = self._limits, self._wire.newest
-        stands = await self._see_it_stand(limits.red_red)
-        back = await self._until(lambda: self._wire.newest > newest, limits.reconnect)
+    async def _lose(self, lose: Callable[[], object]) -> bool:
+        """Have a kart lose race control, and wait until it stands and is back."""
+        newest = self._wire.newest
+        self._wire.send(NOTHING)  # to a new connection, for now
+        lose()
+        stands = await self._see_it_stand(self._limits.red_red)
+        back = await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
         return stands and back
 
     async def _fin(self) -> bool:
-        self._wire.send(NOTHING)  # to a new connection, for now
-        self._wire.close()
-        return await self._lost()
+        return await self._lose(self._wire.close)
 
     async def _reset(self) -> bool:
-        self._wire.send(NOTHING)
-        self._wire.reset()
-        return await self._lost()
+        return await self._lose(self._wire.reset)
 
     async def _half(self) -> bool:
-        self._wire.send(NOTHING)
-        self._wire.half_close()
-        return await self._lost()
+        return await self._lose(self._wire.half_close)
 
     async def _silence(self) -> bool:
         self._wire.fall_silent()

@@ -55,7 +55,7 @@ K-3B-02 GREEN_GREEN after RED_RED: stands | again
     wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**
 K-3B-03 GREEN_GREEN before the GRID_ACTIVE acknowledgement: stands | glued
     wire: `GREEN_GREEN`, after a `GRID_ACTIVE` that it acknowledged **on this connection**
-K-3B-04 GREEN_GREEN after RED_FLAG: stands | race
+K-3B-04 GREEN_GREEN after RED_FLAG: stands | race flag_green
     wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**
 K-3C-01 connection closed: stops | fin | red_red
     For safety, all karts must default to an ESTOP or stopped state upon disconnecting from the RCS

@@ -77,7 +77,7 @@ class Limits(_Limits):
     red_red: float = _limit(5.0, 'maximum time to stand still and acknowledge RED_RED')
     silence: float = _limit(1.0, 'time without a frame after which the kart must stop')
     reconnect: float = _limit(10.0, 'maximum time to connect again after a loss')
-    away: float = _limit(2.0, 'time for which race control is away when it is restarted')
+    away: float = _limit(10.0, 'time for which race control is away when it is restarted')
     drive: float = _limit(2.0, 'time for which the kart drives before each stop')
     watch: float = _limit(1.5, 'time for which the kart is watched doing nothing')
     slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')

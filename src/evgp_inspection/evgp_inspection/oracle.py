@@ -264,6 +264,11 @@ class Oracle:
             oracle.take(event)
         return oracle
 
+    @property
+    def stands(self) -> bool:
+        """Return whether the kart was seen to stand, since it last had to stop."""
+        return self._stood is not None
+
     # ----- what was found -----------------------------------------------------------------------
 
     def findings(self) -> dict[str, Finding]:
@@ -623,7 +628,7 @@ class Oracle:
     def _free(self, order: SentState) -> None:
         self._armed = True
         self._begin(Law.DRIVE, order.at, 'GREEN_GREEN', 'K-3A-05')
-        self._turned = self._said_green = None
+        self._stood = self._turned = self._said_green = None
         self._drives_on = 0
 
     # ----- words --------------------------------------------------------------------------------
@@ -731,10 +736,10 @@ class Oracle:
             took = _falling(speeds, top)
             others = [_falling(_braking(each, self._limits), top) for each in reds]
             hard = [each for each in others if each is not None]
-            if took is None or not hard or top < COMPARED * fastest:
+            gentle = stop.law is Law.FLAG
+            if took is None or not hard or not (gentle or top >= COMPARED * fastest):
                 continue
             median = statistics.median(hard)
-            gentle = stop.law is Law.FLAG
             tolerance = 2 * _apart(speeds)
             if (gentle and median > self._limits.harder * took) or (
                 not gentle and took > median / WEAK + tolerance

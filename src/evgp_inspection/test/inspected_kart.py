@@ -116,6 +116,8 @@ FAULTS = {
     'ignores RED_FLAG at first': 'K-3A-16',
     'drives by itself long after IN_GARAGE': 'K-3A-01',
     'reads 17 frames a second while it drives': 'K-3A-14',
+    'drives on when GREEN_GREEN comes while RED_FLAG brakes': 'K-3B-04',
+    'drives off long after race control went away': 'K-3E-06',
 }
 """Each fault, and the sentence that it breaks."""
 
@@ -464,6 +466,11 @@ class InspectedKart:
             (before is GRID_ACTIVE and state is GREEN_GREEN)
             or (self._is['RED_RED does not disarm it'] and RED_RED in (before, state))
             or (self._is['RED_FLAG does not disarm it'] and RED_FLAG in (before, state))
+            or (
+                self._is['drives on when GREEN_GREEN comes while RED_FLAG brakes']
+                and RED_FLAG in (before, state)
+                and self.speed > 0.0
+            )
             or before is None
         )
         if not stays or state is IN_GARAGE:
@@ -535,6 +542,9 @@ class InspectedKart:
             target = 0.5 if self._commanded is not None else target
         if self._is['ignores RED_FLAG at first'] and obeyed is RED_FLAG and since < 1.0:
             target = self.speed
+        away = self._link is None and now - self._heard_at > self._long_after
+        if away and self._is['drives off long after race control went away']:
+            target = 0.5
         if self._backs and since < 0.35:
             target = -1.0
         died = self._stack_died_at
