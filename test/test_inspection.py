@@ -190,6 +190,25 @@ def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it
     assert (report['verdict'], code) == ('not judged', 2)
 
 
+def test_a_race_only_is_passed_by_the_client_of_the_document_and_says_that_it_is_no_inspection(
+    tmp_path: pathlib.Path,
+) -> None:
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        udp = free_udp_port()
+        words = ['--race', '--odometry', f'udp:{udp}', *UNATTENDED]
+        program = parts.enter_context(inspection(folder, *words))
+        client = client_of_the_document(port_of(program), udp)
+        kart = Program('client', [sys.executable, '-c', client])
+        parts.callback(kart.kill)
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
+    assert those(report, 'fail') == {}
+    assert those(report, 'not judged') == {}
+    assert (report['verdict'], code) == ('pass', 0)
+    assert 'no inspection' in ' '.join(report['remarks'])
+
+
 def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
     """Compile kit/c's example for POSIX, with its speed sent as odometry."""
     compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)

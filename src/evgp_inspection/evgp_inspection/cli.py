@@ -46,6 +46,9 @@ Begin: TypeAlias = Callable[
 """Inspects once the word is given: by these limits, for these clauses, until the event is set."""
 
 
+A_RACE_ONLY = 'A race only: this is no inspection.'
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``kart`` or ``survey``."""
     what, *rest = [*(sys.argv[1:] if arguments is None else arguments), '']
@@ -192,10 +195,10 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause], begin:
         seconds=inspection.seconds,
         limits=dataclasses.asdict(limits),
         statements=BY_STATEMENT,
-        remarks=inspection.remarks,
+        remarks=[*inspection.remarks, *([A_RACE_ONLY] if options.race else [])],
     )
     print(f'\n{header.subject} {header.team}'.rstrip())
-    for remark in inspection.remarks:
+    for remark in header.remarks:
         print(remark)
     for statement in header.statements:
         print(f'To be stated by the team, and ticked by hand: {statement}')

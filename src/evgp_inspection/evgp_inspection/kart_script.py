@@ -156,8 +156,8 @@ def _steps() -> Iterator[tuple[str, Step]]:
 STEPS: Mapping[str, Step] = dict(_steps())
 """The steps of an inspection, in their order."""
 
-DRIVES = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
-DRIVING_STEPS = {name for name, step in STEPS.items() if DRIVES & {*step.acts}}
+DRIVING_ACTS = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
+DRIVING_STEPS = {name for name, step in STEPS.items() if DRIVING_ACTS & {*step.acts}}
 
 RACE_STEPS = ('connect', 'race')
 """The steps of a race only."""

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from evgp_inspection.oracle import SEEN
+from evgp_inspection.oracle import BY_EYE
 from evgp_inspection.verdicts import Clause
 
 _TABLE = """
 K-3A-01 IN_GARAGE: stands still by itself | connect race dwell
     IN_GARAGE: The kart is not currently driving in the Race.
-K-3A-02 GRID_ACTIVE: acknowledged when ready | malformed | grid
+K-3A-02 GRID_ACTIVE: acknowledged when ready | malformed race | grid
     When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.
 K-3A-03 GRID_ACTIVE: stands still | malformed dwell
     wire: stands, gets ready
@@ -29,7 +29,7 @@ K-3A-07 RED_FLAG: not acknowledged before it stands | race
     onto the track.
 K-3A-08 RED_FLAG: remains stopped | race dwell
     The kart should remain stopped once it has stopped moving
-K-3A-09 RED_RED: acknowledged once it stands | first red | red_red
+K-3A-09 RED_RED: acknowledged once it stands | first race red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
 K-3A-10 RED_RED: not acknowledged before it stands | red
@@ -153,7 +153,7 @@ def _rows() -> Iterator[Clause]:
             ' '.join(sentence.removeprefix('wire: ').split()),
             tuple(steps.split()),
             limit.strip(),
-            name in SEEN,
+            name in BY_EYE,
         )
 
 

@@ -74,10 +74,10 @@ STAYS = {
 }
 """Broken by wheels that turn although the kart stood: by what it is sent."""
 
-STOPS = {RED_FLAG: 'K-3A-16', RED_RED: 'K-3A-14'}
+BRAKES = {RED_FLAG: 'K-3A-16', RED_RED: 'K-3A-14'}
 """Broken by a kart that drives and begins to brake too late, or stands too late."""
 
-SAYS = {
+ACKNOWLEDGES = {
     GRID_ACTIVE: ('K-3A-02', 'grid'),
     GREEN_GREEN: ('K-3A-04', 'green'),
     RED_FLAG: ('K-3A-06', 'red_flag'),
@@ -85,7 +85,7 @@ SAYS = {
 }
 """Broken by a kart that does not say in time what it is sent; the limit of that."""
 
-LOST = {
+LOSSES = {
     'closed': 'K-3C-01',
     'silent': 'K-3E-01',
     'reset': 'K-3E-03',
@@ -111,7 +111,7 @@ UNARMED = {
 BACK = {'closed': 'K-4D-01', 'reset': 'K-4D-02', 'half-closed': 'K-4D-03'}
 """Broken by a kart that does not connect again in time."""
 
-PIECES = {
+SENT_SO = {
     'bytes': 'K-4C-02',
     'many': 'K-4C-03',
     'late': 'K-4C-04',
@@ -122,9 +122,16 @@ PIECES = {
 """Broken by a kart that does not say RED_RED in time in these steps, or drops the connection (not
 in `backlog`: a kart may take so many frames at once for old ones)."""
 
-SEEN = {
+BY_EYE = {
     *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11'),
-    *('K-4C-07', 'K-4C-11', *STAYS.values(), *STOPS.values(), *LOST.values(), *UNARMED.values()),
+    *(
+        'K-4C-07',
+        'K-4C-11',
+        *STAYS.values(),
+        *BRAKES.values(),
+        *LOSSES.values(),
+        *UNARMED.values(),
+    ),
 }
 """What only wheels show: without it no inspection is passed."""
 
@@ -542,8 +549,8 @@ class Oracle:
                 self._back_due = Due(BACK[how], at, self._limits.reconnect, 'connect again')
             self._lose(at, how)
             return
-        if self._step in PIECES and self._step != 'backlog':
-            self._fail(PIECES[self._step], 'It dropped the connection.', self.spell.at, at)
+        if self._step in SENT_SO and self._step != 'backlog':
+            self._fail(SENT_SO[self._step], 'It dropped the connection.', self.spell.at, at)
         if self._step == 'bridge':
             self._lose(at, 'bridge', self._limits.silence)
         else:
@@ -556,12 +563,12 @@ class Oracle:
             self._fail(due.name, why, due.since, now, now - due.since)
 
     def _lose(self, at: float, how: str, grace: float = 0.0) -> None:
-        """Have the kart lose race control; `how` is a key of `LOST`, or `kart`: its own doing."""
+        """Have the kart lose race control, by a key of `LOSSES` or by `kart`: its own doing."""
         if self._killed:
             return
         self._let_go(at)
         braked = self.spell.law is Law.FLAG and self._stood is None
-        name = 'K-3E-11' if braked else LOST.get(how, 'K-3E-11')
+        name = 'K-3E-11' if braked else LOSSES.get(how, 'K-3E-11')
         self._state, self._ready, self._armed, self._since = None, False, False, how
         what = {'kart': 'it dropped its connection', 'away': 'race control went away'}.get(
             how, f'a loss ({how})'
@@ -572,9 +579,8 @@ class Oracle:
 
     def _take_sent(self, event: Event) -> None:
         link = event.link
-        orders = self.trace.orders(link)
-        fresh = orders[self._taken.get(link, 0) :]
-        self._taken[link] = len(orders)
+        orders, taken = self.trace.orders(link), self._taken.get(link, 0)
+        fresh, self._taken[link] = orders[taken:], len(orders)
         opened = self._quiet.pop(link, None)
         if link != self._link:
             return
@@ -609,18 +615,18 @@ class Oracle:
                 true = 'K-3A-12'
             if law is Law.RED and self._drives_on not in (0, order.link):
                 true = 'K-3E-08'
-            self._begin(law, at, state.value, STAYS[state], STOPS[state], true)
+            self._begin(law, at, state.value, STAYS[state], BRAKES[state], true)
         else:
             malformed = state is GRID_ACTIVE and self._step == 'malformed'
             self._begin(Law.STAND, at, state.value, 'K-4C-07' if malformed else STAYS[state])
         self._ready = False
-        if state in SAYS and (state is not GREEN_GREEN or self._armed):
-            name, limit = SAYS[state]
+        if state in ACKNOWLEDGES and (state is not GREEN_GREEN or self._armed):
+            name, limit = ACKNOWLEDGES[state]
             if state is GRID_ACTIVE:
                 self._grids += 1
                 name = name if self._grids == 1 else 'K-3A-11'
             elif state is RED_RED:
-                name = PIECES.get(self._step, name)
+                name = SENT_SO.get(self._step, name)
                 if self._since == 'closed' and before is None:
                     name = 'K-4D-06'
             self._said_due = Due(name, at, getattr(self._limits, limit), state.value, order)
@@ -666,8 +672,8 @@ class Oracle:
         self._fail(due.name, f'No ${due.what}; in {waited:.1f} s.', due.since, at, waited)
 
     def _take_words(self) -> None:
-        fresh, self._heard = self.trace.said[self._heard :], len(self.trace.said)
-        for said in fresh:
+        heard, self._heard = self._heard, len(self.trace.said)
+        for said in self.trace.said[heard:]:
             self._take_word(said)
         due = self._said_due
         if due is not None and due.order is not None and self.trace.has(due.order):

@@ -495,7 +495,7 @@ class InspectedKart:
                 data += b'\r\n'
             bytewise = self._has['says each byte by itself']
             try:
-                for each in [data[at : at + 1] for at in range(len(data))] if bytewise else [data]:
+                for each in [bytes([byte]) for byte in data] if bytewise else [data]:
                     self._link.send(each)
             except ConnectionResetError:
                 self._reset = True  # which the next read would take for an orderly close

@@ -12,7 +12,7 @@ from evgp_inspection import oracle
 from evgp_inspection.kart_script import STEPS
 from evgp_inspection.kart_sentences import BY_NAME
 from evgp_inspection.limits import Limits
-from evgp_inspection.oracle import LOST, Oracle, STANDS, TURNS
+from evgp_inspection.oracle import LOSSES, Oracle, STANDS, TURNS
 from evgp_inspection.traces import describe, Event, Kind
 from evgp_inspection.verdicts import results_of, Verdict
 from evgp_protocol.frames import encode
@@ -163,7 +163,7 @@ def traces(draw: st.DrawFn) -> list[Event]:
         data = b''
         if kind in (Kind.SENT, Kind.SAID):
             data = draw(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)))
-        text = draw(st.sampled_from([*STEPS, *LOST, STANDS, TURNS]))
+        text = draw(st.sampled_from([*STEPS, *LOSSES, STANDS, TURNS]))
         value = draw(st.floats()) if kind is Kind.SPEED else 1.0
         events.append(Event(at, kind, draw(st.integers(1, 3)), data, text, value))
     return events
