@@ -364,9 +364,9 @@ class KartScript:
         return await self._stay(self._limits.watch)
 
     async def _green_again(self) -> bool:
-        """Send GREEN_GREEN to a kart that brakes: to it, that is RED_RED."""
+        """Send GREEN_GREEN to a kart that brakes: it must brake on."""
         self._wire.order(GREEN_GREEN)
-        return await self._see_it_stand(self._limits.red_red)
+        return await self._see_it_stand(self._limits.red_flag)
 
     async def _pieces(self) -> None:
         self._recording.note(Kind.STEP, text=self._step)

@@ -249,6 +249,7 @@ class Oracle:
         self._grids = 0
         self._stood: float | None = 0.0  # since when it stands; None: it may still roll
         self._freed = 0.0  # when it had to stop driving, s
+        self._at_speed = False  # it drove for long before that
         self._drives_on = 0  # the connection on which it drove
         self._turned: float | None = None
         self._said_green: float | None = None
@@ -452,12 +453,14 @@ class Oracle:
         self._end_spell(at)
         if drove:
             self._freed, self._stood = at, None
-        moved = self._speed > limits.standstill or (drove and self._turned is not None)
-        moved = moved or (self._drives_on > 0 and self._stood is None and math.isnan(self._speed))
+            self._at_speed = at - before.at >= min(limits.drive, 1.0)
+        blind = self._drives_on > 0 and self._stood is None and math.isnan(self._speed)
+        moved = self._at_speed and (self._speed > limits.standstill or blind)
         until = at + grace + (limits.red_flag if law is Law.FLAG else limits.red_red)
         rolled = self._stood is None
-        if rolled and not drove:
-            until = min(until, before.until)
+        if rolled and not drove and not before.broken:
+            # GREEN_GREEN that does not count need not hurry a kart that brakes.
+            until = before.until if self._state is GREEN_GREEN else min(until, before.until)
         spell = Spell(law, at, what, stays, stops or stays, true, grace, rolled, moved, until)
         self.spell = spell
 
@@ -472,7 +475,7 @@ class Oracle:
         if spell.rolled:
             names.add(spell.stops)
         answer = math.nan if spell.answer is None else spell.answer.value
-        seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= limits.slack
+        seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= 2 * limits.slack
         asked = spell.answer is not None or not math.isnan(self._speed)
         if answer == 1.0 and spell.answer is not None and spell.rolled and not seen:
             # An answer says that the wheels stand, and not since when.
@@ -483,12 +486,9 @@ class Oracle:
             if seen and self._stood is not None:
                 took = max(self._stood - spell.at, 0.0) if spell.rolled else None
                 self._pass(name, f'It stood, after {spell.what}.', at, took)
-            elif asked and not seen and at - spell.at > limits.slack:
-                self._unseen(name, spell, at)
-
-    def _unseen(self, name: str, spell: Spell, at: float) -> None:
-        why = f'Nobody saw in time whether the wheels stood, after {spell.what}.'
-        self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
+            elif asked and not seen and at - spell.at > 2 * limits.slack:
+                why = f'Nobody saw in time whether the wheels stood, after {spell.what}.'
+                self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
 
     def _stops_badly(self, spell: Spell) -> bool:
         """Judge when a kart that rolled began to brake, and whether what it said was true."""
@@ -693,7 +693,9 @@ class Oracle:
         spell = self.spell
         if spell.law is not Law.DRIVE and not spell.broken and self._state is not None:
             if said.state is GRID_ACTIVE and spell.stays == 'K-3B-03':
-                self._free(sent)  # GREEN_GREEN came with it, and it has said GRID_ACTIVE first
+                # GREEN_GREEN came with GRID_ACTIVE, and it has said that first.
+                self._pass('K-3B-03', 'It said GRID_ACTIVE in between.', at)
+                self._free(sent)
             elif said.state is GREEN_GREEN and (
                 sent.state is GREEN_GREEN or spell.stays == 'K-4C-07'
             ):
@@ -733,8 +735,13 @@ class Oracle:
                 self._fail('K-3A-13', why, 0.0, 0.0, red)
             else:
                 self._pass('K-3A-13', why, 0.0, red)
-        stops = [each for each in self._stops if 'stack' not in each.what]
-        reds = [each for each in stops if each.law is Law.RED and each.stops == 'K-3A-14']
+        reds = [each for each in self._stops if each.stops == BRAKES[RED_RED]]
+        stops = [
+            each
+            for each in self._stops
+            if each.law in (Law.FLAG, Law.LOST) or each.stops == BRAKES[RED_RED]
+            if each.stops != LOSSES['stack']
+        ]
         fastest = max((_braking(each, self._limits)[0][1] for each in reds), default=0.0)
         for stop in stops:
             speeds = _braking(stop, self._limits)
