@@ -38,7 +38,8 @@ ROOT = pathlib.Path(__file__).parents[1]
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
 
 SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
-SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0', '--long', '3', '--dwell', '1']
+SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0', '--long', '3']
+SHORT += ['--dwell', '1', '--away', '2']
 UNATTENDED = ['--unattended', '--word', 'ready']
 
 ATTEMPTS = 5
@@ -86,7 +87,7 @@ def undisturbed(
 
 def wait_to_end(program: Program) -> int:
     """Return the exit code; an inspection takes longer than other programs' ends."""
-    program.process.wait(110)
+    program.process.wait(200)
     return program.wait()
 
 

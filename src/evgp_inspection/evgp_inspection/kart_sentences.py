@@ -13,7 +13,7 @@ from evgp_inspection.verdicts import Clause
 _TABLE = """
 K-3A-01 IN_GARAGE: stands still by itself | connect race dwell
     IN_GARAGE: The kart is not currently driving in the Race.
-K-3A-02 GRID_ACTIVE: acknowledged when ready | malformed race | grid
+K-3A-02 GRID_ACTIVE: acknowledged when ready | race malformed | grid
     When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.
 K-3A-03 GRID_ACTIVE: stands still | malformed dwell
     wire: stands, gets ready
@@ -29,7 +29,7 @@ K-3A-07 RED_FLAG: not acknowledged before it stands | race
     onto the track.
 K-3A-08 RED_FLAG: remains stopped | race dwell
     The kart should remain stopped once it has stopped moving
-K-3A-09 RED_RED: acknowledged once it stands | first race red | red_red
+K-3A-09 RED_RED: acknowledged once it stands | race first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
 K-3A-10 RED_RED: not acknowledged before it stands | red
@@ -40,11 +40,11 @@ K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
 K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red
     wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
     onto the track.
-K-3A-13 RED_RED: brakes harder than for RED_FLAG | race red flag_red
+K-3A-13 RED_RED: brakes harder than for RED_FLAG | red race flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
     RED_RED: The kart must immediately stop as quickly as possible.
-K-3A-15 RED_RED: remains stopped | first race dwell
+K-3A-15 RED_RED: remains stopped | race first dwell
     The kart should remain stopped once it has stopped moving
 K-3A-16 RED_FLAG: slows down to a stop, whenever it comes | race random | red_flag
     RED_FLAG: The kart should begin slowing down to a stop while continuing to steer to avoid
@@ -136,7 +136,7 @@ K-4D-05 connects again when race control was restarted | restart | reconnect
 K-4D-06 acknowledges again on a new connection | fin | red_red
     wire: A kart that comes back after a loss has to acknowledge again.
 """
-"""Name and title, the steps that show it (none: all do), its limit; then the sentence, of the
+"""Name and title, the steps that show it (the best one first; none: all do), its limit; then the sentence, of the
 proposal or of docs/wire.md."""
 
 

@@ -123,15 +123,8 @@ SENT_SO = {
 in `backlog`: a kart may take so many frames at once for old ones)."""
 
 BY_EYE = {
-    *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11'),
-    *(
-        'K-4C-07',
-        'K-4C-11',
-        *STAYS.values(),
-        *BRAKES.values(),
-        *LOSSES.values(),
-        *UNARMED.values(),
-    ),
+    *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11', 'K-4C-07'),
+    *(*STAYS.values(), *BRAKES.values(), *LOSSES.values(), *UNARMED.values()),
 }
 """What only wheels show: without it no inspection is passed."""
 
@@ -425,7 +418,8 @@ class Oracle:
             elif event.value == 1.0:
                 self._pass('K-3A-05', 'The inspector saw the wheels turn.', event.at)
         elif event.text == STANDS and spell.law is not Law.DRIVE and not spell.broken:
-            spell.answer = event
+            if spell.answer is None or spell.answer.value != 1.0:
+                spell.answer = event  # the first time that they were seen to stand
             if event.value == 0.0:
                 name = spell.stops if spell.rolled else spell.stays
                 if spell.said is not None and spell.rolled:
@@ -753,7 +747,7 @@ class Oracle:
             if took is None or not hard or not (gentle or top >= COMPARED * fastest):
                 continue
             median = statistics.median(hard)
-            tolerance = 2 * _apart(speeds)
+            tolerance = 2 * _apart(speeds, 0.2 * top)
             if (gentle and median > self._limits.harder * took) or (
                 not gentle and took > median / WEAK + tolerance
             ):
@@ -788,10 +782,7 @@ def _falling(speeds: Speeds, top: float) -> float | None:
     return None if fast is None or slow is None else slow - fast
 
 
-def _apart(speeds: Speeds) -> float:
-    """Return the time between two speeds, s."""
-    return (
-        statistics.median(b[0] - a[0] for a, b in itertools.pairwise(speeds))
-        if len(speeds) > 1
-        else 0.0
-    )
+def _apart(speeds: Speeds, level: float) -> float:
+    """Return the longest time between two speeds, from a speed above this level on, s."""
+    pairs = itertools.pairwise(speeds)
+    return max((then - at for (at, speed), (then, _) in pairs if speed >= level), default=0.0)

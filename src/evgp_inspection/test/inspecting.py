@@ -54,12 +54,13 @@ def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
 
 class OneInspection:
     """
-    One inspection of one kart in this process, and its inspector, who answers nothing.
+    One inspection of one kart in this process, and its inspector.
 
     :param fault: of the kart; empty: it is good.
     :param seen: there is odometry.
     :param habit: what is unusual about the kart.
     :param steps: those to be done; none: all that the clauses need.
+    :param eyes: the inspector looks at the wheels; otherwise nothing is answered.
     :param starts_again: the inspector starts a kart again that has ended.
     """
 
@@ -72,6 +73,7 @@ class OneInspection:
         habit: str = '',
         steps: Collection[str] = (),
         long_after: float = 1.8,
+        eyes: bool = False,
         starts_again: bool = False,
     ) -> None:
         self.lines: list[str] = []
@@ -83,6 +85,7 @@ class OneInspection:
         self._only = only
         self._limits = limits
         self._steps = steps
+        self._eyes = eyes
         self._starts_again = starts_again
         self._port = 0
         self._takes: list[Take] = []
@@ -112,6 +115,13 @@ class OneInspection:
         self.lines.append(line)
 
     async def ask(self, question: str, seconds: float) -> bool | None:
+        if self._eyes and self.kart is not None and 'wheels' in question:
+            turn = 'turn' in question
+            for _ in range(20):  # whoever sees what is asked for says so, a little later
+                await asyncio.sleep(0.3)
+                if (self.kart.speed > 0.0) is turn:
+                    return True
+            return False
         if question != START_KART_AGAIN or not self._starts_again:
             return None
         await self._end_kart()
