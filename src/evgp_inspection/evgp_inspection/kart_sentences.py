@@ -136,8 +136,8 @@ K-4D-05 connects again when race control was restarted | restart | reconnect
 K-4D-06 acknowledges again on a new connection | fin | red_red
     wire: A kart that comes back after a loss has to acknowledge again.
 """
-"""Name and title, the steps that show it (the best one first; none: all do), its limit; then the sentence, of the
-proposal or of docs/wire.md."""
+"""Name and title; the steps that show it, the best one first (none: all do); its limit; then the
+sentence, of the proposal or of docs/wire.md."""
 
 
 def _rows() -> Iterator[Clause]:
