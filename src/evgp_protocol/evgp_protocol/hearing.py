@@ -117,7 +117,7 @@ NO_ORDER = 0
 _TOO_OLD = -1
 """In place of where a frame began: during a flood."""
 
-PAUSE = 0.3
+BUSY = 0.3
 """Time without a word after which a kart that says every frame back was busy, or had nothing to
 say, rather than slow, in seconds."""
 
@@ -212,7 +212,7 @@ class _Pace:
 
     def said_before(self) -> None:
         """Take note of a word for what came before the last order: it has not reached that."""
-        if self._unsaid < PAUSE * self._beat_rate:  # longer: it was silent for a reason
+        if self._unsaid < BUSY * self._beat_rate:  # longer: it was silent for a reason
             self._frames += self._unsaid
             self._words += 1
         self._unsaid = 0
