@@ -516,7 +516,7 @@ grid again does not disarm: [drives in garage]
     _command: not to_race => not to_race and state is not RaceState.GRID_ACTIVE
 green needs no grid: verdict: not self._armed => False
 team stop does not disarm: [drives in garage]
-    _on_team_stop: self._disarm('the team stop was engaged since') =>
+    _on_team_stop: self._disarm('a team stop came after it') =>
 remote silence does not disarm: [remote required]
     _pass: len(self._signs) < len(signs) => False
 remote is not missed: [remote required] __init__: settings.tsr_timeout, => 0.0,
