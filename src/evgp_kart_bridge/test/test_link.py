@@ -348,7 +348,7 @@ def test_race_control_that_does_not_read_is_lost(
     outcome = running.acknowledge(IN_GARAGE)
     while outcome.verdict.connected:
         outcome = running.acknowledge(IN_GARAGE)
-    running.wait_for(lambda verdict: 'does not take what the kart says' in verdict.reason)
+    running.wait_for(lambda verdict: "does not read the kart's replies" in verdict.reason)
 
 
 def test_the_end_closes_the_connection(
