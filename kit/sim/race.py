@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``make sim``: three karts that are made in three ways drive a whole race in a simulator.
+``make sim``: three karts, each built differently, drive a whole race in a simulator.
 
-The real race control directs it; README.md beside this file says how to put a stack of yours in.
+The real race control runs it; README.md in this folder shows how to use your own stack.
 """
 
 from __future__ import annotations
@@ -45,40 +45,40 @@ HERE = pathlib.Path(__file__).resolve().parent
 TRACK = HERE / 'track.csv'
 TEAMS = {1: 'Python, ROS 2', 2: 'C kit', 3: 'Python, no ROS'}
 GRID = {1: (-3.0, 0.0), 2: (-6.0, 1.2), 3: (-9.0, -1.2)}
-"""Where the karts stand before the race, x and y in m."""
+"""Start positions of the karts, x and y, in metres."""
 
 HEAT = 'sim'
-TOLD = {
+PRINTED = {
     msg.RaceEvent.RACE_STATE,
     msg.RaceEvent.ACKNOWLEDGED,
     msg.RaceEvent.LAP,
     msg.RaceEvent.RESULTS,
 }
-"""The kinds of events that are printed."""
+"""The kinds of events to print."""
 
 TURN = 0.02
 """Time between two looks at the karts, in seconds."""
 
 LOOKS = 10
-"""How many of those for one in the picture."""
+"""Number of looks for one frame of the picture."""
 
 LONGEST = 90.0
 """Maximum time of a lap, in seconds: far more than it takes."""
 
 
 class Base(Protocol):
-    """What moves a kart."""
+    """A kart's simulated base."""
 
     @property
     def motion(self) -> Motion:
-        """Return how it moves at this moment."""
+        """Return its present motion."""
 
 
 class DatagramBase(Part):
-    """A base for a kart without ROS, as kart.py and kart.h know it, at a port of loopback."""
+    """A base for a kart without ROS, used by kart.py and kart.h through a loopback port."""
 
     def __init__(self, place: tuple[float, float]) -> None:
-        """Stand."""
+        """Start at standstill."""
         self._moving = threading.Lock()
         self._motion = Motion(time.monotonic(), place=place)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -90,7 +90,7 @@ class DatagramBase(Part):
 
     @property
     def motion(self) -> Motion:
-        """Return how it moves at this moment."""
+        """Return its present motion."""
         with self._moving:
             self._motion.advance(time.monotonic())
             return copy.copy(self._motion)
@@ -117,13 +117,13 @@ class DatagramBase(Part):
 
 class Line(Part):
     """
-    The timing line, and whoever looks at the karts.
+    The timing line and the observer of the karts.
 
-    ``looks`` are for the picture; ``off`` is how far each kart has been off the middle, in m.
+    ``looks`` are for the picture; ``off`` is each kart's largest distance from the middle, in m.
     """
 
     def __init__(self, official: Official, bases: dict[int, Base], track: Centreline) -> None:
-        """Begin to look."""
+        """Start observing."""
         self.looks: list[Look] = []
         self.off = dict.fromkeys(bases, 0.0)
         self._official, self._bases, self.track = official, bases, track
@@ -141,7 +141,7 @@ class Line(Part):
             for number, motion in now.items():
                 before = self._before.get(number, motion)
                 if before.x < 0.0 <= motion.x and abs(motion.y) < self.track.width / 2:
-                    # Since the last look, in a straight line: it may stand now.
+                    # Interpolated since the last look, because the kart may stand still now.
                     self._pass(number, motion.x / (motion.x - before.x) * TURN)
                 off = abs(self.track.off(motion.x, motion.y))
                 self.off[number] = max(self.off[number], off)
@@ -178,13 +178,13 @@ class Line(Part):
         self.looks.append(Look(state, poses))
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop observing."""
         self._ended.set()
         self._thread.join()
 
 
 def compile_kart(folder: pathlib.Path) -> str:
-    """Return the path of the kart in C, compiled."""
+    """Compile the kart in C; return the path of the program."""
     kart = str(folder / 'kart')
     kit = HERE.parent / 'c'
     words = ['cc', '-std=c99', '-O2', '-Wall', f'-I{kit}', f'-I{HERE}', '-DEVGP_KART="kart.h"']
@@ -195,8 +195,8 @@ def compile_kart(folder: pathlib.Path) -> str:
 def begin(
     parts: contextlib.ExitStack, folder: pathlib.Path, laps: int, stack: Sequence[str]
 ) -> tuple[Official, Line]:
-    """Start everything; return who directs the race, and who looks at it."""
-    # Also of the nodes in this process: nobody else's race is seen or commanded.
+    """Start everything; return the official and the timing line."""
+    # For the nodes in this process, too: keep away from everybody else's race.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['TRACK'] = str(TRACK)
     kart = compile_kart(folder)
@@ -227,9 +227,9 @@ def begin(
 
 def drive(official: Official, laps: int) -> msg.Race:
     """
-    Direct one race, from the garage to the garage; return it as it was when it was over.
+    Direct one race, from garage to garage; return its state at the end.
 
-    :raises AssertionError: if a kart does not do its part in time.
+    :raises AssertionError: if a kart is too late.
     """
     official.wait_for_connected(*TEAMS)
     official.bring_to(RaceState.IN_GARAGE)
@@ -244,15 +244,15 @@ def drive(official: Official, laps: int) -> msg.Race:
     return race
 
 
-def tell(event: msg.RaceEvent) -> None:
-    """Print an event of those that make a race."""
-    if event.kind in TOLD:
+def print_event(event: msg.RaceEvent) -> None:
+    """Print an event if it is one of `PRINTED`."""
+    if event.kind in PRINTED:
         at = event.monotonic.sec + event.monotonic.nanosec * 1e-9
         print(f'{at:9.3f}  {event.text}', flush=True)
 
 
 def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
-    """Return what was wrong with the race."""
+    """Return the faults of the race."""
     wrong = []
     for kart in race.karts:
         if kart.laps != laps or not kart.place:
@@ -263,14 +263,14 @@ def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
 
 
 def main() -> int:
-    """Drive a race; return 0 if nothing was wrong with it."""
+    """Drive a race; return 0 if it had no faults."""
     parser = argparse.ArgumentParser(prog='make sim', description=__doc__)
-    parser.add_argument('--laps', type=int, default=2, help='how many laps each kart drives')
+    parser.add_argument('--laps', type=int, default=2, help='number of laps')
     parser.add_argument(
         '--stack',
         default=shlex.join([sys.executable, str(HERE / 'stack.py')]),
         metavar='COMMAND',
-        help='another stack for kart 1: it obeys /kart_bridge/race_state, publishes /cmd_vel',
+        help='your stack for kart 1: it obeys /kart_bridge/race_state and publishes /cmd_vel',
     )
     parser.add_argument(
         '--picture', type=pathlib.Path, default=pathlib.Path('build/sim.svg'), metavar='FILE'
@@ -279,7 +279,7 @@ def main() -> int:
     with contextlib.ExitStack() as parts:
         folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
         official, line = begin(parts, folder, given.laps, shlex.split(given.stack))
-        parts.enter_context(official.telling(tell))
+        parts.enter_context(official.telling(print_event))
         race = drive(official, given.laps)
     given.picture.parent.mkdir(parents=True, exist_ok=True)
     picture = draw(line.track, line.looks, TEAMS, TURN * LOOKS)
@@ -287,9 +287,9 @@ def main() -> int:
     for kart in sorted(race.karts, key=lambda kart: kart.place):
         best = f'{kart.laps} laps, the best in {kart.best_lap:.3f} s'
         print(f'{kart.place}. kart {kart.number}, {kart.team}: {best}')
-    print(f'The race as a moving picture, for a browser: {given.picture}')
+    print(f'Animation of the race, for a browser: {given.picture}')
     wrong = missing(race, line, given.laps)
-    print('\n'.join(f'WRONG: {each}' for each in wrong) or 'Nothing was wrong.')
+    print('\n'.join(f'FAULT: {each}' for each in wrong) or 'No faults.')
     return bool(wrong)
 
 

@@ -73,7 +73,7 @@ def speed_command(kind: type, stamp: Time, speed: float) -> Any:
 
 
 class ExampleStack(StrictNode):
-    """Drives where the race state lets it."""
+    """Drives when the race state allows it."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('example_stack', **node_options)

@@ -20,7 +20,7 @@ ODOMETRY_GAP = 0.2  # s; older odometry does not count
 
 
 class Stack(Node):
-    """Drives straight ahead where the race state lets it."""
+    """Drives straight ahead when the race state allows it."""
 
     def __init__(self) -> None:
         """Subscribe to the race state and odometry, and start the timer."""

@@ -23,7 +23,7 @@ constexpr double STANDSTILL_TIME = 0.5;  // s; longer than your kart's dead time
 constexpr double ODOMETRY_GAP = 0.2;  // s; older odometry does not count
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-/// Drives straight ahead where the race state lets it.
+/// Drives straight ahead when the race state allows it.
 class Stack : public rclcpp::Node
 {
 public:
