@@ -49,7 +49,7 @@ def drive(state: RaceState, may_drive: bool) -> bool:
     return _speed == 0.0  # GRID_ACTIVE: ready to race, here at once
 
 
-class Link:
+class Connection:
     """The connection to race control, which it makes again when lost; it never waits."""
 
     def __init__(self, kart: Kart, race_control: tuple[str, int], own: str) -> None:
@@ -123,7 +123,7 @@ def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
         sys.exit('usage: example.py RACE_CONTROL [PORT [OWN_ADDRESS]], IPv4 addresses')
     host, port, own = (*sys.argv[1:], '', '')[:3]
     kart = Kart()
-    link = Link(kart, (host, int(port or DEFAULT_PORT)), own)
+    link = Connection(kart, (host, int(port or DEFAULT_PORT)), own)
     printed = None
     while True:
         time.sleep(TURN)

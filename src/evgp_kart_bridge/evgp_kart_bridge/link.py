@@ -6,8 +6,8 @@ The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
 One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` there:
 frames, the loss of the connection, deadlines, and inputs from the node (``give``). The arbiter's
-outcome is carried out in the same turn: it sends acknowledgements, closes the socket, or publishes
-a verdict.
+reaction is carried out in the same turn: it sends acknowledgements, closes the socket, or
+publishes a verdict.
 
 The same thread publishes the verdict again `REPEAT` times a second. So when it hangs, it falls
 silent, and the kart's nodes stop (§3.E).
@@ -29,7 +29,7 @@ import socket
 import threading
 
 from evgp_protocol import clock
-from evgp_protocol.arbiter import Arbiter, Outcome, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 
@@ -59,7 +59,7 @@ MOST_UNSENT = 256
 read them."""
 
 Publish = Callable[[Verdict, 'LinkStatus'], None]
-Input = Callable[[Arbiter, float], Outcome]
+Input = Callable[[Arbiter, float], Reaction]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,7 +100,7 @@ class LinkClosedError(RuntimeError):
     """The link has ended and accepts no more inputs."""
 
 
-class Link:
+class RaceControlLink:
     """
     Owns an arbiter and keeps it connected to race control, in its own thread.
 
@@ -144,14 +144,14 @@ class Link:
         if self._thread.ident is not None:
             self._thread.join(LINK_END_TIMEOUT)
 
-    def give(self, take: Input) -> concurrent.futures.Future[Outcome]:
+    def give(self, take: Input) -> concurrent.futures.Future[Reaction]:
         """
         Give the arbiter an input, from any thread.
 
-        :param take: gets the arbiter and the present time, and returns the outcome.
-        :return: the outcome, or LinkClosedError.
+        :param take: gets the arbiter and the present time, and returns the reaction.
+        :return: the reaction, or LinkClosedError.
         """
-        future: concurrent.futures.Future[Outcome] = concurrent.futures.Future()
+        future: concurrent.futures.Future[Reaction] = concurrent.futures.Future()
 
         def give() -> None:
             try:
@@ -210,31 +210,31 @@ class Link:
         else:
             self._ending.set_exception(error)
 
-    def _take(self, take: Input) -> Outcome:
-        """Give the arbiter an input, carry out the outcome, and publish a new verdict."""
-        outcome = self._give(take)
+    def _take(self, take: Input) -> Reaction:
+        """Give the arbiter an input, carry out the reaction, and publish a new verdict."""
+        reaction = self._give(take)
         self._publish_news()
-        return outcome
+        return reaction
 
-    def _give(self, take: Input) -> Outcome:
-        """Give the arbiter an input and carry out the outcome; do not publish yet."""
+    def _give(self, take: Input) -> Reaction:
+        """Give the arbiter an input and carry out the reaction; do not publish yet."""
         loop = asyncio.get_running_loop()
-        outcome = take(self._arbiter, loop.time())
-        self._verdict = outcome.verdict
+        reaction = take(self._arbiter, loop.time())
+        self._verdict = reaction.verdict
         connection = self._connection
-        if outcome.give_up is not None and connection is not None:
+        if reaction.give_up is not None and connection is not None:
             self._connection = None
             self._status.failures += 1
             connection.abort()
-        elif outcome.send is not None and connection is not None:
-            connection.send(outcome.send)
+        elif reaction.send is not None and connection is not None:
+            connection.send(reaction.send)
             self._verdict = self._arbiter.verdict  # sending may have ended the connection
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
                 self._timer.cancel()
             self._timer = loop.call_at(due, self._tick)
-        return outcome
+        return reaction
 
     def _tick(self) -> None:
         self._timer = None
@@ -340,7 +340,7 @@ class Link:
 class _Connection(asyncio.BufferedProtocol):
     """One connection to race control, or an attempt to make one."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: RaceControlLink) -> None:
         self._link = link
         self._transport: asyncio.Transport | None = None
         self._decoder = FrameDecoder()

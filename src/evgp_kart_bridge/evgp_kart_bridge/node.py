@@ -21,11 +21,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.lamp import lamp
 from evgp_kart_bridge.link import (
-    Link,
     LinkClosedError,
     LinkSettings,
     LinkStatus,
     peer_of,
+    RaceControlLink,
     REPEAT,
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
@@ -39,7 +39,7 @@ from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
-from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, StopSource, Verdict
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
@@ -197,7 +197,7 @@ class KartBridge(StrictNode):
                 'that the kart stands still. Give it odometry: make bridge ODOM=/odom, or odom:='
                 '/odom for the launch file'
             )
-        self._link = Link(arbiter, link_settings, self._on_verdict, on_failure)
+        self._link = RaceControlLink(arbiter, link_settings, self._on_verdict, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
         for source, topic in REMOTES.items():
@@ -238,13 +238,13 @@ class KartBridge(StrictNode):
             )
             return response
 
-        def take(arbiter: Arbiter, now: float) -> Outcome:
+        def take(arbiter: Arbiter, now: float) -> Reaction:
             return arbiter.acknowledge(state, order, now) if state and order else arbiter.tick(now)
 
         given = self._link.give(take)
         try:
-            outcome = given.result(LINK_ANSWER_TIMEOUT)
-            answer, verdict = outcome.answer, outcome.verdict
+            reaction = given.result(LINK_ANSWER_TIMEOUT)
+            answer, verdict = reaction.answer, reaction.verdict
             if answer is None:  # called by hand, without a number
                 response.message = _to_paste(verdict)
                 return response
@@ -286,8 +286,7 @@ class KartBridge(StrictNode):
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop while there are two nodes where only one is allowed; report that the team is
-        heard."""
+        """Stop the kart while any name has two nodes; report that the team is heard."""
         seen = {
             key: self._who_publishes(name)
             for name, key in self._one_publisher.items()
@@ -366,14 +365,14 @@ class KartBridge(StrictNode):
                 'odometry is not filled in, and the kart would acknowledge stops while it rolls'
             )
 
-        def take(arbiter: Arbiter, now: float) -> Outcome:
+        def take(arbiter: Arbiter, now: float) -> Reaction:
             self._odometry_at = now  # in the link's thread, like its readers
             return arbiter.speed(speed, now)
 
         given = self._link.give(take)
         given.add_done_callback(self._warn_of_odometry)
 
-    def _warn_of_odometry(self, given: concurrent.futures.Future[Outcome]) -> None:
+    def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
         """Log what keeps a stop from being acknowledged, even if no stack tried."""
         if given.exception() is not None or not given.result().hindrance:
             return

@@ -202,7 +202,7 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True)
-class Answer:
+class AcknowledgementAnswer:
     """
     The answer to an acknowledgement.
 
@@ -215,7 +215,7 @@ class Answer:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class Reaction:
     """
     The result of one input.
 
@@ -230,7 +230,7 @@ class Outcome:
     verdict: Verdict
     send: RaceState | None = None
     give_up: str | None = None
-    answer: Answer | None = None
+    answer: AcknowledgementAnswer | None = None
     hindrance: str = ''
 
 
@@ -352,19 +352,19 @@ class Arbiter:
             return None
         return None if self._refusal(reached, self._order) else reached
 
-    def tick(self, now: float) -> Outcome:
+    def tick(self, now: float) -> Reaction:
         """Let time pass."""
-        return self._outcome(self._pass(now))
+        return self._reaction(self._pass(now))
 
-    def connected(self, now: float) -> Outcome:
+    def connected(self, now: float) -> Reaction:
         """Begin a new connection to race control; the one before counts as lost."""
         self._pass(now)  # a socket to give up would be the earlier connection's
         self._lose(_NOTHING_SAID)
         self._open = True
         self._heard_at = now
-        return self._outcome(None)
+        return self._reaction(None)
 
-    def disconnected(self, reason: str, now: float) -> Outcome:
+    def disconnected(self, reason: str, now: float) -> Reaction:
         """
         End the connection, or update why there is none.
 
@@ -372,18 +372,18 @@ class Arbiter:
         """
         give_up = self._pass(now)
         self._lose(f'not connected to race control: {reason}')
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def heard(self, state: RaceState, now: float) -> Outcome:
+    def heard(self, state: RaceState, now: float) -> Reaction:
         """Take a frame from race control. Without a connection it is too late and ignored."""
         give_up = self._pass(now)
         if self._open:
             self._heard_at = now
             if state is not self._commanded:
                 self._command(state, now)
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Outcome:
+    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Reaction:
         """
         Engage or release the team's stop; it is on while any source engages it (§2.C).
 
@@ -399,16 +399,16 @@ class Arbiter:
             self._speed_at = -math.inf
         if self._team_stop:
             self._on_team_stop()
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def team_heard(self, now: float) -> Outcome:
+    def team_heard(self, now: float) -> Reaction:
         """Record that the bridge receives its team's messages: a stop would get here."""
         give_up = self._pass(now)
         self._starting = False
         self._sign(StopSource.TEAM, now)
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def acknowledge(self, state: RaceState, order: int, now: float) -> Outcome:
+    def acknowledge(self, state: RaceState, order: int, now: float) -> Reaction:
         """
         Judge the stack's acknowledgement of a command (§4.C).
 
@@ -422,16 +422,16 @@ class Arbiter:
         give_up = self._pass(now)
         refusal = self._refusal(state, order)
         if refusal is not None:
-            return self._outcome(give_up, answer=Answer(False, refusal))
+            return self._reaction(give_up, answer=AcknowledgementAnswer(False, refusal))
         said = self._out and self._acknowledged
         self._acknowledge()
-        return self._outcome(
+        return self._reaction(
             give_up,
             send=None if said else state,
-            answer=Answer(True, f'{state.value} is acknowledged'),
+            answer=AcknowledgementAnswer(True, f'{state.value} is acknowledged'),
         )
 
-    def speed(self, metres_per_s: float, now: float) -> Outcome:
+    def speed(self, metres_per_s: float, now: float) -> Reaction:
         """Take the kart's speed from odometry, in m/s; the sign does not matter."""
         give_up = self._pass(now)
         gap = now - self._speed_at > ODOMETRY_FRESH
@@ -448,24 +448,24 @@ class Arbiter:
             self._still_since = now
         if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
             hindrance = self.missing_odometry or self._motion()
-            return self._outcome(give_up, hindrance=hindrance if waiting else '')
+            return self._reaction(give_up, hindrance=hindrance if waiting else '')
         self._acknowledge()
-        return self._outcome(give_up, send=reached)
+        return self._reaction(give_up, send=reached)
 
     # Common to all inputs.
 
-    def _outcome(
+    def _reaction(
         self,
         give_up: str | None,
         send: RaceState | None = None,
-        answer: Answer | None = None,
+        answer: AcknowledgementAnswer | None = None,
         hindrance: str = '',
-    ) -> Outcome:
+    ) -> Reaction:
         stopped = self._team_stop
         if self._stopped and not stopped:
             self._number()  # an acknowledgement from before the team stop must not count after it
         self._stopped = stopped
-        return Outcome(self.verdict, send, give_up, answer, hindrance)
+        return Reaction(self.verdict, send, give_up, answer, hindrance)
 
     def _pass(self, now: float) -> str | None:
         """Let what is due by `now` happen; return why the socket must be closed, if so."""

@@ -22,7 +22,7 @@ whether the kart *has* reached the state. ``kit/python/example.py`` is a whole p
 
 from __future__ import annotations
 
-from evgp_protocol.arbiter import Arbiter, Outcome, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Settings, StopSource, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
 
@@ -123,14 +123,14 @@ class Kart:
             return b''
         return self._follow(self._arbiter.acknowledge(reached, order, now))
 
-    def _follow(self, outcome: Outcome) -> bytes:
-        """Carry out the outcome of an input; return the bytes to send."""
-        if outcome.give_up is not None:
+    def _follow(self, reaction: Reaction) -> bytes:
+        """Carry out the reaction of an input; return the bytes to send."""
+        if reaction.give_up is not None:
             self._decoder = None
-        order = outcome.verdict.order
-        if outcome.send is None or (order == self._said_order and not self._heard_since_said):
+        order = reaction.verdict.order
+        if reaction.send is None or (order == self._said_order and not self._heard_since_said):
             return b''
         self._said_order, self._heard_since_said = order, False
-        overtaken = self._garage_owed and outcome.send is not RaceState.IN_GARAGE
+        overtaken = self._garage_owed and reaction.send is not RaceState.IN_GARAGE
         self._garage_owed = False
-        return (encode(RaceState.IN_GARAGE) if overtaken else b'') + encode(outcome.send)
+        return (encode(RaceState.IN_GARAGE) if overtaken else b'') + encode(reaction.send)
