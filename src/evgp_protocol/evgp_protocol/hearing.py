@@ -286,17 +286,15 @@ class Hearing:
 
     @property
     def behind(self) -> float:
-        """Return how far the kart may read behind, in seconds; 0: nothing suggests that it
-        does."""
+        """Return the time by which the kart may read late, in seconds; 0: no sign of that."""
         return self._pace.behind
 
     def counts_in(self) -> float:
         """
-        Return the maximum time until a reply with the last order's state counts for it, in
-        seconds.
+        Return the maximum time until a reply counts for the last order, in seconds; 0: unknown.
 
-        Call it after ``decode``, for a reply that did not count. It applies if the kart repeats
-        the reply, or is known to send each change once. 0: unknown.
+        Call it after ``decode``, for a reply that did not count although the last order asks for
+        its state. It applies if the kart repeats the reply, or is known to send each change once.
         """
         beats = self._pause_beats + 1
         if len(self._orders) < 2:
