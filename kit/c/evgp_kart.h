@@ -488,7 +488,7 @@ static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
 }
 
 /* Return the frame to send, after any IN_GARAGE that other frames have overtaken. */
-static inline const char *evgp_p_word(const evgp_kart *kart)
+static inline const char *evgp_p_reply(const evgp_kart *kart)
 {
     const evgp_state reached = evgp_p_reached(kart);
     if (!kart->garage_owed) {
@@ -525,7 +525,7 @@ static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order,
         if (kart->said_order != order || kart->heard_since_said) {
             kart->said_order = order;
             kart->heard_since_said = 0;
-            say = evgp_p_word(kart);
+            say = evgp_p_reply(kart);
             kart->garage_owed = 0;
         }
     }

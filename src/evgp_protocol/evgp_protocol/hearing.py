@@ -129,7 +129,7 @@ class _Order:
     :ivar answers_from: place in the stream from the kart before which no reply can answer it.
     :ivar beat: the beat in which it was sent.
     :ivar answered_in: the beat in which race control saw that the kart's TCP had answered it.
-    :ivar words: number of replies that answered it; ``said_in``: the beat of the last of them.
+    :ivar replies: number of replies that answered it; ``said_in``: the beat of the last of them.
     """
 
     serial: int
@@ -138,7 +138,7 @@ class _Order:
     answers_from: int
     beat: int
     answered_in: int | None = None
-    words: int = 0
+    replies: int = 0
     said_in: int = 0
 
 
@@ -155,14 +155,14 @@ class _Pace:
         self._beat_rate = beat_rate
         self._window = math.ceil(PACE_WINDOW * beat_rate)
         # Whether the kart has replied to the last order, and since then, up to a window:
-        self._speaks = False
-        self._frames_of_order = self._words_of_order = 0
-        self._frames = self._words = 0
+        self._has_replied = False
+        self._frames_of_order = self._replies_of_order = 0
+        self._frames = self._replies = 0
         # Frames since its last reply, until it replies to the last order: it may be working on it.
         self._unsaid = 0
         self._slow = 0  # consecutive windows with too few replies
         self._lost = 0  # frames sent but not echoed
-        self.speaks_seldom = False
+        self.replies_seldom = False
 
     @property
     def behind(self) -> float:
@@ -171,19 +171,19 @@ class _Pace:
 
     def begin(self) -> None:
         """Record a new order: the kart replies when it has carried it out."""
-        self._speaks = False
+        self._has_replied = False
         self._unsaid = 0
 
     def sent(self) -> None:
         """Record a frame of the last order."""
-        if not self._speaks:
+        if not self._has_replied:
             self._unsaid += 1
             return
         self._frames_of_order += 1
         if self._frames_of_order == self._window:
-            if self._words_of_order > 1:
-                self.speaks_seldom = self._words_of_order < SELDOM * PACE_WINDOW
-            self._frames_of_order = self._words_of_order = 0
+            if self._replies_of_order > 1:
+                self.replies_seldom = self._replies_of_order < SELDOM * PACE_WINDOW
+            self._frames_of_order = self._replies_of_order = 0
         self._frames += 1
         self._judge()
 
@@ -199,18 +199,18 @@ class _Pace:
             self._lost = after if self._slow > 1 else min(self._lost, after)
             if self._lost < 3:
                 self._lost = self._slow = 0
-        if not self._speaks:
-            self._speaks = True
-            self._frames_of_order = self._words_of_order = 0
+        if not self._has_replied:
+            self._has_replied = True
+            self._frames_of_order = self._replies_of_order = 0
         else:
-            self._words += 1
-        self._words_of_order += 1
+            self._replies += 1
+        self._replies_of_order += 1
 
     def said_before(self) -> None:
         """Record a reply to an order before the last: the kart has not reached the last one."""
         if self._unsaid < BUSY * self._beat_rate:  # longer: it was silent for a reason
             self._frames += self._unsaid
-            self._words += 1
+            self._replies += 1
         self._unsaid = 0
         self._judge()
 
@@ -218,14 +218,14 @@ class _Pace:
         """Compare the replies of a window with its frames, at its end."""
         if self._frames < self._window:
             return
-        if self._words >= PACE * self._frames:
-            self._lost = max(0, self._lost - max(0, self._words - self._frames))
+        if self._replies >= PACE * self._frames:
+            self._lost = max(0, self._lost - max(0, self._replies - self._frames))
             if self._slow < 2 or not self._lost:
                 self._slow = self._lost = 0
-        elif self._words >= 0.9 * SLOWEST / self._beat_rate * self._frames:
-            self._lost += self._frames - self._words
+        elif self._replies >= 0.9 * SLOWEST / self._beat_rate * self._frames:
+            self._lost += self._frames - self._replies
             self._slow += 1
-        self._frames = self._words = 0
+        self._frames = self._replies = 0
 
 
 class Hearing:
@@ -242,7 +242,7 @@ class Hearing:
         # The order that the kart's replies have reached, and all later ones.
         self._orders: deque[_Order] = deque()
         # Whether it acknowledged the last IN_GARAGE that it is known to have read.
-        self._says_garage = False
+        self._acknowledges_garage = False
         # Whether it has sent more replies to an order than it was sent frames.
         self._outruns = False
         # Whether it has sent a state that none of these orders asks for.
@@ -300,14 +300,14 @@ class Hearing:
         if len(self._orders) < 2:
             return beats / self._beat_rate
         first, last = self._orders[0], self._orders[-1]
-        if first.state is last.state and first.words > 1 and self._alone is None:
+        if first.state is last.state and first.replies > 1 and self._alone is None:
             answered_in = self._orders[1].answered_in
             if answered_in is not None:
                 beats = max(beats - self._beats + answered_in, 1)
             if not self._reads_all:
                 if self._outruns:
                     return 0.0
-                beats = max(beats, max(ECHOES, self._frames_of_first()) - first.words)
+                beats = max(beats, max(ECHOES, self._frames_of_first()) - first.replies)
         return beats / self._beat_rate
 
     def settled(self) -> list[tuple[StateFrame, int]]:
@@ -384,9 +384,9 @@ class Hearing:
         self._beats += 1
         self._slowest = min(self._slowest + SLOWEST / self._beat_rate, self._beats)
         if self._alone is not None and self._silent_for() > self._pause_beats:
-            word, place = self._alone
+            reply, place = self._alone
             self._pass()
-            self._settled.append((word, self._answered_by(word, place)))
+            self._settled.append((reply, self._answered_by(reply, place)))
         while len(self._orders) > 1 and self._has_read_on():
             self._pass()
         if not self.is_full:
@@ -423,21 +423,21 @@ class Hearing:
         for _ in range(can[0]):
             self._pass()
         order = self._orders[0]
-        once = order.words == 1 and self._beats - order.said_in >= ONCE * self._beat_rate
-        order.words += 1
+        once = order.replies == 1 and self._beats - order.said_in >= ONCE * self._beat_rate
+        order.replies += 1
         order.said_in = self._beats
-        self._says_garage |= order.state is RaceState.IN_GARAGE
+        self._acknowledges_garage |= order.state is RaceState.IN_GARAGE
         self._slowest = max(self._slowest, order.beat)
         if len(self._orders) == 1:
             first_after = None
-            if order.words == 1 and order.answered_in is not None:
+            if order.replies == 1 and order.answered_in is not None:
                 first_after = self._beats - order.answered_in
             self._pace.said(first_after)
         else:
             self._pace.said_before()
         if len(can) == 1:
             if order.state is not RaceState.IN_GARAGE:
-                self._outruns |= order.words > self._frames_of_first()
+                self._outruns |= order.replies > self._frames_of_first()
         elif once:
             self._alone = heard, place
         return order.serial
@@ -446,7 +446,7 @@ class Hearing:
         """Record that the kart has read beyond the first order."""
         order = self._orders.popleft()
         if order.state is RaceState.IN_GARAGE:
-            self._says_garage = order.words > 0
+            self._acknowledges_garage = order.replies > 0
 
     def _has_read_on(self) -> bool:
         """Return whether the kart is known to have read the second order without a reply to it."""
@@ -455,16 +455,16 @@ class Hearing:
             return False
         if self._silent_for() > self._pause_beats:
             late = self._slowest - self._pause_beats <= second.beat
-            return first.words > 0 or not (self._says_garage or late)
+            return first.replies > 0 or not (self._acknowledges_garage or late)
         if self._reads_all:
-            return first.words > 0
+            return first.replies > 0
         counted = first.state is not RaceState.IN_GARAGE and not self._outruns
-        return counted and first.words >= max(ECHOES, self._frames_of_first())
+        return counted and first.replies >= max(ECHOES, self._frames_of_first())
 
     @property
     def _reads_all(self) -> bool:
         """Return whether the kart's replies so far show that it reads everything at once."""
-        return self._pace.speaks_seldom and not self._is_late
+        return self._pace.replies_seldom and not self._is_late
 
     def _frames_of_first(self) -> int:
         """Return the maximum number of frames of the first order that were sent."""
