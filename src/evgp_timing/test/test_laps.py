@@ -10,14 +10,12 @@ from dataclasses import dataclass, field
 import itertools
 from typing import Any
 
-from evgp_rcs.rules.encoding import read, written
-from evgp_rcs.rules.laps import (
+from evgp_timing.laps import (
     BY_HAND,
     Format,
     KartResult,
     Laps,
     LapSettings,
-    LapsMemory,
     Mark,
     MOST_A_RACE,
     MOST_A_SECOND,
@@ -486,7 +484,6 @@ def _is_better(one: KartResult, other: KartResult, format_: Format) -> bool:
     return format_ is Format.TIME_TRIAL and ms(one.best) < ms(other.best)
 
 
-@given(stories(), PENALTIES)
 def test_a_penalty_makes_no_result_better_and_is_taken_back_whole(
     story: Story, penalty: Penalty
 ) -> None:
@@ -513,20 +510,3 @@ def test_who_did_not_finish_is_known_once_the_race_has_ended(story: Story) -> No
             assert each.status is (Status.CLASSIFIED if done else Status.DNF)
     practice = dataclasses.replace(laps, format=Format.PRACTICE)
     assert all(each.status is not Status.DNF for each in practice.results)
-
-
-@given(stories(), PENALTIES)
-def test_after_a_restart_the_results_are_back_and_nothing_more_counts(
-    story: Story, penalty: Penalty
-) -> None:
-    ended = story.laps.penalise(penalty).end(GREEN + story.now)
-    text = written(ended.memory())
-
-    recalled = Laps.recall(read(LapsMemory, text), SETTINGS, 5000.0)
-
-    assert recalled.results == ended.results
-    later, taken = recalled.take([Passing('line', 's', 1, 1)], 5010.0)
-    assert [each.mark for each in taken] == [Mark.NOT_COUNTED]
-    assert later.results == ended.results
-    assert later.again(transponders={'t9': 2}).results == ended.results
-    assert not later.trouble(6000.0)
