@@ -25,20 +25,17 @@ import enum
 import math
 from typing import NamedTuple
 
-from evgp_timing.laps import (
+from evgp_node.results import (
     BY_HAND,
-    Format,
     Identity,
-    Judged,
     KartResult,
-    Laps,
-    LapSettings,
     Mark,
-    overall,
     Passing,
     Penalty,
-    Taken,
+    Standings,
 )
+from evgp_node.roster import Format, Heat
+from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
 """Maximum number of passings that are recognised when a source sends them again."""
@@ -48,24 +45,6 @@ MOST_GIVEN = 100
 
 MOST_PASSINGS = 200
 """Maximum number of passings in the results."""
-
-
-class Heat(NamedTuple):
-    """
-    A heat of the roster, as timing goes by it.
-
-    :param laps: how many laps each kart drives; 0: no number is set.
-    :param grid_from: its karts start in the order of the results of this heat, or of all heats of
-        this format; empty: nothing says one.
-    :param auto_finish: a kart finishes with its last lap, without an official.
-    """
-
-    name: str
-    karts: tuple[int, ...] = ()
-    format: Format = Format.RACE  # noqa: A003 - the roster's name
-    laps: int = 0
-    grid_from: str = ''
-    auto_finish: bool = False
 
 
 class Roster(NamedTuple):
@@ -203,19 +182,6 @@ class Race:
     def heat(self) -> str:
         """Return the name of the heat that was in the race; empty: none was."""
         return self.laps.heat
-
-
-class Standings(NamedTuple):
-    """The results of the newest race; the meanings are those of `Results.msg`."""
-
-    heat: str = ''
-    format: Format = Format.RACE  # noqa: A003 - the message's name
-    laps: int = 0
-    grid: tuple[int, ...] = ()
-    karts: tuple[KartResult, ...] = ()
-    overall: tuple[KartResult, ...] = ()
-    passings: tuple[Judged, ...] = ()
-    older: int = 0
 
 
 class Desk:

@@ -33,11 +33,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
-import enum
 import functools
 import itertools
 import math
 from typing import Any, NamedTuple
+
+from evgp_node.results import (
+    BY_HAND,
+    Identity,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    Penalty,
+    Status,
+)
+from evgp_node.roster import Format
 
 MOST_A_SECOND = 200
 """Maximum number of passings taken of one source in a second."""
@@ -49,9 +60,6 @@ MOST_SOURCES = 3
 """Maximum number of sources of which passings are taken in a race, besides officials: a correction
 judges all of them again, for which a stop waits (some 2 ms for a thousand)."""
 
-BY_HAND = 'official'
-"""The source of passings that officials count (COUNT_PASSING)."""
-
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
 """Of whom too many passings came, if it is not one source."""
 
@@ -60,65 +68,6 @@ BEAM_PRESS = 3.0
 
 MOST_SEEN = 100_000
 """Number of identities that are known again, over all races."""
-
-
-class Format(enum.Enum):
-    """What a race is about, which decides the places."""
-
-    RACE = 'race'
-    TIME_TRIAL = 'time_trial'
-    PRACTICE = 'practice'
-
-
-class Identity(NamedTuple):
-    """Which passing it is: the same one, however often it is said."""
-
-    source: str
-    session: str
-    number: int
-
-    def __str__(self) -> str:
-        """Return it as officials name it."""
-        return f'{self.source} {self.number}'
-
-
-class Passing(NamedTuple):
-    """
-    A passing as it came; the meanings are those of ``evgp_rcs_msgs/Passing``.
-
-    :param stamp_ns: when it crossed, in ns since the epoch of the source's clock.
-    :param strength: None: the source does not say.
-    """
-
-    source: str
-    session: str
-    number: int
-    kart: int = 0
-    transponder: str = ''
-    stamp_ns: int = 0
-    clock: int = 0
-    hits: int = 0
-    strength: float | None = None
-
-    @property
-    def identity(self) -> Identity:
-        """Return which one it is."""
-        return Identity(*self[:3])
-
-
-class Mark(enum.Enum):
-    """
-    What became of a passing.
-
-    ``DOUBTFUL``: too near to the last one that counted. ``UNKNOWN``: nobody has its transponder.
-    ``NOT_COUNTED``: not of a kart that races at that time, or it has all its laps.
-    """
-
-    COUNTED = 'counted'
-    DOUBTFUL = 'doubtful'
-    STRUCK = 'struck out'
-    UNKNOWN = 'unknown'
-    NOT_COUNTED = 'not counted'
 
 
 class Crossing(NamedTuple):
@@ -132,71 +81,6 @@ class Crossing(NamedTuple):
     passing: Passing
     came: float
     at: float
-
-
-class Penalty(NamedTuple):
-    """What an official took from a kart's result, why, and who."""
-
-    kart: int
-    seconds: int
-    laps: int
-    disqualified: bool
-    reason: str
-    official: str
-
-    def __str__(self) -> str:
-        """Return what it costs, and why."""
-        costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
-            self.laps
-        )
-        costs += ['disqualified'] * self.disqualified
-        return f'{", ".join(costs)}: {self.reason}'
-
-
-class Status(enum.Enum):
-    """How a kart stands in the results; from ``DNF`` on it has no place."""
-
-    RUNNING = 'RUNNING'
-    CLASSIFIED = 'CLASSIFIED'
-    DNF = 'DNF'
-    NOT_CLASSIFIED = 'NOT_CLASSIFIED'
-    DISQUALIFIED = 'DISQUALIFIED'
-
-
-class KartResult(NamedTuple):
-    """
-    The result of one kart.
-
-    :param place: from 1; karts that are equal share one; 0: none.
-    :param laps: those that count, after penalties.
-    :param total: in a race from GREEN_GREEN to the last crossing, else the sum of the laps; with
-        the seconds of penalties, in s. None: no lap.
-    :param lap_times: of every lap, in s.
-    :param penalties: in the order in which they were given.
-    """
-
-    kart: int
-    place: int
-    status: Status
-    laps: int
-    total: float | None
-    lap_times: tuple[float, ...]
-    penalties: tuple[Penalty, ...]
-
-    @property
-    def best(self) -> float | None:
-        """Return its best lap, in s; None: no lap."""
-        return min(self.lap_times, default=None)
-
-
-class Judged(NamedTuple):
-    """A passing with what became of it; ``struck``: why it was struck out."""
-
-    passing: Passing
-    kart: int
-    mark: Mark
-    at: float
-    struck: str
 
 
 class Taken(NamedTuple):

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import itertools
 
+from evgp_node.results import BY_HAND, Identity, Mark, Passing, Status
+from evgp_node.roster import Format, Heat
 from evgp_timing.desk import (
     Act,
     Corrected,
     Correction,
     Desk,
     Finish,
-    Heat,
     Passed,
     Roster,
     Told,
     What,
 )
-from evgp_timing.laps import BY_HAND, Format, Identity, LapSettings, Mark, Passing, Status
+from evgp_timing.laps import LapSettings
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -10,21 +10,9 @@ from dataclasses import dataclass, field
 import itertools
 from typing import Any
 
-from evgp_timing.laps import (
-    BY_HAND,
-    Format,
-    KartResult,
-    Laps,
-    LapSettings,
-    Mark,
-    MOST_A_RACE,
-    MOST_A_SECOND,
-    MOST_SOURCES,
-    Passing,
-    Penalty,
-    ranked,
-    Status,
-)
+from evgp_node.results import BY_HAND, KartResult, Mark, Passing, Penalty, Status
+from evgp_node.roster import Format
+from evgp_timing.laps import Laps, LapSettings, MOST_A_RACE, MOST_A_SECOND, MOST_SOURCES, ranked
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -18,6 +18,7 @@ import asyncio
 import contextlib
 import gc
 import os
+import secrets
 import signal
 import socket
 import sys
@@ -30,7 +31,7 @@ from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
 from evgp_rcs.rules.inputs import Entrant, Recovered, Rules, Setup
-from evgp_rcs.rules.race import LastRun
+from evgp_rcs.rules.race import Heat, LastRun
 
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
@@ -40,21 +41,21 @@ LAST_WORDS_TIMEOUT = 2.0
 messages, each, in seconds."""
 
 
-def setup_of(begin: Begin, now: float) -> Setup:
+def setup_of(begin: Begin, now: float, run: str) -> Setup:
     """Return with what the rules begin: every kart of the roster."""
     entries = begin.roster.entries
     return Setup(
         tuple(
-            Entrant(entry.number, entry.team, entry.in_race, entry.inspected, entry.transponders)
-            for entry in entries
+            Entrant(entry.number, entry.team, entry.in_race, entry.inspected) for entry in entries
         ),
         begin.times,
-        begin.roster.heats,
+        tuple(Heat(heat.name, heat.karts) for heat in begin.roster.heats),
         now,
+        run,
     )
 
 
-async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
+async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess, run: str) -> LastRun:
     """
     Run the kart server until it is to end, and return what the next run may know of it.
 
@@ -62,7 +63,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     :raises BaseException: what ended it.
     """
     loop = asyncio.get_running_loop()
-    setup = setup_of(begin, loop.time())
+    setup = setup_of(begin, loop.time(), run)
     record.attach(loop)
     record.begin(Rules(rules_version(), setup))
     race = setup.race()
@@ -116,12 +117,13 @@ def main(arguments: list[str] | None = None) -> int:
         gc.freeze()  # what this process and the record's share stays shared
         try:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
-            record = RecordProcess(begin.record, mark)
+            run = secrets.token_hex(8)
+            record = RecordProcess(begin.record, mark, run)
         except RecordError as error:
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
-            ends_as = clock.run(serve(begin, ros_half, record))
+            ends_as = clock.run(serve(begin, ros_half, record, run))
         except KartServerError as error:
             # No kart was sent anything: what the last run left is what this one leaves.
             record.end(LAST_WORDS_TIMEOUT, record.last_run)

@@ -33,7 +33,7 @@ from typing import IO
 from evgp_protocol import clock, states
 from evgp_rcs.files.folder import rcs_folder
 from evgp_rcs.record.run_mark import claim
-from evgp_rcs.rules import catalogue, laps, race
+from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.encoding import read, written
 from evgp_rcs.rules.inputs import (
     Batch,
@@ -113,8 +113,7 @@ def rules_version() -> str:
     """
     try:
         texts = [
-            pathlib.Path(str(each.__file__)).read_bytes()
-            for each in (race, laps, catalogue, states)
+            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
         ]
     except OSError:
         return ''
@@ -136,12 +135,14 @@ class Record:
     :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
         no record, `error` says so, ``write`` tries it again, and nothing is known of the time
         before.
+    :param run: the id of the run; empty: it is drawn here.
     :raises RecordError: if it is the record of another race control that is running.
     """
 
-    def __init__(self, path: pathlib.Path) -> None:
+    def __init__(self, path: pathlib.Path, run: str = '') -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
+        self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
         self._since = 0.0  # when the first of them came
         self._urgent = False  # they have an event
@@ -286,7 +287,7 @@ class Record:
             if begins:
                 left_behind = _left_behind(database)
                 (last,) = database.execute('SELECT max(run) FROM block').fetchone()
-                began = Began(secrets.token_hex(8), PROGRAM, time.time_ns())
+                began = Began(self._id, PROGRAM, time.time_ns())
                 first = Block(0, encode(began)).compressed()
                 run = (last or 0) + 1
                 database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
@@ -355,11 +356,6 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-RESULTS_LAST_NS = 3 * 86_400 * 10**9
-"""Time from the last event of a run after which the next one knows its results no more: they are
-of another event, whose heats may have the same names. Nanoseconds."""
-
-
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
     last = next(newest_first(database), None)
@@ -372,8 +368,6 @@ def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
         known = read(RaceMemory, found[0])
     except ValueError:
         return None  # damaged
-    if time.time_ns() - max(last.began_ns, last.last_ns) > RESULTS_LAST_NS:
-        known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
     return known
 
 

@@ -23,23 +23,20 @@ from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
+from evgp_node.roster import Roster
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.files.roster import Roster
 from evgp_rcs.ros.messages import diagnostics_message, events_message, message_of
 from evgp_rcs.rules.official import said_by
 from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from std_msgs.msg import String
 
 RACE_QOS = latched(1)
 """Of ``~/race``: a late subscriber gets the present race at once."""
-
-RESULTS_QOS = RACE_QOS
-"""Of ``~/results``, likewise."""
 
 EVENTS_QOS = latched(200)
 """Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
@@ -48,7 +45,6 @@ OF_EACH_KART = (
     EventKind.KART_STATE,
     EventKind.DELIVERED,
     EventKind.ACKNOWLEDGED,
-    EventKind.PASSING,
 )
 """Not in the log: the command says what karts are sent, other events that all answer or not."""
 
@@ -88,10 +84,9 @@ class RacePublisher:
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
-        self._results = node.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | Standings | str | None]
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: tuple[Alert, ...] = ()
         self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
@@ -108,8 +103,8 @@ class RacePublisher:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, race: Snapshot | Standings) -> None:
-        """Take a snapshot of the race, or its results, from any thread."""
+    def race(self, race: Snapshot) -> None:
+        """Take a snapshot of the race, from any thread."""
         self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
@@ -160,14 +155,11 @@ class RacePublisher:
             while not self._happened.empty():
                 came.append(self._happened.get())
             newest: Snapshot | None = None
-            results: Standings | None = None
             for news in came:
                 if news is None:
                     ended = True
                 elif isinstance(news, Snapshot):
                     newest = news
-                elif isinstance(news, Standings):
-                    results = news
                 elif isinstance(news, str):
                     self._take_graph_trouble(news)
                 else:
@@ -178,9 +170,6 @@ class RacePublisher:
                 self._newest = newest
                 self._tell_race(newest)
             self._say_state(clock.now())
-            if results is not None:
-                clock_ns = time.time_ns() - round(clock.now() * 1e9)
-                self._results.publish(message_of(results, msg.Results, clock_ns))
 
     def _say_state(self, now: float) -> None:
         """Publish the race's state by its name, if that is due and known."""

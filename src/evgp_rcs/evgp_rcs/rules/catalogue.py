@@ -41,12 +41,6 @@ class CommandKind(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
-    COUNT_PASSING = 'COUNT_PASSING'
-    STRIKE_PASSING = 'STRIKE_PASSING'
-    RESTORE_PASSING = 'RESTORE_PASSING'
-    GIVE_TRANSPONDER = 'GIVE_TRANSPONDER'
-    PENALISE = 'PENALISE'
-    UNDO_PENALTY = 'UNDO_PENALTY'
 
     __hash__ = object.__hash__  # as RaceState has it
 
@@ -104,7 +98,6 @@ class Entry:
     :param sends: the state that it sends, if it asks first.
     :param then: what follows, to one kart and to several.
     :param bookkeeping: no button of §4.B: GRID_ACTIVE stays the last one that was pressed.
-    :param of_laps: it is about laps and results, which no kart sees. ``~/race`` does not offer it.
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
     :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
         doubt what officials see.
@@ -135,7 +128,6 @@ class Entry:
     sends: RaceState | None = None
     then: tuple[str, str] = ('', '')
     bookkeeping: bool = False
-    of_laps: bool = False
     stop: bool = False
     loosens: bool = False
 
@@ -280,6 +272,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'a kart has crossed the line',
         'kart/finish',
         Result(placed=True),
+        takes=('run', 'race', 'attempt'),
         place=3,
         key='Ctrl+E',
         to_one_kart=True,
@@ -378,60 +371,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         statement='no_race_anywhere',  # of the request that the two share; to close needs none
         key='F7',
         bookkeeping=True,
-    ),
-    CommandKind.COUNT_PASSING: Entry(
-        'COUNT PASSING',
-        'an official saw this kart cross the timing line',
-        'kart/count_passing',
-        to_one_kart=True,
-        short='LAP',
-        bookkeeping=True,
-        of_laps=True,
-    ),
-    CommandKind.STRIKE_PASSING: Entry(
-        'STRIKE PASSING',
-        'strike a passing of the timing line out: it does not count',
-        'set_passing_struck',
-        fixed={'struck': True},
-        takes=('source', 'session', 'number', 'reason'),
-        bookkeeping=True,
-        of_laps=True,
-    ),
-    CommandKind.RESTORE_PASSING: Entry(
-        'RESTORE PASSING',
-        'put a passing back that was struck out',
-        'set_passing_struck',
-        fixed={'struck': False},
-        takes=('source', 'session', 'number', 'reason'),
-        bookkeeping=True,
-        of_laps=True,
-    ),
-    CommandKind.GIVE_TRANSPONDER: Entry(
-        'GIVE TRANSPONDER',
-        'a transponder is of this kart; its passings in this race count for it',
-        'kart/give_transponder',
-        to_one_kart=True,
-        takes=('transponder',),
-        bookkeeping=True,
-        of_laps=True,
-    ),
-    CommandKind.PENALISE: Entry(
-        'PENALISE',
-        'add seconds to the result of a kart, take laps away, or disqualify it',
-        'kart/penalise',
-        to_one_kart=True,
-        takes=('heat', 'seconds', 'laps', 'disqualified', 'reason'),
-        bookkeeping=True,
-        of_laps=True,
-    ),
-    CommandKind.UNDO_PENALTY: Entry(
-        'UNDO PENALTY',
-        'take the last penalty of a kart back',
-        'kart/undo_penalty',
-        to_one_kart=True,
-        takes=('heat',),
-        bookkeeping=True,
-        of_laps=True,
     ),
 }
 """Every command of an official, stops first."""

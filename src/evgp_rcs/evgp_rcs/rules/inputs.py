@@ -28,7 +28,6 @@ import zlib
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.encoding import DAMAGED, reader, written
-from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Attendance,
@@ -60,7 +59,6 @@ class Entrant(NamedTuple):
     team: str
     in_race: bool
     inspected: str = ''
-    transponders: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,26 +67,22 @@ class Setup:
     With what the rules begin.
 
     :param now: the time of it, on the clock of the rules (s).
+    :param run: the id of this run, as in ``Began``.
     """
 
     karts: tuple[Entrant, ...]
     times: RaceTimes
     heats: tuple[Heat, ...]
     now: float
+    run: str = ''
 
     def race(self) -> Race:
         """Return a race that has just begun."""
         karts = [
-            Kart(
-                kart.number,
-                kart.team,
-                kart.in_race,
-                inspected=kart.inspected,
-                transponders=kart.transponders,
-            )
+            Kart(kart.number, kart.team, kart.in_race, inspected=kart.inspected)
             for kart in self.karts
         ]
-        return Race(karts, self.times, self.now, self.heats)
+        return Race(karts, self.times, self.now, self.heats, self.run)
 
 
 class Began(NamedTuple):
@@ -174,14 +168,6 @@ class Measured(NamedTuple):
     link: LinkQuality
 
 
-class Passed(NamedTuple):
-    """What sources saw at the timing line; ``dropped`` more were too many to be taken."""
-
-    at: float
-    passings: tuple[Passing, ...]
-    dropped: int
-
-
 class Tick(NamedTuple):
     """Time passed."""
 
@@ -261,7 +247,6 @@ Input = (
     | Heard
     | Delivered
     | Measured
-    | Passed
     | Tick
     | HeldUp
     | CutOff
@@ -285,8 +270,6 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.delivered(kart, serial, answered, at)
         case Measured(at, kart, link):
             return race.measured(kart, link, at)
-        case Passed(at, passings, dropped):
-            return race.passed(passings, dropped, at)
         case Commanded(at, command, came):
             return race.command(command, at, came)
         case Connected(at, kart):
@@ -389,16 +372,12 @@ def _check(entry: Entry) -> None:
     numbers: list[int] = []
     if isinstance(entry, StampedEvent):
         event = entry.event
-        texts, numbers = (
-            [event.text, event.official, event.heat],
-            [event.kart, event.lap, event.race],
-        )
+        texts = [event.text, event.official, event.heat]
+        numbers = [event.kart, event.race]
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
-        texts = [name for heat in heats for name in (heat.name, heat.grid_from)]
-        texts += [
-            name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)
-        ]
+        texts = [heat.name for heat in heats]
+        texts += [name for kart in karts for name in (kart.team, kart.inspected)]
         # There is no kart 0.
         numbers = [number - 1 for heat in heats for number in heat.karts]
         numbers += [kart.number - 1 for kart in karts]

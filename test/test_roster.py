@@ -8,7 +8,7 @@ from __future__ import annotations
 import pathlib
 import re
 
-from evgp_rcs.files.roster import (
+from evgp_node.roster import (
     load_roster,
     MAX_BYTES,
     parse_roster,
