@@ -13,11 +13,12 @@ import sqlite3
 import sys
 from typing import Any
 
+from evgp_node.stream import Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.store import blocks_of, events, open_read_only, sessions
 from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS, RESULTS_QOS
-from evgp_rcs.rules.inputs import Block, Entry
+from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain

@@ -20,13 +20,13 @@ import sys
 import time
 from typing import Any
 
+from evgp_node.codec import message_of
 from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import message_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.official import UNNAMED
+from evgp_node.official import UNNAMED
 from evgp_rcs.rules.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain

@@ -14,7 +14,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.node import ANSWER_TIMEOUT
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.official import UNNAMED
+from evgp_node.official import UNNAMED
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain

@@ -25,7 +25,7 @@ from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.laps import BY_HAND
-from evgp_rcs.rules.official import UNNAMED
+from evgp_node.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import COMMANDS, STARTING
 from evgp_rcs_console.commands import Given, Standing

@@ -17,7 +17,6 @@ import tty
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.process import WRONG_SETTING
 from evgp_node.stamps import stamp_of
-from evgp_rcs.ros.messages import passing_of
 from evgp_rcs.rules.laps import Format, Laps, LapSettings
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain, free_port

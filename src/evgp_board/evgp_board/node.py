@@ -21,12 +21,13 @@ from typing import Any
 
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard, Line, line_of
+from evgp_node.codec import value_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_protocol import clock
-from evgp_rcs.ros.messages import event_of, value_of
+from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message

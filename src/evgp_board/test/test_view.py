@@ -11,9 +11,9 @@ from typing import Any
 
 from evgp_board import view
 from evgp_board.view import Heard
+from evgp_node.codec import value_of
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.ros.messages import value_of
 from evgp_rcs.rules.laps import Format, KartResult, Penalty, Status
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Alert, AlertKind, Kart, Race, TrackAccess

@@ -136,9 +136,35 @@ class Judged(NamedTuple):
     struck: str
 
 
+class HeatGrid(NamedTuple):
+    """In which order the karts of a heat are to start; empty: nothing says one yet."""
+
+    name: str
+    karts: tuple[int, ...]
+
+
+class RaceOfEvent(NamedTuple):
+    """
+    A race of this event, as the timekeeper has it.
+
+    :param number: counts them from 1.
+    :param stamp: when its grid formed, in seconds.
+    :param counts: its results are those of its heat.
+    """
+
+    number: int
+    heat: str
+    stamp: float
+    classified: int
+    counts: bool
+
+
 class Standings(NamedTuple):
     """The results of the newest race; the meanings are those of `Results.msg`."""
 
+    stamp: float = 0.0
+    run: str = ''
+    race: int = 0
     heat: str = ''
     format: Format = Format.RACE  # noqa: A003 - the message's name
     laps: int = 0
@@ -147,3 +173,17 @@ class Standings(NamedTuple):
     overall: tuple[KartResult, ...] = ()
     passings: tuple[Judged, ...] = ()
     older: int = 0
+    grids: tuple[HeatGrid, ...] = ()
+    next_heat: str = ''
+    races: tuple[RaceOfEvent, ...] = ()
+    questions: tuple[str, ...] = ()
+    published: bool = False
+
+    def kart(self, number: int) -> KartResult | None:
+        """Return the result of a kart; None: it did not start."""
+        return next((each for each in self.karts if each.kart == number), None)
+
+    def laps_left(self, number: int) -> int:
+        """Return how many laps a kart still has to drive; 0 also where no number is set."""
+        kart = self.kart(number)
+        return 0 if kart is None else max(0, self.laps - len(kart.lap_times))

@@ -13,6 +13,7 @@ import random
 import sqlite3
 from typing import Any, cast
 
+from evgp_node.stream import Began, Block, Gap
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report.model import Account
@@ -20,19 +21,7 @@ from evgp_rcs.record.runs import Kept
 from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    Entrant,
-    entries_of,
-    Entry,
-    Gap,
-    Log,
-    Rules,
-    Setup,
-)
+from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup
 from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (

@@ -10,9 +10,9 @@ import json
 import pathlib
 import re
 
+from evgp_node.encoding import read, written
 from evgp_rcs.rcs_record import main
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.encoding import read, written
 from evgp_rcs.rules.laps import (
     Format,
     Heats,

@@ -14,24 +14,15 @@ import json
 import pathlib
 from typing import Any, get_args, get_type_hints
 
+from evgp_node.encoding import read, written
+from evgp_node.stream import Block, DamagedError, Gap, joined
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import process as kart_process
 from evgp_rcs.karts import server as kart_server
 from evgp_rcs.rules import inputs, laps
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.encoding import read, written
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Block,
-    decode,
-    encode,
-    entries_of,
-    Gap,
-    InputsError,
-    joined,
-    Log,
-)
+from evgp_rcs.rules.inputs import Batch, decode, encode, entries_of, Log
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     AlertKind,
@@ -159,7 +150,7 @@ EVENTS = st.builds(
     heat=SETUP_TEXTS,
 )
 ENTRIES = st.one_of(
-    st.builds(inputs.Began, TEXTS, TEXTS, NUMBERS),
+    st.builds(Began, TEXTS, TEXTS, NUMBERS),
     st.builds(inputs.Rules, TEXTS, SETUPS),
     st.builds(StampedEvent, NUMBERS, NUMBERS, TIMES, EVENTS),
     st.builds(inputs.Commanded, TIMES, COMMANDS, TIMES),
@@ -256,14 +247,14 @@ def test_whatever_stands_in_an_input_it_is_read_or_refused(
 ) -> None:
     text = encode(entry).decode()
     where = data.draw(st.sampled_from([*places_in(json.loads(text))]))
-    with contextlib.suppress(InputsError):
+    with contextlib.suppress(DamagedError):
         list(decode(with_hostile(text, where, hostile).encode('latin-1')))
 
 
 def test_a_block_of_which_one_byte_was_changed_is_refused() -> None:
     data = bytearray(Block(0, encode(inputs.Connected(1.0, 7))).compressed())
     data[len(data) // 2] ^= 1
-    with pytest.raises(InputsError):
+    with pytest.raises(DamagedError):
         Block.of(bytes(data))
 
 

@@ -42,7 +42,7 @@ from evgp_rcs.karts.server import (
 )
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.hearing import FLOOD_BYTES
-from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Passed
+from evgp_rcs.rules.inputs import Batch, Commanded, Ordered
 from evgp_rcs.rules.laps import Format, Laps, Passing
 from evgp_rcs.rules.race import (
     AlertKind,

@@ -14,6 +14,7 @@ import sqlite3
 import subprocess
 import time
 
+from evgp_node.stream import Began, Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
 from evgp_rcs.record.runs import PARTLY
@@ -28,17 +29,7 @@ from evgp_rcs.record.store import (
     sessions,
 )
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    entries_of,
-    Entry,
-    Rules,
-    Setup,
-    Tick,
-)
+from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.rules.laps import LapsMemory
 from evgp_rcs.rules.race import (
     Command,

@@ -28,7 +28,9 @@ import threading
 from typing import Any, Protocol, TypeVar
 import uuid
 
+from evgp_node.codec import value_of
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
+from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
@@ -37,9 +39,8 @@ from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
 from evgp_protocol.clock import duration, now
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import event_of, value_of
+from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.official import MOST_OF_NAME
 from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot, Standings
 from evgp_rcs.words import STATES

@@ -13,11 +13,11 @@ import sys
 import threading
 
 from evgp_node.graph import GraphError
+from evgp_node.official import said_by, tidy
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.laps import Judged
-from evgp_rcs.rules.official import said_by, tidy
 from evgp_rcs.rules.race import Answer, Availability, StampedEvent
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, Standings
 from evgp_rcs.words import time_of_day

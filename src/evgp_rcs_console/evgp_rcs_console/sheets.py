@@ -13,10 +13,10 @@ from collections.abc import Mapping, Sequence
 import functools
 import time
 
+from evgp_node.official import MOST_OF_NAME
 from evgp_protocol import clock
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.laps import Judged
-from evgp_rcs.rules.official import MOST_OF_NAME
 from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import results, texts

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_rcs.ros.messages import message_of, value_of
+from evgp_node.codec import message_of, value_of
 from evgp_rcs.rules.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs_console.client import Sources, spoken, WITHIN

@@ -23,12 +23,12 @@ import signal
 import threading
 import time
 
+from evgp_node.codec import message_of, value_of
 from evgp_node.qos import latched
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
-from evgp_rcs.ros.messages import message_of, value_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot

@@ -27,11 +27,13 @@ from typing import NamedTuple
 
 from evgp_node.results import (
     BY_HAND,
+    HeatGrid,
     Identity,
     KartResult,
     Mark,
     Passing,
     Penalty,
+    RaceOfEvent,
     Standings,
 )
 from evgp_node.roster import Format, Heat
@@ -75,6 +77,7 @@ class Told(NamedTuple):
     Something that race control said.
 
     :param run: the id of its run; ``race``: the number of the race in it.
+    :param sequence: the number of the event.
     """
 
     at: float
@@ -83,6 +86,16 @@ class Told(NamedTuple):
     race: int
     heat: str = ''
     kart: int = 0
+    sequence: int = 0
+
+
+class Missed(NamedTuple):
+    """Events of race control did not come here; what they said is not known."""
+
+    at: float
+    run: str
+    race: int
+    events: int
 
 
 class Passed(NamedTuple):
@@ -103,6 +116,7 @@ class Act(enum.Enum):
     PENALISE = 'penalise a kart'
     UNDO_PENALTY = 'take the last penalty of a kart back'
     CHOOSE = 'have this race of its heat count'
+    PUBLISH = 'publish the results of a race'
 
 
 class Correction(NamedTuple):
@@ -133,7 +147,7 @@ class Corrected(NamedTuple):
     correction: Correction
 
 
-Input = Told | Passed | Corrected
+Input = Told | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
@@ -166,6 +180,8 @@ class Race:
 
     :param began: when its grid formed.
     :param started: GREEN_GREEN was sent.
+    :param published: the timekeeper has published its results.
+    :param missed: how many events of race control did not come here.
     :param by_finish: of each kart that crossed by its FINISH, the passing that was counted.
     :param undone: how often the finish of each kart was undone.
     """
@@ -175,6 +191,8 @@ class Race:
     began: float
     laps: Laps
     started: bool = False
+    published: bool = False
+    missed: int = 0
     by_finish: dict[int, Identity] = field(default_factory=dict)
     undone: dict[int, int] = field(default_factory=dict)
 
@@ -204,6 +222,9 @@ class Desk:
         match given:
             case Told():
                 self._told(given)
+            case Missed(_, _, _, events):
+                if self.races:
+                    self.races[-1].missed += events
             case Passed(at, passings, dropped):
                 self._passed(passings, dropped, at)
             case Corrected(at, correction):
@@ -359,12 +380,15 @@ class Desk:
                 return f'there are {MOST_GIVEN} penalties already'
         if act is Act.UNDO_PENALTY and asked.kart not in {each.kart for each in laps.penalties}:
             return f'kart {asked.kart} has no penalty'
+        if act is Act.PUBLISH and laps.ended == math.inf:
+            return 'the race is under way'
         if act is Act.CHOOSE and not laps.is_result:
             return 'that race has no heat, or no lap was counted in it'
         return ''
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
         laps, kart = race.laps, asked.kart
+        race.published = False  # what was published is no longer so
         match asked.act:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
@@ -385,6 +409,9 @@ class Desk:
             case Act.UNDO_PENALTY:
                 race.laps = laps.undo_penalty(kart)
                 return f'the last penalty of kart {kart} is taken back'
+            case Act.PUBLISH:
+                race.published = True
+                return f'the results of race {self.races.index(race) + 1} are published'
             case _:
                 self._chosen[race.heat] = race
                 return f'race {self.races.index(race) + 1} counts as {race.heat}'
@@ -431,29 +458,58 @@ class Desk:
         """Return the order of start of each heat; empty: nothing says one yet."""
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
-    def standings(self) -> Standings:
-        """Return the results of the newest race, as they are now."""
-        if not self.races:
-            return Standings()
-        laps = self.races[-1].laps
-        passings = tuple(laps.last_passings(MOST_PASSINGS))
-        return Standings(
-            laps.heat,
-            laps.format,
-            laps.wanted,
-            laps.grid,
-            laps.results,
-            self.best(laps.format),
-            passings,
-            len(laps.crossings) - len(passings),
+    def standings(self, now: float = 0.0) -> Standings:
+        """Return what there is to see at this time, in seconds."""
+        grids = self.grids()
+        seen = Standings(
+            stamp=now,
+            grids=tuple(HeatGrid(*each) for each in grids.items()),
+            next_heat=self._next_heat(grids),
+            races=tuple(self._listed()),
+            questions=tuple(self.questions()),
         )
+        if not self.races:
+            return seen
+        race = self.races[-1]
+        laps = race.laps
+        passings = tuple(laps.last_passings(MOST_PASSINGS))
+        return seen._replace(
+            run=race.run,
+            race=race.number,
+            heat=laps.heat,
+            format=laps.format,
+            laps=laps.wanted,
+            grid=laps.grid,
+            karts=laps.results,
+            overall=self.best(laps.format),
+            passings=passings,
+            older=len(laps.crossings) - len(passings),
+            published=race.published,
+        )
+
+    def _listed(self) -> Iterator[RaceOfEvent]:
+        counting = [id(each) for each in self.counting().values()]
+        for number, race in enumerate(self.races, 1):
+            classified = sum(each.place > 0 for each in race.laps.results)
+            counts = id(race) in counting
+            yield RaceOfEvent(number, race.heat, race.began, classified, counts)
+
+    def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
+        """Return whose turn is next of the heats of one kart that were not raced."""
+        raced = {race.heat for race in self.races}
+        turns = [
+            (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
+            for heat in self.roster.heats
+            if len(grids[heat.name]) == 1 and heat.name not in raced
+        ]
+        return min(turns, default=(0, ''))[1]
 
     def questions(self) -> list[str]:
         """Return what FINISH and laps of the newest race disagree about, as sentences."""
         if not self.races:
             return []
-        laps = self.races[-1].laps
-        asked = []
+        laps, missed = self.races[-1].laps, self.races[-1].missed
+        asked = [f'{missed} events of race control did not come: check the laps'] if missed else []
         for kart in laps.karts:
             missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
             if laps.wanted and kart in laps.finished and missing > 0:

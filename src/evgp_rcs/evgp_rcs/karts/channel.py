@@ -79,6 +79,7 @@ class Begin:
 
     :param cannot_know: why another race control at the same address cannot be ruled out, in a
         phrase; empty: it can. Where it cannot, no proof of a good end is believed.
+    :param run: the id of this run; empty: the record draws one.
     """
 
     roster: Roster
@@ -86,6 +87,7 @@ class Begin:
     settings: ServerSettings
     record: pathlib.Path
     cannot_know: str = ''
+    run: str = ''
 
 
 class Request(NamedTuple):

@@ -18,7 +18,6 @@ import asyncio
 import contextlib
 import gc
 import os
-import secrets
 import signal
 import socket
 import sys
@@ -41,7 +40,7 @@ LAST_WORDS_TIMEOUT = 2.0
 messages, each, in seconds."""
 
 
-def setup_of(begin: Begin, now: float, run: str) -> Setup:
+def setup_of(begin: Begin, now: float) -> Setup:
     """Return with what the rules begin: every kart of the roster."""
     entries = begin.roster.entries
     return Setup(
@@ -51,7 +50,7 @@ def setup_of(begin: Begin, now: float, run: str) -> Setup:
         begin.times,
         tuple(Heat(heat.name, heat.karts) for heat in begin.roster.heats),
         now,
-        run,
+        begin.run,
     )
 
 
@@ -63,7 +62,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess, run: st
     :raises BaseException: what ended it.
     """
     loop = asyncio.get_running_loop()
-    setup = setup_of(begin, loop.time(), run)
+    setup = setup_of(begin, loop.time())
     record.attach(loop)
     record.begin(Rules(rules_version(), setup))
     race = setup.race()
@@ -117,13 +116,12 @@ def main(arguments: list[str] | None = None) -> int:
         gc.freeze()  # what this process and the record's share stays shared
         try:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
-            run = secrets.token_hex(8)
-            record = RecordProcess(begin.record, mark, run)
+            record = RecordProcess(begin.record, mark, begin.run)
         except RecordError as error:
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
-            ends_as = clock.run(serve(begin, ros_half, record, run))
+            ends_as = clock.run(serve(begin, ros_half, record))
         except KartServerError as error:
             # No kart was sent anything: what the last run left is what this one leaves.
             record.end(LAST_WORDS_TIMEOUT, record.last_run)

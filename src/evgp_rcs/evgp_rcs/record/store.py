@@ -30,28 +30,19 @@ import sqlite3
 import time
 from typing import IO
 
+from evgp_node.encoding import read, written
+from evgp_node.folder import rcs_folder
+from evgp_node.stream import Began, Block, Gap, joined
 from evgp_protocol import clock, states
-from evgp_rcs.files.folder import rcs_folder
 from evgp_rcs.record.run_mark import claim
 from evgp_rcs.rules import catalogue, race
-from evgp_rcs.rules.encoding import read, written
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    entries_of,
-    Entry,
-    Gap,
-    joined,
-    Rules,
-)
+from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 9
 
 PROGRAM = 'race control'
-"""Who writes these streams; another program may write its own beside them (``inputs.Began``)."""
+"""Who writes these streams; another program may write its own beside them (``Began``)."""
 
 INPUTS_EVERY = 1.0
 """Maximum time that entries without an event wait for others, in seconds. A disk that must confirm
@@ -67,7 +58,7 @@ _SCHEMA = """
 CREATE TABLE block ( -- the streams of all runs
     run INTEGER NOT NULL, -- counts the streams of this file from 1
     number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
-    data BLOB NOT NULL, -- inputs.Block
+    data BLOB NOT NULL, -- Block
     PRIMARY KEY (run, number)
 );
 CREATE TABLE memory ( -- what the next run must know; the last one only: laps make it long
@@ -94,7 +85,7 @@ class Session:
         is none.
     :param events: the number of its last event.
     :param last_ns: the wall time of that.
-    :param id: the run's id, see ``inputs.Began``; empty: that cannot be read.
+    :param id: the run's id, see ``Began``; empty: that cannot be read.
     """
 
     number: int
@@ -457,7 +448,7 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
 
 def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
     """Yield the events of a block, whatever came before it."""
-    return entries_of([block], events_only=True)
+    return entries_of([block], only=StampedEvent)
 
 
 def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
@@ -466,6 +457,6 @@ def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    for entry in entries_of(blocks_of(database, run), events_only=True):
+    for entry in entries_of(blocks_of(database, run), only=StampedEvent):
         if isinstance(entry, StampedEvent):
             yield entry

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The race in ROS messages, and back, by ``evgp_node.codec``; here is what is not field by field."""
+"""What of the race is no message field by field; the rest is ``evgp_node.codec``'s."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ CONSTANTS |= {
 # ----- what is not field by field -------------------------------------------------------------
 
 
-def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
-    """Return events as a message."""
-    return msg.RaceEvents(events=list(map(_event, events)))
+def events_message(events: Iterable[StampedEvent], run: str = '') -> msg.RaceEvents:
+    """Return events of a run as a message."""
+    return msg.RaceEvents(run=run, events=list(map(_event, events)))
 
 
 def _event(stamped: StampedEvent) -> msg.RaceEvent:

@@ -36,6 +36,7 @@ from evgp_node.graph import (
     trouble_of_graph,
     where_reachable,
 )
+from evgp_node.official import heard, tidy
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
@@ -54,7 +55,6 @@ from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.ros.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
 from evgp_rcs.ros.settings import read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs.rules.official import heard, tidy
 from evgp_rcs.rules.race import Answer, Command
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
@@ -167,7 +167,9 @@ class RcsNode(StrictNode):
         self._rival = False
         self._signing = threading.Lock()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._publisher = RacePublisher(self, begin.roster, self._publisher_failed, self._banner)
+        self._publisher = RacePublisher(
+            self, begin.roster, self._publisher_failed, self._banner, begin.run
+        )
         self._server = KartServerClient(
             begin,
             on_events=self._publisher.events,

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import threading
 from typing import Protocol
 
-from evgp_rcs.rules.official import MOST_OF_NAME, tidy
+from evgp_node.official import MOST_OF_NAME, tidy
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0

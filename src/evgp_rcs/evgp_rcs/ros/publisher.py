@@ -20,15 +20,16 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from evgp_node.codec import message_of
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.roster import Roster
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import diagnostics_message, events_message, message_of
-from evgp_rcs.rules.official import said_by
+from evgp_rcs.ros.messages import diagnostics_message, events_message
 from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs_msgs import msg
@@ -68,6 +69,7 @@ class RacePublisher:
 
     :param on_failure: is called, in the publisher's thread, when it cannot go on.
     :param banner: what every screen says at its top.
+    :param run: the id of this run of race control.
     """
 
     def __init__(
@@ -76,11 +78,13 @@ class RacePublisher:
         roster: Roster,
         on_failure: Callable[[BaseException], None],
         banner: str = '',
+        run: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
         self._banner = banner
+        self._run_id = run
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
@@ -134,7 +138,7 @@ class RacePublisher:
         self._race.publish(message_of(race, msg.Race, wall_ns - round(now * 1e9)))
         event = Event(EventKind.ALERT_RAISED, text, success=False)
         stamped = StampedEvent(self._sequence + 1, wall_ns, now, event)
-        self._events.publish(events_message([stamped]))
+        self._events.publish(events_message([stamped], self._run_id))
         wait_until_heard(self._race, self._events)
 
     def _run(self) -> None:
@@ -191,7 +195,7 @@ class RacePublisher:
             log.info('The ROS graph is in order again')
 
     def _tell(self, batch: list[StampedEvent]) -> None:
-        self._events.publish(events_message(batch))
+        self._events.publish(events_message(batch, self._run_id))
         self._sequence = batch[-1].sequence
         log = self._node.get_logger()
         for _, _, _, event in batch:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import pathlib
+import secrets
 from typing import Any
 
 from evgp_node.parameters import check_address, ParameterError, Parameters
@@ -111,4 +112,5 @@ def read_settings(parameters: Parameters) -> Begin:
         ),
         settings=ServerSettings(host=address, **server),
         record=pathlib.Path(record).expanduser() if record else default_path(),
+        run=secrets.token_hex(8),
     )

@@ -20,14 +20,12 @@ Pure. No clock, socket, ROS, thread, file or log.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 import dataclasses
-import json
 from typing import get_args, NamedTuple
-import zlib
 
+from evgp_node.stream import Began, Stream
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.encoding import DAMAGED, reader, written
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Attendance,
@@ -43,11 +41,6 @@ from evgp_rcs.rules.race import (
     StampedEvent,
     StartPhase,
 )
-
-
-class InputsError(ValueError):
-    """An entry or a block is damaged; the text says what is wrong."""
-
 
 # ----- with what the rules begin --------------------------------------------------------------
 
@@ -83,20 +76,6 @@ class Setup:
             for kart in self.karts
         ]
         return Race(karts, self.times, self.now, self.heats, self.run)
-
-
-class Began(NamedTuple):
-    """
-    The first entry of a stream.
-
-    :param run: the id of the run, drawn at random: by it, streams of several programs are joined.
-    :param program: which program writes this stream.
-    :param wall_ns: when it began, in ns since the epoch.
-    """
-
-    run: str
-    program: str
-    wall_ns: int
 
 
 class Rules(NamedTuple):
@@ -312,54 +291,9 @@ class Shown(NamedTuple):
 Entry = Began | Rules | Input | Ordered | StampedEvent | Shown
 
 
-class Gap(NamedTuple):
-    """
-    Entries are missing here; no stream has this, but whoever reads one finds it.
-
-    :param entries: how many; 0: nobody knows.
-    :param why: a phrase.
-    :param damaged: what is there cannot be read; otherwise it is not there.
-    """
-
-    entries: int
-    why: str
-    damaged: bool = False
-
-    def __str__(self) -> str:
-        """Return it as a clause."""
-        many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
-        return f'{many} missing: {self.why}'
-
-
 # ----- encoding -------------------------------------------------------------------------------
 
-_READERS = {kind.__name__: reader(kind) for kind in get_args(Entry)}
-_EVENT = f'["{StampedEvent.__name__}"'.encode()
 _MOST = 2**32 - 1
-
-
-def encode(entry: Entry) -> bytes:
-    """Return an entry as a line: a list of the name of its type and its fields."""
-    return f'{written([type(entry).__name__, *entry])}\n'.encode()
-
-
-def decode(data: bytes, events_only: bool = False) -> Iterator[Entry]:
-    """
-    Yield the entries that were encoded, in order.
-
-    :param events_only: leave out all but events.
-    :raises InputsError: where they are damaged.
-    """
-    for number, line in enumerate(data.splitlines(), 1):
-        if events_only and not line.startswith(_EVENT):
-            continue
-        try:
-            name, *fields = json.loads(line)
-            entry: Entry = _READERS[name](fields)
-            _check(entry)
-        except DAMAGED as error:
-            raise InputsError(f'entry {number} cannot be read: {error!r:.200}') from error
-        yield entry
 
 
 def _check(entry: Entry) -> None:
@@ -403,54 +337,6 @@ class Batch(NamedTuple):
     happened: bytes = b''
 
 
-class Block(NamedTuple):
-    """
-    A part of a stream.
-
-    :param entries: how many entries came before it.
-    :param data: those that it has, encoded.
-    """
-
-    entries: int
-    data: bytes
-
-    @property
-    def length(self) -> int:
-        """Return how many entries it has."""
-        return self.data.count(b'\n')
-
-    def compressed(self) -> bytes:
-        """Return the block in few bytes, which show whether they were damaged."""
-        return zlib.compress(b'%d\n%s' % self)
-
-    @staticmethod
-    def of(data: bytes) -> Block:
-        """
-        Return the block that was compressed.
-
-        :raises InputsError: if it is damaged.
-        """
-        try:
-            entries, _, lines = zlib.decompress(data).partition(b'\n')
-            return Block(int(entries), lines)
-        except (zlib.error, ValueError, TypeError) as error:
-            raise InputsError(f'it cannot be read: {error}') from error
-
-
-def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Yield the same entries in few blocks: a new one only where some are missing."""
-    parts: list[Block] = []
-    expected = 0
-    for block in blocks:
-        if parts and block.entries != expected:
-            yield Block(parts[0].entries, b''.join(part.data for part in parts))
-            parts = []
-        parts.append(block)
-        expected = block.entries + block.length
-    if parts:
-        yield Block(parts[0].entries, b''.join(part.data for part in parts))
-
-
 class Log:
     """Everything that goes into the rules of one race and comes out of them."""
 
@@ -475,32 +361,7 @@ class Log:
         return batch
 
 
-def entries_of(
-    blocks: Iterable[tuple[int, bytes]], events_only: bool = False
-) -> Iterator[Entry | Gap]:
-    """
-    Yield the entries of a stream, and where some are missing.
+STREAM: Stream[Entry] = Stream(get_args(Entry), _check)
+"""How entries are written and read."""
 
-    :param blocks: each block with its number, in order and compressed.
-    :param events_only: leave out all entries but events.
-    """
-    expected = 0
-    why, damaged = '', False
-    for number, data in blocks:
-        try:
-            block = Block.of(data)
-            entries = list(decode(block.data, events_only))
-        except InputsError as error:
-            why, damaged = why or f'block {number} is damaged: {error}', True
-            continue
-        if block.entries < expected:
-            why, damaged = f'block {number} is not in its place', True
-            continue
-        if why or block.entries > expected:
-            lost = 'the disk took none, or they were removed'
-            yield Gap(block.entries - expected, why or lost, damaged)
-            why, damaged = '', False
-        yield from entries
-        expected = block.entries + block.length
-    if why:
-        yield Gap(0, why, damaged)
+encode, decode, entries_of = STREAM.encode, STREAM.decode, STREAM.entries_of

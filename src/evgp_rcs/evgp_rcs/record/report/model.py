@@ -23,12 +23,13 @@ import itertools
 import math
 from typing import NamedTuple
 
+from evgp_node.stream import Gap
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.replay import Replay, Step
 from evgp_rcs.record.runs import Kept
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Gap, Input, Recovered
+from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Input, Recovered
 from evgp_rcs.rules.laps import Laps
 from evgp_rcs.rules.race import AlertKind, EventKind, Kart, LastRun, Race, StampedEvent
 
