@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import enum
 import os
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 
 Report = Callable[..., None]
 """
@@ -42,7 +42,7 @@ STARTING = 5.0
 GRACE = 0.5
 """Time reserved for reporting that no answer came, in seconds."""
 
-COMMANDS: dict[str, CommandKind] = {
+COMMANDS: dict[str, Kind] = {
     entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
 }
 """Every command of an official, by its name on the command line."""
@@ -52,7 +52,7 @@ TAKEN: dict[str, tuple[type, str]] = {
     'session': (str, 'in which session of the source'),
     'number': (int, 'and its number in it'),
     'transponder': (str, 'its number or name, as the timing device has it'),
-    'heat': (str, 'in the result of this heat; otherwise of the race that was started last'),
+    'race': (int, 'of which race of the event, by its number; otherwise of the newest'),
     'seconds': (int, 'seconds to add to its time'),
     'laps': (int, 'laps to take away'),
     'disqualified': (bool, 'disqualify it'),
@@ -64,7 +64,7 @@ NAMES_WHAT = ('source', 'session', 'number', 'transponder')
 """Those of them that are always given; the others are options."""
 
 
-def no_answer(command: CommandKind, waited: float, details: str) -> str:
+def no_answer(command: Kind, waited: float, details: str) -> str:
     """
     Return what to say when race control has not answered in time.
 

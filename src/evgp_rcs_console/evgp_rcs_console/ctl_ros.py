@@ -15,13 +15,14 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_node.official import said_by, tidy
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
+from evgp_node.results import Judged, Standings
 from evgp_protocol.clock import now
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Judged
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Answer, Availability, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, Standings
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
     COMMANDS,

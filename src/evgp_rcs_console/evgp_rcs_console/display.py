@@ -14,17 +14,19 @@ from collections import deque
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass, replace
+import math
 import time
 from typing import NamedTuple
 
+from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
+from evgp_rcs_console.catalogue import Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
@@ -44,7 +46,7 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Question, ResultsSheet, Sheet, WhyStruck, YourName
+from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
 from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
@@ -57,6 +59,9 @@ from evgp_rcs_console.view import (
     silence,
 )
 from evgp_rcs_console.widgets import Area, Card, CENTER, CommandButton, Painted, Text
+
+TIMING_GONE = 3.0
+"""Time without results after which there is no timing, in seconds: they come once a second."""
 
 MARGIN = 10
 SIDE = 272
@@ -136,7 +141,7 @@ class SeenCommands:
         return Shown(screen, tuple(buttons))
 
 
-def _commands(screen: Screen) -> list[tuple[CommandKind, int]]:
+def _commands(screen: Screen) -> list[tuple[Kind, int]]:
     """Return which command each button of a screen gives, place by place."""
     buttons = [button for row in screen.rows for button in row.buttons]
     buttons += [screen.track_button] if screen.track_button else []
@@ -173,14 +178,10 @@ class Areas(Area):
         self.help = Help(self)
         self.heats = Heats(self, press)
         self.your_name = YourName(self)
-        self.results = ResultsSheet(self)
-        self.why_struck = WhyStruck(self)
         self._sheets: tuple[Sheet, ...] = (
             self.question,
             self.help,
             self.heats,
-            self.results,
-            self.why_struck,
             self.your_name,
         )
         self._style: object = None
@@ -251,9 +252,8 @@ class Areas(Area):
         """Put the sheets that are open over the karts, clear of their stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
-                # These leave the strip in sight: it says what the karts do.
-                leaves = sheet in (self.question, self.results, self.why_struck)
-                top = self._ground if leaves else self.strip
+                # The question leaves the strip in sight: it says what the karts do.
+                top = self._ground if sheet is self.question else self.strip
                 first, last = top.geometry(), self.karts.geometry()
                 end = last.left() + self.karts.stops_begin - look.px(GAP)
                 room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
@@ -407,7 +407,7 @@ class BottomLine:
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
-        if answer.success and not CATALOGUE[given.command].of_laps:  # no snapshot tells of those
+        if answer.success and given.command in OF_RACE_CONTROL:
             self._outcome = Outcome(given, clock.now())
 
     def take_race(self, race: Snapshot, at: float) -> None:
@@ -493,7 +493,8 @@ class Display(QtCore.QObject):
         self._looking = looking
         self._began = clock.now()
         self._race: Snapshot | None = None
-        self._results = Standings()
+        self._results: Standings | None = None
+        self._results_at = -math.inf
         self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
@@ -519,9 +520,8 @@ class Display(QtCore.QObject):
             self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
-        """Show the results as they stand now."""
-        self._results = results
-        self._show_results()
+        """Take the results as they are now."""
+        self._results, self._results_at = results, clock.now()
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
@@ -566,7 +566,10 @@ class Display(QtCore.QObject):
             self._danger_title = title
             self.alarm.sound_soon()
         race = self._race or NOTHING
-        screen = show(race, now - self._heard_at, self.unanswered.ages(now), danger_now)
+        timing = self._results if now - self._results_at < TIMING_GONE else None
+        had_timing = self._results is not None
+        ages = self.unanswered.ages(now)
+        screen = show(race, now - self._heard_at, ages, danger_now, timing, had_timing)
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)
@@ -581,8 +584,6 @@ class Display(QtCore.QObject):
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats)
-        if areas.results.isVisible():
-            self._show_results()
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)
         self.alarm.show(known=not stale)
@@ -603,10 +604,6 @@ class Display(QtCore.QObject):
         """Return why a stop may reach nobody; empty if race control is heard."""
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None and danger_now.stale else ''
-
-    def _show_results(self) -> None:
-        teams = {kart.number: kart.team for kart in (self._race or NOTHING).karts}
-        self.areas.results.show_results(self._results, teams, bool(self.barred))
 
     def _see(self, screen: Screen, now: float) -> None:
         """Keep what the official saw until now; close the choice of heats if they have changed."""

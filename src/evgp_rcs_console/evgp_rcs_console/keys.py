@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import enum
 import string
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.view import FINISH_KEYS, LETTER_COMMANDS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
@@ -85,7 +85,6 @@ class Act(enum.Enum):
     UP = enum.auto()
     DOWN = enum.auto()
     LOG = enum.auto()
-    RESULTS = enum.auto()
     PRESS = enum.auto()
     ERASE = enum.auto()
     CANCEL = enum.auto()
@@ -99,7 +98,6 @@ _ACTS = {
     'Up': Act.UP,
     'Down': Act.DOWN,
     'Ctrl+L': Act.LOG,
-    'Ctrl+T': Act.RESULTS,
     'Return': Act.PRESS,
     'Enter': Act.PRESS,
     'Backspace': Act.ERASE,
@@ -107,8 +105,8 @@ _ACTS = {
 }
 
 KEYS = {
-    key: tuple(kind for kind, entry in CATALOGUE.items() if entry.key == key)
-    for key in sorted({entry.key for entry in CATALOGUE.values() if entry.key}, key=len)
+    key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
+    for key in sorted({entry.key for entry in OF_RACE_CONTROL.values() if entry.key}, key=len)
 }
 """The commands of each key, except ALL KILL; a screen has a button for one of them."""
 
@@ -126,7 +124,7 @@ class Stroke:
     :param act: what else it does.
     """
 
-    commands: tuple[CommandKind, ...] = ()
+    commands: tuple[Kind, ...] = ()
     to_chosen: bool = False
     finish: int | None = None
     digit: str = ''

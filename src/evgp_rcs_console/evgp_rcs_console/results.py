@@ -1,17 +1,46 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The results sheet as texts: the table, and the passings that it rests on. Pure."""
+"""Results as texts: what a row shows of them, the table, and the passings. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from evgp_rcs.rules.laps import Judged, KartResult, Mark
-from evgp_rcs.rules.snapshot import Standings
-from evgp_rcs.words import FORMATS, lap_time, STATUS
+from evgp_node.results import Judged, KartResult, Mark, Standings, Status
+from evgp_rcs.words import lap_time
 from evgp_rcs_console import texts
+
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
+
+
+def position(results: Standings, number: int) -> str:
+    """Return the position of a kart; empty: it has none."""
+    kart = results.kart(number)
+    return f'P{kart.place}' if kart is not None and kart.place else ''
+
+
+def progress(results: Standings, number: int) -> str:
+    """Return the lap of a kart, and how far it is behind the first one; empty: no lap yet."""
+    kart = results.kart(number)
+    if kart is None or not kart.lap_times:
+        return ''
+    text = f'lap {len(kart.lap_times)}' + (f'/{results.laps}' if results.laps else '')
+    first = results.karts[0]
+    if kart is first or kart.total is None or first.total is None:
+        return text
+    behind = first.laps - kart.laps
+    gap = (
+        f'{kart.total - first.total:.1f} s' if not behind else f'{behind} lap{"s" * (behind > 1)}'
+    )
+    return f'{text} +{gap}'
 
 
 @dataclass(frozen=True)
@@ -50,7 +79,10 @@ def title(results: Standings) -> str:
         return texts.NO_RESULTS
     laps = texts.RESULTS_LAPS.format(count=results.laps) if results.laps else ''
     return ', '.join(
-        filter(None, (results.heat or texts.RESULTS_TITLE, FORMATS[results.format], laps))
+        filter(
+            None,
+            (results.heat or texts.RESULTS_TITLE, results.format.value.replace('_', ' '), laps),
+        )
     )
 
 
@@ -70,7 +102,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     if results.overall in ((), results.karts):
         return rows(results.karts)
     heading = [''] * len(RESULT_COLUMNS)
-    heading[2] = texts.ALL_HEATS.format(format=FORMATS[results.format])
+    heading[2] = texts.ALL_HEATS.format(format=results.format.value.replace('_', ' '))
     return [*rows(results.karts), tuple(heading), *rows(results.overall)]
 
 

@@ -13,10 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 import math
 
+from evgp_node.results import Standings
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Effects, Given
 
 TITLE = 'EVGP race control'
@@ -57,7 +59,6 @@ HELD = 'held: {reason}'
 FLAG_IN = 'P{place}, flag in {seconds} s'
 LAST_LAP_DONE = 'last lap done: FINISH'
 FINISH_NOW = 'FINISH {karts}: last lap done'
-LAPS = 'lap {count}: {last:.3f} s, best {best:.3f} s'
 SAYS = 'says {state}'
 SAYS_EARLIER = 'perhaps to the earlier one'
 COUNTS_IN = '… in {seconds} s'
@@ -220,29 +221,18 @@ HEAT = '{name}: {karts}'
 IN_RACE_NOW = 'in the race'
 NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
-GRID_FROM, NO_GRID = 'grid from {source}', 'no grid yet: no results of {source}'
-RESULTS = 'Places'
+GRID_ORDER = 'in the order of the grid'
+ORDER_OF_FINISH, RESULTS = 'Order of FINISH', 'Results'
+NO_TIMING = 'no timing'
+NO_TIMING_REASON = (
+    'there is no timing, so the letter counts no lap. Ctrl+E gives FINISH to the chosen kart'
+)
 
-RESULTS_BUTTON = 'RESULTS'
 RESULTS_TITLE = 'Results'
 NO_RESULTS = 'No results yet'
 ALL_HEATS = 'All heats, {format}'
 RESULTS_LAPS = '{count} laps'
-RESULTS_HINT = (
-    'A penalty, in a terminal: rcs_ctl penalise KART --seconds 5 --reason "..."  '
-    '(--laps 1, --disqualified; undo-penalty KART)'
-)
-TO_PASSINGS = 'PASSINGS'
 PASSINGS = 'Passings: since GREEN_GREEN, kart, source, session and number, what became of it'
-OLDER = 'OLDER'
-NEXT_PAGE = 'PAGE {page} of {pages}'
-NEWEST = 'NEWEST: {count} new'
-STRIKE = 'STRIKE'
-RESTORE = 'RESTORE'
-WHY_TITLE = 'Why does it not count?'
-WHY_ABOUT = '{kart}, crossed at {at}, seen by {seen}. It is kept, and can be restored.'
-WHY_REASONS = ('Another kart crossed', 'Nobody crossed', 'Seen before the line', 'Off the track')
-PASSINGS_CHANGED = 'Nothing was sent: this passing has just changed. Look, and press again.'
 
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
@@ -313,15 +303,7 @@ def inspected(kart: KartSnapshot) -> str:
     return f'inspected {kart.inspected}' if kart.inspected else ''
 
 
-def laps(kart: KartSnapshot, wanted: int) -> str:
-    """Return how many laps a kart has driven, of those of the race; empty: it has none."""
-    if kart.last_lap is None or kart.best_lap is None:
-        return ''
-    count = f'{kart.laps} of {wanted}' if wanted else kart.laps
-    return LAPS.format(count=count, last=kart.last_lap, best=kart.best_lap)
-
-
-def command_name(command: CommandKind, kart: int = 0) -> str:
+def command_name(command: Kind, kart: int = 0) -> str:
     """Return the name of a command in a sentence."""
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 
@@ -337,27 +319,32 @@ def dropped(given: Given, at: float) -> str:
     return DROPPED.format(command=full_name(given), age=round(at - given.at))
 
 
-def heat(each: HeatSnapshot, in_race: bool = False, is_next: bool = False) -> str:
-    """Return a heat with its karts, in the order in which they start."""
-    text = HEAT.format(name=each.name, karts=_numbers(each.grid or each.karts))
-    notes = [(GRID_FROM if each.grid else NO_GRID).format(source=each.grid_from)]
-    notes *= bool(each.grid_from) and len(each.karts) > 1
-    notes += [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+def heat(
+    each: HeatSnapshot, timing: Standings | None, in_race: bool = False, is_next: bool = False
+) -> str:
+    """Return a heat with its karts, in the order in which they start if timing says one."""
+    grid = grid_of(each.name, timing)
+    text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
+    notes = [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
 
 
-def order_of_start(race: Snapshot) -> str:
+def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
+    """Return in which order the karts of a heat start; empty: nothing says one."""
+    found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
+    return next(iter(found), ())
+
+
+def order_of_start(race: Snapshot, timing: Standings | None) -> str:
     """Return in which order the karts of the race start, and who is next; empty: nothing says."""
     said = []
-    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE):
-        heat = race.heat_in_race
-        if heat is not None and heat.grid_from and len(heat.karts) > 1:
-            text = GRID if heat.grid else NO_GRID
-            said.append(text.format(karts=_numbers(heat.grid), source=heat.grid_from))
+    grid = grid_of(race.heat, timing)
+    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
+        said.append(GRID.format(karts=_numbers(grid)))
     said += [
         NEXT.format(karts=_numbers(heat.karts), name=heat.name)
         for heat in race.heats
-        if heat.name == race.next_heat
+        if timing is not None and heat.name == timing.next_heat
     ]
     return ' · '.join(said)
 
@@ -366,9 +353,7 @@ def _numbers(karts: Iterable[int]) -> str:
     return ', '.join(map(str, karts))
 
 
-def condition(
-    command: CommandKind, kart: KartSnapshot | None, race: Snapshot, statement: str
-) -> str:
+def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statement: str) -> str:
     """
     Return what an official confirms.
 
@@ -403,7 +388,7 @@ def under_way(race: Snapshot) -> str:
     return f'{sent[0]} is sent {STATES[sent[0].sent]}' if sent else ''
 
 
-def warning(command: CommandKind, race: Snapshot) -> str:
+def warning(command: Kind, race: Snapshot) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
@@ -422,7 +407,7 @@ def warning(command: CommandKind, race: Snapshot) -> str:
     return ''
 
 
-def caution(command: CommandKind, race: Snapshot, karts: Sequence[int]) -> str:
+def caution(command: Kind, race: Snapshot, karts: Sequence[int]) -> str:
     """
     Return what an official should know before a command, and which is no reason to refuse it.
 
@@ -451,7 +436,7 @@ def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
 
 
 def consequences(
-    command: CommandKind, does: Effects, race: Snapshot, kart: KartSnapshot | None
+    command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
 ) -> list[str]:
     """
     Return what a command does, as sentences.

@@ -9,8 +9,9 @@ from collections.abc import Callable
 import functools
 from typing import NamedTuple, TypeVar
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import Button, STEP_STATES

@@ -21,6 +21,7 @@ import time
 from typing import Any
 
 from evgp_node.codec import message_of, value_of
+from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import where_reachable
 from evgp_node.official import heard, tidy
@@ -169,7 +170,8 @@ class Timekeeper(StrictNode):
         self._finish = self.create_client(KartFinish, '/rcs/kart/finish')
         for act, entry in CORRECTIONS.items():
             if act is not Act.RESTORE:
-                self._offer(entry.service, service_class(entry.service_type), act)
+                name = entry.service.removeprefix(OF_TIMEKEEPER)
+                self._offer(name, service_class(entry.service_type), act)
         subscribe = self.create_subscription
         subscribe(msg.RaceEvents, '/rcs/events', self._hear, EVENTS_QOS)
         subscribe(msg.Passing, 'passings', self._see, PASSINGS_QOS)
@@ -270,7 +272,10 @@ def _asked_for(act: Act, request: Any) -> Correction:
     """Return the correction that a request asks for."""
     if act is Act.STRIKE and not request.struck:
         act = Act.RESTORE
-    taken = {name: getattr(request, name) for name in CORRECTIONS[act].takes}
+    entry = CORRECTIONS[act]
+    taken = {name: getattr(request, name) for name in entry.takes}
+    if entry.to_one_kart:
+        taken['kart'] = request.kart
     taken = {name: tidy(each) if isinstance(each, str) else each for name, each in taken.items()}
     if 'source' in taken:
         names = (taken.pop('source'), taken.pop('session'), taken.pop('number'))
