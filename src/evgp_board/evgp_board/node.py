@@ -26,9 +26,10 @@ from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachabl
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
+from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.ros.messages import event_of
-from evgp_rcs.rules.snapshot import Snapshot, Standings
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
@@ -89,7 +90,7 @@ class BoardNode(StrictNode):
         self._shown: tuple[object, ...] = ()
         self._heard = Heard()
         self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
-        self.create_subscription(msg.Results, 'results', self._hear_results, latched(1))
+        self.create_subscription(msg.Results, 'timekeeper/results', self._hear_results, latched(1))
         self.create_subscription(msg.RaceEvents, 'events', self._hear_events, latched(200))
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='server', daemon=True)

@@ -16,4 +16,6 @@ from evgp_timing.desk import Act
 
 Kind: TypeAlias = CommandKind | Act
 
-CATALOGUE: Mapping[Kind, Entry] = {**OF_RACE_CONTROL, **CORRECTIONS}
+__all__ = ('CATALOGUE', 'OF_RACE_CONTROL', 'Kind')
+
+CATALOGUE: Mapping[Kind, Entry] = dict([*OF_RACE_CONTROL.items(), *CORRECTIONS.items()])

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import enum
 import os
 
-from evgp_rcs_console.catalogue import CATALOGUE, Kind
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 Report = Callable[..., None]
 """
@@ -134,7 +134,7 @@ def parser() -> argparse.ArgumentParser:
                 nargs='*',
                 help='the karts that you mean; without any, it lists them and sends nothing',
             )
-        for field in entry.takes:
+        for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
             if field in NAMES_WHAT:
                 each.add_argument(field, type=_count if kind is int else kind, help=meaning)

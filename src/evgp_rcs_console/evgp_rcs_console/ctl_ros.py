@@ -166,6 +166,7 @@ def _give(
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
+        assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
         # IN GARAGE may be for no kart; then there is none to name.
         if entry.names_karts and (concerned.karts or not concerned.available or not wanted.stated):
@@ -183,7 +184,7 @@ def _give(
         hold,
         getattr(wanted, 'heat', ''),
         Signature(wanted.official).claim,
-        {name: getattr(wanted, name) for name in entry.takes},
+        {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
@@ -221,7 +222,7 @@ def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list
     """Return what to type in place of a refused command, if it lacked karts or a statement."""
     form = CATALOGUE[given.command]
     kart = race.kart(given.kart) if form.to_one_kart else None
-    if form.to_one_kart and kart is None:
+    if not isinstance(given.command, CommandKind) or (form.to_one_kart and kart is None):
         return []
     offered = (kart or race).offered(given.command)
     if not offered.available:
@@ -238,6 +239,7 @@ def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list
 def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
     """Say which karts a command would start or release, and send nothing."""
     command = COMMANDS[wanted.command]
+    assert isinstance(command, CommandKind)
     offered = race.offered(command)
     label = CATALOGUE[command].label
     if not offered.available:

@@ -458,7 +458,7 @@ class StepButton(CommandButton):
         if button is None:
             return
         ink, ground, frame = self.colours()
-        if button.current:
+        if button.current and isinstance(button.command, CommandKind):
             tone = STATE_CELLS[STEP_STATES[button.command]].tone
             frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
             ink = look.palette.ink if not button.is_stop else ink

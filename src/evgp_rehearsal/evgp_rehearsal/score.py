@@ -29,7 +29,8 @@ from dataclasses import dataclass, replace
 import enum
 import math
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
+from evgp_node.entries import Result
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS

@@ -179,13 +179,13 @@ class Official(RosSide):
         """
         Give a command that must be accepted, once the race says that it is available.
 
-        Stops, and the bookkeeping of laps, which the race does not offer, are given at once.
+        Stops are given at once.
 
         :raises AssertionError: if it is refused; the text has the reason.
         :raises ValueError: if there is no such command; the text has those that there are.
         """
         entry = CATALOGUE[kind_of(service, request)]
-        if entry.stop or entry.of_laps:
+        if entry.stop:
             answer = self.call(service, **request)
             assert answer.success, f'{service}: {answer.message}'
             return answer

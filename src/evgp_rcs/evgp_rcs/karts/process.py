@@ -54,7 +54,7 @@ def setup_of(begin: Begin, now: float) -> Setup:
     )
 
 
-async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess, run: str) -> LastRun:
+async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
     """
     Run the kart server until it is to end, and return what the next run may know of it.
 

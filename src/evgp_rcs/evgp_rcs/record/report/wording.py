@@ -36,8 +36,6 @@ KINDS = {
     EventKind.ALERT_CLEARED: 'Alert ended',
     EventKind.ALL_ACKNOWLEDGED: 'Every kart has acknowledged',
     EventKind.RESULTS: 'Results',
-    EventKind.PASSING: 'Seen at the line',
-    EventKind.LAP: 'Lap',
     EventKind.ENDED: 'Race control ends',
 }
 """What each kind of event is called."""
