@@ -5,7 +5,7 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
-#                       inspect-kart, inspect-rcs, record, rehearsal, soak, survey, test, test-long and timing
+#                       inspect-kart, record, rehearsal, soak, survey, test, test-long and timing
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -56,12 +56,12 @@ KIND :=
 DEVICE :=
 
 .PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
-  spare takeover inspect-kart inspect-rcs survey screenshots kit-size lines lint format clean
+  spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
 	@echo 'make sim     three karts of three kinds race in a simulator; a moving picture of it  (ARGS="--laps 3")'
-	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
+	@echo 'make rehearsal  train officials: simulated karts, incidents, debrief  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
@@ -76,7 +76,6 @@ help:
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
-	@echo "make inspect-rcs   is a race control fit to race?  (ARGS='--driver ros --word ready')"
 	@echo 'make survey  is the WLAN good on the whole track? Needs no set-up'
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     command and watch in the terminal       (ARGS="watch" OFFICIALS=10.1.0.6)'
@@ -161,7 +160,7 @@ ctl:
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
 button:
 	$(IN_WORKSPACE) $(if $(DEVICE),python -m evgp_node.restarting $(RCS_BUTTON) --ros-args \
-	  -p 'device:=$(DEVICE)' -p 'kind:=$(or $(KIND),evdev)' \
+	  -p 'device:=$(DEVICE)' \
 	  $(if $(OFFICIAL),-p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"') $(ARGS),$(RCS_BUTTON) test $(ARGS))
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.
@@ -190,10 +189,6 @@ inspect-kart:
 # As little: on race control's computer, on the day before.
 survey:
 	python3 src/evgp_inspection survey $(ARGS)
-
-# In the workspace, since the commands may come from our services.
-inspect-rcs:
-	$(IN_WORKSPACE) python src/evgp_inspection rcs $(ARGS)
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

@@ -87,11 +87,11 @@ complete -F _{name} {command}
 MENU = {
     'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
     'window': ('Race window', 'Start, flag and stop the race', False),
-    'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, score', True),
+    'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, debrief', True),
 }
 """Name, comment, and whether it runs in a terminal."""
 
-NEEDED = """argcomplete jinja2 mcap pyserial pyside6-essentials pyyaml rich
+NEEDED = """argcomplete jinja2 mcap pyside6-essentials pyyaml rich
 ros-jazzy-common-interfaces ros-jazzy-rcl-interfaces ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp"""
 """What of setup/*.in runs here; what these need comes with them."""
 

@@ -47,7 +47,7 @@ def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) ->
         'GREEN_GREEN refused: waiting for kart 2 (REHEARSAL 2): no GRID_ACTIVE yet.',
         'the race went over by itself',
         'ALL_KILL: from the call to the last kart that saw RED_RED',
-        'the score sheet says that the official passed',
+        'the debrief has ALL_KILL, and every kart standing after it',
         'judged: none was against the rules',
         'all 7 processes ended in good order; none is left',
         'Nothing is missing',

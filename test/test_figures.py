@@ -23,11 +23,11 @@ from evgp_inspection.survey_network import LOST
 from evgp_inspection.traces import BEAT
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
+from evgp_protocol.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_protocol.link import Grade, GRADE_WINDOW, GRADES
 from evgp_rcs.karts.server import ROS_HALF_SILENCE
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.settings import read_settings as read_race_control_settings
-from evgp_rcs.rules.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_console.button import read_settings as read_button_settings
 from evgp_rcs_console.view import BEGINS_WITHIN

@@ -21,7 +21,6 @@ import sys
 import threading
 import time
 from typing import Any
-from xml.etree import ElementTree
 
 from evgp_inspection.inspection import Exit
 from evgp_inspection.traces import Kind
@@ -31,7 +30,7 @@ from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of
 import pytest
 from rig.needs import cannot_run
 
@@ -189,10 +188,6 @@ def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it
     assert those(report, 'fail') == {}
     assert set(those(report, 'not judged')) == KILLED
     assert (report['verdict'], code) == ('not judged', 2)
-    *_, junit = sorted(tmp_path.glob('*/*.xml'))
-    suite = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
-    assert int(suite.attrib['tests']) == len(report['checks'])
-    assert suite.attrib['failures'] == '0'
 
 
 def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
@@ -332,28 +327,6 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
 
 
-@pytest.mark.early
-@pytest.mark.timeout(300)
-def test_our_race_control_passes_every_clause(tmp_path: pathlib.Path) -> None:
-    times = {'pause': 0.5, 'finish_delays': [1.0, 0.5]}
-
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        domain = parts.enter_context(Domain()).number
-        folder.mkdir()
-        control = parts.enter_context(
-            RaceControl(folder, domain, in_race=[2, 3], others=[1], parameters=times)
-        )
-        words = ['rcs', '--driver', 'ros', '--word', 'ready', '--port', str(control.port)]
-        words += ['--watch', '0.6', '--settle', '0.7', '--half-open', '2', '--report', str(folder)]
-        program = parts.enter_context(Program('inspect_rcs', [*INSPECT[:2], *words], domain))
-        return wait_to_end(program)
-
-    report, code = undisturbed(tmp_path, inspect)
-    assert those(report, 'fail') == {}
-    assert those(report, 'not judged') == {}
-    assert code == 0
-
-
 def test_a_kart_without_an_inspection_stays_out_of_the_race(
     start_race_control: StartRaceControl, join_official: JoinOfficial, tmp_path: pathlib.Path
 ) -> None:
@@ -411,11 +384,12 @@ def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: path
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize('target', ['inspect-kart', 'inspect-rcs'])
-def test_make_ends_with_the_exit_code_of_the_inspection(target: str) -> None:
+def test_make_ends_with_the_exit_code_of_the_inspection() -> None:
     makes = [
         subprocess.run(
-            ['make', '-C', str(ROOT), target, f'ARGS={words}'], capture_output=True, check=False
+            ['make', '-C', str(ROOT), 'inspect-kart', f'ARGS={words}'],
+            capture_output=True,
+            check=False,
         ).returncode
         for words in ('--list', '--only K-9')
     ]

@@ -37,7 +37,6 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import wait_until_ended
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
@@ -378,8 +377,9 @@ from rclpy.node import Node
 
 def hang(*_, **__):
     pathlib.Path({hung!r}).write_text(str(time.monotonic()))
-    while True:
-        ctypes.PyDLL(None).sleep(3600)
+    mutex = ctypes.create_string_buffer(64)
+    while True:  # the second time never returns, whatever signals come
+        ctypes.PyDLL(None).pthread_mutex_lock(mutex)
 
 {where} = hang
 from evgp_rcs_console.ctl import main
@@ -393,9 +393,13 @@ brought about at will.
 
 
 def run_hanging(
-    folder: pathlib.Path, domain: int, where: str, *words: str
+    folder: pathlib.Path, domain: int, where: str, *words: str, interrupts: int = 0
 ) -> tuple[subprocess.CompletedProcess[str], float]:
-    """Run `rcs_ctl` with a part of rclpy that hangs; return how it ended, and how long after."""
+    """
+    Run `rcs_ctl` with a part of rclpy that hangs; return how it ended, and how long after.
+
+    :param interrupts: how often Ctrl-C is pressed once it hangs.
+    """
     hung = folder / 'hung'
     with subprocess.Popen(
         [sys.executable, '-c', HANGS.format(where=where, hung=str(hung)), *words],
@@ -406,6 +410,12 @@ def run_hanging(
         env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     ) as process:
         try:
+            ends = time.monotonic() + PATIENCE
+            while interrupts and time.monotonic() < ends:
+                time.sleep(0.05)  # two of them at once would be one
+                if hung.exists():
+                    process.send_signal(signal.SIGINT)
+                    interrupts -= 1
             stdout, stderr = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
@@ -426,6 +436,30 @@ def test_a_command_ends_by_its_deadline_when_ros_hangs(
     assert f'no answer within {0.5 + STARTING:g} s' in done.stderr
     assert ('USE THE MSR' in done.stderr) is (words[0] != 'leave')
     assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own end
+
+
+@pytest.mark.parametrize('where', ['rclpy.init', 'Node.create_client'])
+def test_a_second_interrupt_ends_a_command_at_once_when_ros_hangs(
+    tmp_path: pathlib.Path, where: str
+) -> None:
+    with Domain() as domain:
+        done, _ = run_hanging(
+            tmp_path, domain.number, where, 'all-kill', '--wait', '3600', interrupts=2
+        )
+
+    assert done.returncode == -signal.SIGINT
+
+
+def test_a_watch_that_hangs_says_so_and_ends(
+    tmp_path: pathlib.Path, start_race_control: StartRaceControl
+) -> None:
+    control = start_race_control(in_race=(1,))
+    where = 'from evgp_rcs_console import ctl_ros\nctl_ros.table'  # once it shows the race
+
+    done, _ = run_hanging(tmp_path, control.domain, where, 'watch')
+
+    assert done.returncode == NOT_THERE
+    assert 'USE THE MSR (ROS hangs; ROS domain' in done.stderr
 
 
 def test_a_failure_of_rcs_ctl_itself_is_not_blamed_on_ros() -> None:
@@ -483,17 +517,6 @@ def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
 
     assert stop.returncode == ACCEPTED, stderr
     assert 'RED RED' in stdout
-
-
-def test_a_command_that_is_killed_leaves_no_process_behind() -> None:
-    with Domain() as domain, start(domain.number, 'all-kill', '--wait', '60') as command:
-        children = pathlib.Path(f'/proc/{command.pid}/task/{command.pid}/children')
-        ends = time.monotonic() + PATIENCE
-        while not (found := children.read_text().split()) and time.monotonic() < ends:
-            time.sleep(0.05)  # until it has begun its work
-        command.kill()
-        command.wait(PATIENCE)
-        wait_until_ended(int(found[0]))
 
 
 @pytest.mark.parametrize(

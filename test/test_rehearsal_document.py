@@ -10,7 +10,6 @@ import re
 
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.rehearse_kart import INCIDENTS as OF_ONE_KART
-from evgp_rehearsal.sheet import HEADINGS, MISTAKES
 
 DOCS = pathlib.Path(__file__).parents[1] / 'docs'
 TEXT = (DOCS / 'rehearsal.md').read_text(encoding='utf-8')
@@ -24,12 +23,7 @@ def rows(heading: str) -> list[list[str]]:
 
 
 def test_the_table_of_incidents_is_that_of_the_code() -> None:
-    assert rows('Incidents') == [[row.name, row.meaning, row.good] for row in INCIDENTS.values()]
-
-
-def test_the_columns_of_the_score_sheet_are_explained() -> None:
-    first = HEADINGS.index('first right')
-    assert [row[0] for row in rows('The score sheet')] == [*HEADINGS[first:-1], *MISTAKES]
+    assert rows('Incidents') == [[row.name, row.meaning, row.order] for row in INCIDENTS.values()]
 
 
 def test_the_incidents_for_one_kart_are_all_named() -> None:
@@ -40,11 +34,11 @@ def test_the_incidents_for_one_kart_are_all_named() -> None:
     assert re.findall(r'`(\w+)`', listed[1]) == list(OF_ONE_KART)
 
 
-def test_what_a_good_official_does_is_in_the_rules_where_the_table_says() -> None:
+def test_the_rule_books_order_is_in_the_rules_where_the_table_says() -> None:
     rules = (DOCS / 'rules.md').read_text(encoding='utf-8')
     headings = re.findall(r'^#+ (.*?)(?: \(§.*\))?$', rules, re.MULTILINE)
     for row in INCIDENTS.values():
-        (places,) = re.findall(r'\(([^()]*)\)$', row.good)
+        (places,) = re.findall(r'\(([^()]*)\)$', row.order)
         for place in places.split('; '):
             section, _, what = place.partition(': ')
             assert section in headings or section.startswith(('§', 'docs/')), (row.name, place)

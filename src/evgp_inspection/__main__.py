@@ -4,15 +4,14 @@
 """
 Run the inspection from a clone, with nothing set up: ``python3 src/evgp_inspection kart``.
 
-Python puts this directory on its path, so the package is found. The protocol, and the rule which
-order a word answers, are its neighbours.
+Python puts this directory on its path, so the package is found. The protocol is its neighbour.
 """
 
 import pathlib
 import sys
 
 SRC = pathlib.Path(__file__).resolve().parents[1]
-sys.path += [str(SRC / 'evgp_protocol'), str(SRC / 'evgp_rcs')]
+sys.path.append(str(SRC / 'evgp_protocol'))
 
 if __name__ == '__main__':
     from evgp_inspection.cli import main

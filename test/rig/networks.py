@@ -180,7 +180,6 @@ class Machine(Namespace):
         toward: float | None = None,
         back: float | None = None,
         rate: float = 0.0,
-        delay_back: float | None = None,
         evenly: bool = False,
     ) -> float:
         """
@@ -190,7 +189,6 @@ class Machine(Namespace):
         :param delay: how late they come, in each direction, s.
         :param toward: the share that is lost toward this machine, if not the same.
         :param back: the share that is lost on the way from it, if not the same.
-        :param delay_back: how late they come on the way from it, if not the same, s.
         :param rate: how fast they go in each direction, bit/s; 0: at once.
         :param evenly: those that are lost come evenly spaced, not by chance.
         """
@@ -198,11 +196,7 @@ class Machine(Namespace):
             'air',
             name=self.name,
             toward=[loss if toward is None else toward, delay, rate],
-            back=[
-                loss if back is None else back,
-                delay if delay_back is None else delay_back,
-                rate,
-            ],
+            back=[loss if back is None else back, delay, rate],
             evenly=evenly,
         )
 

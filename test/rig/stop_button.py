@@ -5,14 +5,12 @@
 A stop button whose device is a pseudo-terminal: few test machines have an input device.
 
 As a program it is the real `rcs_button`; what the kernel says of a device by ioctl is all that is
-not so. The bytes are those of a real one, or for a contact 1 while it is closed and 0 while not.
+not so. The bytes are those of a real one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-import contextlib
-import errno
 import os
 import pathlib
 import sys
@@ -30,29 +28,6 @@ from evgp_testing.ros_side import RosSide
 KEY = 57
 
 
-class Port:
-    """A serial port in whose place a pseudo-terminal is."""
-
-    def __init__(self, path: str, exclusive: bool) -> None:
-        """Open it."""
-        self._line = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
-        self._cts = False
-
-    @property
-    def cts(self) -> bool:
-        """Return whether the contact is closed."""
-        with contextlib.suppress(BlockingIOError):
-            data = os.read(self._line, 100)
-            if not data:
-                raise OSError(errno.EIO, 'hung up')
-            self._cts = data.endswith(b'1')
-        return self._cts
-
-    def close(self) -> None:
-        """Close it."""
-        os.close(self._line)
-
-
 def nothing(_: int, request: int, given: int | bytes) -> int | bytes:
     """Answer an ioctl: no key is down, and whatever is asked for is done."""
     return bytes(len(given)) if isinstance(given, bytes) else 0
@@ -65,24 +40,18 @@ class StopButton(Part):
     :param folder: where its device is.
     """
 
-    def __init__(
-        self, folder: pathlib.Path, domain: int, kind: str = 'evdev', official: str = 'Anna'
-    ) -> None:
+    def __init__(self, folder: pathlib.Path, domain: int) -> None:
         """Start it."""
-        self._kind = kind
         self._path = folder / 'usb-button'
         self.plug()
-        given = {'device': str(self._path), 'kind': kind, 'official': official}
-        parameters = [each for item in given.items() for each in ('-p', '{}:={}'.format(*item))]
+        parameters = ['-p', f'device:={self._path}', '-p', 'official:=Anna']
         command = [sys.executable, __file__, '--ros-args', *parameters]
         self.program = Program('rcs_button', command, domain)
 
     def plug(self) -> None:
-        """Plug the device in; a contact is closed."""
+        """Plug the device in."""
         self._line, self._port = os.openpty()
         tty.setraw(self._port)
-        if self._kind == 'contact':
-            self.move(False)
         self._path.symlink_to(os.ttyname(self._port))
 
     def unplug(self) -> None:
@@ -92,11 +61,8 @@ class StopButton(Part):
         os.close(self._line)
 
     def move(self, down: bool, key: int = KEY) -> None:
-        """Let a key go down or up, or the contact open or close."""
-        written = b'0' if down else b'1'
-        if self._kind == 'evdev':
-            written = EVENT.pack(0, 0, 1, key, down) + EVENT.pack(0, 0, 0, 0, 0)
-        os.write(self._line, written)
+        """Let a key go down or up."""
+        os.write(self._line, EVENT.pack(0, 0, 1, key, down) + EVENT.pack(0, 0, 0, 0, 0))
 
     def close(self) -> None:
         """End it."""
@@ -133,8 +99,5 @@ class Ear(RosSide):
 
 
 if __name__ == '__main__':
-    vars(button_devices).update(
-        fcntl=SimpleNamespace(ioctl=nothing),
-        serial=SimpleNamespace(Serial=Port),
-    )
+    vars(button_devices).update(fcntl=SimpleNamespace(ioctl=nothing))
     sys.exit(button.main())

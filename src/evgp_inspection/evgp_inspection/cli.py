@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The command lines of `inspect_kart` and `inspect_rcs`."""
+"""The command line of `inspect_kart`."""
 
 from __future__ import annotations
 
@@ -12,63 +12,70 @@ import contextlib
 import dataclasses
 import datetime
 import functools
-import importlib
 import pathlib
 import re
 import signal
 import sys
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from evgp_inspection import VERSION
-from evgp_inspection.drivers import Driver, Human
-from evgp_inspection.inspection import Exit, inspect, inspect_race_control, Inspection
+from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import (
     AtTerminal,
-    FIRST,
     Inspector,
     Printer,
-    RCS_FIRST,
     Unattended,
     WORD,
 )
 from evgp_inspection.kart_clauses import BY_STATEMENT, KART, KILLING_STEPS
 from evgp_inspection.kart_steps import Kill, KILL_PART
-from evgp_inspection.limits import Limits, RcsLimits
+from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
-from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.recording import first
-from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
+from evgp_inspection.report import as_html, as_json, Header, summary
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
 Options: TypeAlias = argparse.Namespace
 
-Inspect: TypeAlias = Callable[
-    [Inspector, Any, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
+Begin: TypeAlias = Callable[
+    [Inspector, Limits, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
 ]
 """Inspects once the word is given: by these limits, for these clauses, until the event is set."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``kart``, ``rcs`` or ``survey``."""
+    """Run ``kart`` or ``survey``."""
     what, *rest = [*(sys.argv[1:] if arguments is None else arguments), '']
-    programs = {'kart': inspect_kart, 'rcs': inspect_rcs, 'survey': survey_network}
+    programs = {'kart': inspect_kart, 'survey': survey_network}
     if what in programs:
         return programs[what](rest[:-1])
-    print('Say what to do: kart, rcs or survey. "kart --help" says more.', file=sys.stderr)
+    print('Say what to do: kart or survey. "kart --help" says more.', file=sys.stderr)
     return Exit.NOT_PASSED
 
 
 def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     """Inspect a kart; return the exit code."""
-    parser = _parser(
-        'inspect_kart',
-        'Play race control to one kart, and judge whether it is fit to race.',
-        'K-3A-07,K-4D',
-        Limits,
+    parser = argparse.ArgumentParser(
+        prog='inspect_kart',
+        description='Play race control to one kart, and judge whether it is fit to race.',
+        epilog='Exit codes: 0 passed; 2 not: a check failed, or not all of it was done or judged, '
+        'or wrong usage. The last lines and the report say which.',
     )
     add = parser.add_argument
+    add('--list', action='store_true', help='print the clauses and end')
+    add('--explain', metavar='CLAUSE', default='', help='print all about clauses and end')
+    add('--only', metavar='CLAUSES', default='', help='such as K-3A-07,K-4D; default: all')
+    add('--team', default='', help='for the report')
+    add('--inspector', default='', help="the inspector's name, for the report")
+    add(
+        '--report',
+        metavar='FOLDER',
+        default='inspections',
+        help='where HTML and JSON go (%(default)s); empty: nowhere',
+    )
+    add('--version', action='version', version=VERSION)
     add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
     add('--port', type=int, default=DEFAULT_PORT, help='where the kart connects (%(default)s)')
     add(
@@ -92,16 +99,25 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         )
     add('--unattended', action='store_true', help='ask nothing; needs --word')
     add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
+    Limits.add_to(parser)
     options = parser.parse_args(arguments)
-    options.subject = f'kart {options.number}' if options.number else 'kart'
-    options.first, options.statements = FIRST, BY_STATEMENT
+    try:
+        limits = Limits.taken_from(options)
+        explained = select(KART, options.explain) if options.explain else ()
+        clauses = select(KART, options.only)
+    except ValueError as error:
+        parser.error(str(error))
+    if options.list or explained:
+        lines = [each.line() for each in clauses] if options.list else []
+        print('\n'.join(lines or [f'{each.explain()}\n' for each in explained]))
+        return Exit.PASSED
     if options.unattended and options.word != WORD:
-        options.wrong = (
+        parser.error(
             f'--unattended makes a kart drive with nobody there: say --word {WORD} to state that '
             'its wheels are off the ground and that somebody has the MSR'
         )
-    elif options.odometry == '-' and not options.unattended:
-        options.wrong = '--odometry - takes the keyboard: it needs --unattended'
+    if options.odometry == '-' and not options.unattended:
+        parser.error('--odometry - takes the keyboard: it needs --unattended')
 
     def begin(
         inspector: Inspector, limits: Limits, clauses: Sequence[Clause], stopping: asyncio.Event
@@ -121,7 +137,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
             ),
         )
 
-    return _inspect(parser, options, KART, Limits, begin)
+    return _inspect(options, limits, clauses, begin)
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
@@ -149,151 +165,25 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
     }
 
 
-def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
-    """Inspect a race control; return the exit code."""
-    parser = _parser(
-        'inspect_rcs', 'Play three karts to a race control, and judge it.', 'R-3B,R-4C', RcsLimits
-    )
-    add = parser.add_argument
-    add('--host', default='127.0.0.1', help="race control's IPv4 address (%(default)s)")
-    add('--port', type=int, default=DEFAULT_PORT, help='its TCP port (%(default)s)')
-    add(
-        '--karts',
-        metavar='N,N,N',
-        default='1,2,3',
-        help='the numbers of the karts; the third is not in the race (%(default)s)',
-    )
-    add(
-        '--addresses',
-        metavar='A,A,A',
-        default='',
-        help='their IPv4 addresses, all of this computer; default: 127.0.1.N',
-    )
-    add(
-        '--stranger',
-        metavar='ADDRESS',
-        default='127.0.1.250',
-        help='an IPv4 address of this computer that is no kart (%(default)s)',
-    )
-    add(
-        '--driver',
-        choices=('human', 'ros'),
-        default='human',
-        help='who gives the commands: you, when asked, or our services (%(default)s)',
-    )
-    add('--word', default='', help=f'"{WORD}": no real kart is there; for --driver ros')
-    options = parser.parse_args(arguments)
-    options.subject, options.first, options.statements = 'race control', RCS_FIRST, ()
-    options.unattended = options.driver == 'ros'
-    try:
-        numbers = [int(each) for each in options.karts.split(',')]
-        own = [each for each in options.addresses.split(',') if each]
-        options.karts = dict(zip(numbers, own or map(_loopback, numbers), strict=True))
-    except ValueError as error:
-        parser.error(str(error))
-    if len(options.karts) != 3:
-        options.wrong = '--karts names three karts; two of them race'
-    elif options.unattended and options.word != WORD:
-        options.wrong = f'--driver ros starts races: say --word {WORD} if no real kart is there'
-
-    async def begin(
-        inspector: Inspector, limits: RcsLimits, clauses: Sequence[Clause], stopping: asyncio.Event
-    ) -> Inspection:
-        driver: Driver = Human(inspector, limits.answer)
-        if options.unattended:
-            ros: Any = importlib.import_module('evgp_inspection.ros_driver')
-            driver = ros.RosDriver()
-        where = (options.host, options.port)
-        with contextlib.closing(driver):
-            return await inspect_race_control(
-                inspector,
-                driver,
-                limits,
-                clauses,
-                stopping,
-                where,
-                options.karts,
-                options.stranger,
-            )
-
-    return _inspect(parser, options, RCS, RcsLimits, begin)
-
-
-def _loopback(number: int) -> str:
-    """Return the loopback address of a kart."""
-    if not 0 < number < 250:
-        raise ValueError('karts have numbers from 1 to 249, or --addresses names their addresses')
-    return f'127.0.1.{number}'
-
-
-# ----- what both have in common -----------------------------------------------------------------
-
-
-def _parser(
-    prog: str, description: str, example: str, limits: type[Limits | RcsLimits]
-) -> argparse.ArgumentParser:
-    """Return a parser of what both programs take."""
-    parser = argparse.ArgumentParser(
-        prog=prog,
-        description=description,
-        epilog='Exit codes: 0 passed; 2 not: a check failed, or not all of it was done or judged, '
-        'or wrong usage. The last lines and the report say which.',
-    )
-    parser.set_defaults(wrong='')
-    add = parser.add_argument
-    add('--list', action='store_true', help='print the clauses and end')
-    add('--explain', metavar='CLAUSE', default='', help='print all about clauses and end')
-    add('--only', metavar='CLAUSES', default='', help=f'such as {example}; default: all')
-    add('--team', default='', help='for the report')
-    add('--inspector', default='', help="the inspector's name, for the report")
-    add(
-        '--report',
-        metavar='FOLDER',
-        default='inspections',
-        help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
-    )
-    add('--version', action='version', version=VERSION)
-    limits.add_to(parser)
-    return parser
-
-
-def _inspect(
-    parser: argparse.ArgumentParser,
-    options: Options,
-    clauses: Sequence[Clause],
-    limits_type: type[Limits | RcsLimits],
-    inspect: Inspect,
-) -> int:
-    """Do what the options say, from the word to the report; return the exit code."""
-    try:
-        limits = limits_type.taken_from(options)
-        explained = select(clauses, options.explain) if options.explain else ()
-        clauses = select(clauses, options.only)
-    except ValueError as error:
-        parser.error(str(error))
-    if options.list or explained:
-        lines = [each.line() for each in clauses] if options.list else []
-        print('\n'.join(lines or [f'{each.explain()}\n' for each in explained]))
-        return Exit.PASSED
-    if options.wrong:
-        parser.error(options.wrong)
+def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause], begin: Begin) -> int:
+    """Inspect, from the word to the report; return the exit code."""
     printer = Printer()
     began = datetime.datetime.now().astimezone()
     try:
-        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses, inspect))
+        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses, begin))
     except (OSError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
     finally:
         printer.close()
     header = Header(
-        subject=options.subject,
+        subject=f'kart {options.number}' if options.number else 'kart',
         team=options.team,
         inspector='' if options.unattended else options.inspector,
         began=began.isoformat(timespec='seconds'),
         seconds=inspection.seconds,
         limits=dataclasses.asdict(limits),
-        statements=options.statements,
+        statements=BY_STATEMENT,
         remarks=inspection.remarks,
     )
     print(f'\n{header.subject} {header.team}'.rstrip())
@@ -310,9 +200,9 @@ def _inspect(
 async def _with_the_word(
     options: Options,
     printer: Printer,
-    limits: Limits | RcsLimits,
+    limits: Limits,
     clauses: Sequence[Clause],
-    inspect: Inspect,
+    begin: Begin,
 ) -> Inspection:
     """Inspect once the inspector has given the word; a signal ends it."""
     stopping = asyncio.Event()
@@ -322,7 +212,7 @@ async def _with_the_word(
     with contextlib.ExitStack() as stack:
         inspector: Inspector = Unattended(printer.tell)
         if not options.unattended:
-            terminal = AtTerminal(printer, stopping.set, first=options.first)
+            terminal = AtTerminal(printer, stopping.set)
             inspector = stack.enter_context(terminal)
             given = loop.create_task(terminal.confirm())
             await first(given, stopping)
@@ -330,18 +220,18 @@ async def _with_the_word(
                 given.cancel()
                 not_done = [Result(each, NOT_DONE) for each in clauses]
                 return Inspection(not_done, remarks=['Not begun.'])
-        return await inspect(inspector, limits, clauses, stopping)
+        return await begin(inspector, limits, clauses, stopping)
 
 
 def _write(
     folder: pathlib.Path, header: Header, results: list[Result], began: datetime.datetime
 ) -> None:
-    """Write the three files of the report."""
+    """Write the two files of the report."""
     name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
     stem = f'{name}-{began:%Y%m%d-%H%M%S}'
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for ending, write in (('html', as_html), ('xml', as_junit), ('json', as_json)):
+        for ending, write in (('html', as_html), ('json', as_json)):
             path = folder / f'{stem}.{ending}'
             path.write_text(write(header, results), encoding='utf-8')
             print(f'written: {path}')

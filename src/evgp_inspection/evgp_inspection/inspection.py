@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The two inspections, from the first connection to the results, and the exit codes."""
+"""The inspection, from the first connection to the results, and the exit codes."""
 
 from __future__ import annotations
 
@@ -13,16 +13,12 @@ import time
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from evgp_inspection.drivers import Driver
 from evgp_inspection.inspector import Inspector
 from evgp_inspection.kart_clauses import BY_NAME, KART_STEPS
 from evgp_inspection.kart_steps import KartSteps, Kill
 from evgp_inspection.kart_wire import KartWire
-from evgp_inspection.limits import Limits, RcsLimits
+from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
-from evgp_inspection.rcs_clauses import RCS_BY_NAME, RCS_STEPS
-from evgp_inspection.rcs_karts import PlayedKarts
-from evgp_inspection.rcs_steps import RcsSteps
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
 from evgp_inspection.traces import Kind
@@ -193,40 +189,3 @@ async def inspect(
         if end_odometry is not None:
             end_odometry()
     return results.end(*done)
-
-
-async def inspect_race_control(
-    inspector: Inspector,
-    driver: Driver,
-    limits: RcsLimits,
-    clauses: Sequence[Clause],
-    stopping: asyncio.Event,
-    where: tuple[str, int],
-    addresses: dict[int, str],
-    stranger: str,
-) -> Inspection:
-    """
-    Inspect a race control.
-
-    :param clauses: those that the report is to have.
-    :param stopping: ends the inspection when it is set.
-    :param where: race control's IPv4 address and port.
-    :param addresses: the IPv4 address of each of three karts, by its number; the first two race.
-    :param stranger: an IPv4 address that is no kart's.
-    """
-    recording = Recording()
-    field = PlayedKarts(recording, *where, addresses, stranger)
-    results = _Results(
-        clauses, lambda each: judge(RCS_BY_NAME, each, recording.trace, limits), inspector.tell
-    )
-    steps = RcsSteps(
-        recording, field, driver, limits, results.step_done, steps_for(clauses, RCS_STEPS)
-    )
-    stopped = 'The inspection was stopped. Bring race control to IN_GARAGE.'
-    try:
-        finished, remarks = await results.of(steps.run(), stopping, stopped)
-    finally:
-        await field.close()
-    if not field.count:
-        remarks.append('No kart could connect to race control.')
-    return results.end(finished, remarks)

@@ -35,13 +35,6 @@ FIRST = f"""\
 Type the word "{WORD}" and Enter when all of this is so: """
 
 
-RCS_FIRST = f"""\
-  1. NO REAL KART has power or is connected: this starts races.
-  2. Race control runs, its race is in IN_GARAGE, and you are at its screen.
-  3. The SPACE BAR ends the inspection.
-Type the word "{WORD}" and Enter when all of this is so: """
-
-
 class Inspector(Protocol):
     """Who sees the wheels."""
 
@@ -100,14 +93,10 @@ class AtTerminal:
 
     :param stop: is called, in the loop, when a stop key is pressed after the word was given, or
         when the terminal is gone.
-    :param first: what has to be so before the word is given.
     """
 
-    def __init__(
-        self, printer: Printer, stop: Callable[[], None], fd: int = 0, first: str = FIRST
-    ) -> None:
+    def __init__(self, printer: Printer, stop: Callable[[], None], fd: int = 0) -> None:
         self._printer = printer
-        self._first = first
         self._stop = stop
         self._fd = fd
         self._word: asyncio.Future[bool] | None = None
@@ -129,7 +118,7 @@ class AtTerminal:
 
     async def confirm(self) -> bool:
         """Ask for the word; return whether it was typed."""
-        self._printer.tell(self._first, end='')
+        self._printer.tell(FIRST, end='')
         self._word = asyncio.get_running_loop().create_future()
         given = await self._word
         if given and os.isatty(self._fd):

@@ -40,9 +40,9 @@ from evgp_inspection.limits import Limits
 from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
+from evgp_protocol.hearing import QUIET
 from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.hearing import QUIET
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

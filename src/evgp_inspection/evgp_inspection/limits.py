@@ -26,7 +26,7 @@ def _limit(default: float, meaning: str) -> float:
 
 class _Limits:
     """
-    What the limits of both inspections are: seconds, unless the meaning names another unit.
+    What the limits have in common: seconds, unless the meaning names another unit.
 
     The meaning of each is in its field's metadata, for the command line.
 
@@ -87,25 +87,6 @@ class Limits(_Limits):
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')
     hold: float = _limit(3.0, 'time for which RED_RED is sent at the end')
     standstill: float = _limit(0.05, 'maximum speed of a kart that stands still, m/s')
-
-
-@dataclasses.dataclass(frozen=True)
-class RcsLimits(_Limits):
-    """The limits of `inspect_rcs`."""
-
-    connect: float = _limit(2.0, 'maximum time from a connection to its first frame')
-    reach: float = _limit(2.0, 'maximum time from a command to its last kart')
-    all_kill: float = _limit(1.0, 'maximum time from ALL_KILL to the last kart')
-    finish: float = _limit(60.0, 'maximum time from FINISH to RED_FLAG')
-    stagger: float = _limit(0.3, 'minimum difference of the delays of two places')
-    gap: float = _limit(0.5, 'maximum time between two frames')
-    half_open: float = _limit(5.0, 'maximum time until a kart that vanished counts as lost')
-    watch: float = _limit(1.5, 'time for which the karts watch that nothing changes')
-    settle: float = _limit(4.0, 'time after a stop before the next command')
-    away: float = _limit(0.6, 'time for which a kart that lost its connection is away')
-    slack: float = _limit(1.0, 'delay allowed to the end of a connection')
-    insist: float = _limit(15.0, 'maximum time to repeat a command that must be possible')
-    answer: float = _limit(60.0, 'maximum time to wait for whoever gives the commands')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The report of an inspection: lines for the terminal, HTML for paper, JUnit XML, JSON."""
+"""The report of an inspection: lines for the terminal, HTML for paper, JSON."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import dataclasses
 import html
 import json
 import math
-import re
 from typing import Any
-from xml.etree import ElementTree
 
 from evgp_inspection import VERSION
 from evgp_inspection.traces import describe
@@ -112,57 +110,6 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
         'checks': checks,
     }
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
-
-
-def as_junit(header: Header, results: Sequence[Result]) -> str:
-    """Return the report as JUnit XML, one test case for each clause."""
-    many = counts(results)
-    suite = ElementTree.Element(
-        'testsuite',
-        {
-            'name': _xml(f'inspection of {header.subject}'),
-            'tests': str(len(results)),
-            'failures': str(many[Verdict.FAIL]),
-            'errors': '0',
-            'skipped': str(many[Verdict.NOT_JUDGED]),
-            'timestamp': header.began,
-            'time': f'{header.seconds:.3f}',
-        },
-    )
-    properties = ElementTree.SubElement(suite, 'properties')
-    facts = {
-        'team': header.team,
-        'inspector': header.inspector,
-        'version': VERSION,
-        'remarks': ' '.join(header.remarks),
-        **{f'limit.{name}': f'{value:g}' for name, value in header.limits.items()},
-    }
-    for name, value in facts.items():
-        ElementTree.SubElement(properties, 'property', {'name': name, 'value': _xml(value)})
-    for result in results:
-        finding = result.finding
-        case = ElementTree.SubElement(
-            suite,
-            'testcase',
-            {
-                'classname': 'evgp_inspection',
-                'name': f'{result.clause.name} {result.clause.title}',
-                'time': f'{finding.measured or 0.0:.3f}',
-            },
-        )
-        if result.verdict is Verdict.FAIL:
-            failure = ElementTree.SubElement(case, 'failure', {'message': _xml(finding.why)})
-            failure.text = _xml('\n'.join([finding.why, *describe(finding.evidence)]))
-        elif result.verdict is Verdict.NOT_JUDGED:
-            ElementTree.SubElement(case, 'skipped', {'message': _xml(finding.why)})
-    ElementTree.indent(suite)
-    text: str = ElementTree.tostring(suite, encoding='unicode', xml_declaration=True)
-    return text + '\n'
-
-
-def _xml(text: str) -> str:
-    """Return text without the characters that XML cannot hold."""
-    return re.sub('[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]', '�', text)
 
 
 _STYLE = """\

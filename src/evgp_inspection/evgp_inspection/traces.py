@@ -16,12 +16,9 @@ import dataclasses
 import enum
 
 from evgp_protocol.frames import FrameDecoder, StateFrame
+from evgp_protocol.hearing import Hearing, NO_ORDER
 from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.hearing import Hearing, NO_ORDER
-
-STRANGER = 'stranger'
-"""The name of whoever connects to race control from an address that is no kart."""
 
 BEAT = 1 / BEAT_RATE
 """Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
@@ -39,12 +36,10 @@ class Kind(enum.Enum):
     CLOSED = 'closed'  # the other end ended it; `text`: closed, reset
     ENDED = 'ended'  # the inspection ended it; `text` says how
     SENT = 'sent'  # by the inspection
-    SAID = 'said'  # by the kart or race control that is inspected
+    SAID = 'said'  # by the kart
     SPEED = 'speed'  # odometry; `value` in m/s
     ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 for yes, 0 for no
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
-    COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
-    ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
     UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not answered
     KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
@@ -88,7 +83,7 @@ class Said:
 
     :ivar state: the state; None: the bytes are no frame.
     :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
-    :ivar answers: what it acknowledges, by race control's rules (`evgp_rcs.rules.hearing`): not
+    :ivar answers: what it acknowledges, by race control's rules (`evgp_protocol.hearing`): not
         always what is being sent, since it may have been said before that was read; None: nothing.
     :ivar reason: what is wrong with bytes that are no frame.
     """
@@ -324,8 +319,6 @@ _DESCRIBED = {
     Kind.ENDED: 'connection {0.link}: {0.text} by the inspection',
     Kind.ANSWER: 'inspector, {0.text}: {1}',
     Kind.HELD_UP: 'the inspecting computer was held up for {0.value:.2f} s',
-    Kind.COMMAND: 'command {0.text}',
-    Kind.ANSWERED: 'accepted: {1} {0.text}',
     Kind.UNANSWERED: 'connection {0.link}: TCP has not answered {0.value:.0f} bytes',
     Kind.KILLED: 'the {0.text} of the kart was killed',
     Kind.SILENT: 'no frame from here on: {0.text}',

@@ -137,13 +137,11 @@ class Clause:
     One clause, and how it is checked: everything that names, selects or judges a check goes by it.
 
     :ivar source: where the sentence is: the proposal or a document.
-    :ivar name: the letter of what is inspected (K: a kart, R: a race control), the § of the
-        proposal, and a number, such as ``K-3A-07``.
+    :ivar name: K, the § of the proposal, and a number, such as ``K-3A-07``.
     :ivar title: what a good one does, in a few words.
     :ivar sentence: the sentence, as it is in the source.
     :ivar done: what the inspection does.
     :ivar unless: clauses whose failure is the cause of this one's: it is not judged then.
-    :ivar after: steps that must be done before those that show it.
     """
 
     source: str
@@ -153,7 +151,6 @@ class Clause:
     done: str
     judge: Judge
     unless: tuple[str, ...] = ()
-    after: tuple[str, ...] = ()
 
     @property
     def section(self) -> str:
@@ -163,8 +160,7 @@ class Clause:
     @property
     def steps(self) -> tuple[str, ...]:
         """Return the steps that show it; empty: the whole inspection does."""
-        shown = [phase.partition('/')[0] for phase in self.judge.phases]
-        return tuple(dict.fromkeys([*self.after, *shown]))
+        return tuple(dict.fromkeys(phase.partition('/')[0] for phase in self.judge.phases))
 
     def explain(self) -> str:
         """Return all that the row says, for a person."""
@@ -193,7 +189,7 @@ DISCONNECTED = (
     'If a kart has disconnected (as described in Connection status) during the race, the kart '
     'shall immediately enter the RED_RED state.'
 )
-"""A sentence of the proposal (§3.E) that speaks of a kart and of race control."""
+"""A sentence of the proposal, §3.E."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import ctypes
 import gc
 import signal
 import socket
-import struct
 import sys
-import time
 import traceback
 
+from evgp_node.deadline import end_within
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
 from evgp_node.parameters import StrictNode
@@ -47,8 +45,6 @@ LAST_WORD = 0.5
 TEARDOWN_TIMEOUT = 2.0
 """Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with
 the exit code that it has by then."""
-
-_SIGEV_THREAD = 2  # of signal.h
 
 OnFailure = Callable[[BaseException], None]
 
@@ -86,7 +82,7 @@ def run_node(
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
         code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
-    _end_within(TEARDOWN_TIMEOUT, code)
+    end_within(TEARDOWN_TIMEOUT, code)
     # Python gives up its handlers before the process is gone; a signal would then change the code.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
@@ -103,30 +99,6 @@ def wait_until_heard(*publishers: Publisher) -> None:
     """
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
-
-
-_ends: list[ctypes.c_void_p] = []
-
-
-def _end_within(seconds: float, code: int) -> None:
-    """
-    Have the C library end this process; a later call replaces an earlier one.
-
-    `faulthandler` knows no exit code but 1, and in some Pythons it goes by the wall clock.
-
-    :raises OSError: if the system gives no timer.
-    """
-    libc, timer = ctypes.CDLL(None, use_errno=True), ctypes.c_void_p()
-    end = ctypes.cast(libc._exit, ctypes.c_void_p).value
-    event = struct.pack('qiiPP32x', code, 0, _SIGEV_THREAD, end, 0)
-    setting = struct.pack('qqqq', 0, 0, int(seconds), 0)
-    if libc.timer_create(time.CLOCK_MONOTONIC, event, ctypes.byref(timer)) or libc.timer_settime(
-        timer, 0, setting, None
-    ):
-        raise OSError(ctypes.get_errno(), 'no timer for the end of the process')
-    while _ends:
-        libc.timer_delete(_ends.pop())
-    _ends.append(timer)
 
 
 def _run(
@@ -165,7 +137,7 @@ def _run(
     except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
         traceback.print_exc()
         return 1, rclpy.try_shutdown
-    _end_within(HANGS, 1)
+    end_within(HANGS, 1)
     spinning = [
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
@@ -178,7 +150,7 @@ def _run(
     while not told:
         with contextlib.suppress(TimeoutError):
             told = ending.recv(1)
-        _end_within(CLOSE_TIMEOUT if told else HANGS, 1)
+        end_within(CLOSE_TIMEOUT if told else HANGS, 1)
     node.close()
     code = 0
     if failures and isinstance(failures[0], refusals):

@@ -18,8 +18,8 @@ import heapq
 import itertools
 
 from evgp_protocol.frames import encode, StateFrame
+from evgp_protocol.hearing import Hearing
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.hearing import Hearing
 
 GARAGE = RaceState.IN_GARAGE
 

@@ -19,6 +19,7 @@ from typing import Any
 
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
+from evgp_protocol.hearing import FLOOD_BYTES
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import server as kart_server
@@ -41,7 +42,6 @@ from evgp_rcs.karts.server import (
     Waiting,
 )
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.hearing import FLOOD_BYTES
 from evgp_rcs.rules.inputs import Batch, Commanded, Ordered
 from evgp_rcs.rules.laps import Format, Laps, Passing
 from evgp_rcs.rules.race import (

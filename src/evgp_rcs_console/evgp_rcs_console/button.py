@@ -28,13 +28,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.button_devices import (
     attend,
     BUTTON_LOOK,
-    CONTACT,
-    Contact,
-    EVDEV,
     Keys,
-    KINDS,
-    open_device,
-    SERIAL,
     stable_paths,
     why,
 )
@@ -59,7 +53,6 @@ class ButtonSettings:
     """The parameters; `read_settings` says what they mean."""
 
     device: str
-    kind: str
     key: int
     official: str
 
@@ -77,7 +70,7 @@ class StopButton(StrictNode):
         super().__init__('rcs_button', **node_options)
         self._settings = read_settings(Parameters(self))
         self._signature = Signature(self._settings.official, os.getpid())
-        self._presses = Presses(self._settings.key, self._settings.kind == CONTACT)
+        self._presses = Presses(self._settings.key)
         self._said = ('?', 0)
         self._due = 0.0
         self._heard = Hearing()
@@ -112,7 +105,7 @@ class StopButton(StrictNode):
     def _run(self) -> None:
         settings, ending = self._settings, self._ending
         try:
-            attend(settings.kind, settings.device, self._presses, self._kill, self._look, ending)
+            attend(settings.device, self._presses, self._kill, self._look, ending)
         except BaseException as error:  # noqa: BLE001 - handed on
             self._on_failure(error)
 
@@ -172,17 +165,10 @@ def read_settings(parameters: Parameters) -> ButtonSettings:
     declare = parameters.declare
     settings = ButtonSettings(
         device=declare('device', '', 'Path of the device, by a name that stays the same.'),
-        kind=declare('kind', EVDEV, f'What it is: {" or ".join(KINDS)}.'),
         key=declare('key', 0, 'Code of the only key that is a press; 0: every key.', (0, 767)),
         official=declare('official', '', 'Who sits there; empty: the name that is kept.'),
     )
     parameters.refuse_unknown()
-    if settings.kind not in KINDS:
-        raise ParameterError(
-            f'parameter kind: {settings.kind!r} is not possible. Give {" or ".join(KINDS)}'
-        )
-    if settings.key and settings.kind == CONTACT:
-        raise ParameterError('parameter key: a contact has none')
     if not settings.device.startswith('/'):
         raise ParameterError(
             'parameter device: give a path, as /dev/input/by-id/...; rcs_button test shows all'
@@ -197,23 +183,17 @@ def show(paths: Sequence[str]) -> int:
     :param paths: the only devices to look at; none: every input device.
     :return: 0 after Ctrl-C; 1 if none of them can be read any more.
     """
-    watched: dict[str, tuple[Keys | Contact, Presses]] = {}
+    watched: dict[str, tuple[Keys, Presses]] = {}
     with contextlib.ExitStack() as stack, contextlib.suppress(KeyboardInterrupt):
         for path in paths or stable_paths():
-            kind = CONTACT if os.path.realpath(path).startswith('/dev/tty') else EVDEV
             try:
-                device = open_device(kind, path)
+                device = Keys(path)
                 stack.callback(device.close)
-                if isinstance(device, Keys):
-                    device.grab(False)  # whoever looks may have no other keyboard
-                    print(texts.BUTTON_KEYS.format(path=path, name=device.name))
-                else:
-                    print(texts.BUTTON_CONTACT.format(path=path))
-                watched[path] = device, Presses(normally_closed=kind == CONTACT)
+                device.grab(False)  # whoever looks may have no other keyboard
+                print(texts.BUTTON_KEYS.format(path=path, name=device.name))
+                watched[path] = device, Presses()
             except OSError as error:
-                print(f'{path}: {why(error, kind)}')
-        for port in [] if paths else sorted(SERIAL.glob('*')):
-            print(texts.BUTTON_PORT.format(path=port))
+                print(f'{path}: {why(error)}')
         print(texts.BUTTON_TRY if watched else texts.BUTTON_NONE, flush=True)
         while watched:
             for path, (device, presses) in list(watched.items()):
@@ -223,7 +203,7 @@ def show(paths: Sequence[str]) -> int:
                             said = texts.BUTTON_PRESSED.format(path=path, key=change[0])
                             print(said, flush=True)
                 except OSError as error:
-                    print(f'{path}: {why(error, EVDEV)}', flush=True)
+                    print(f'{path}: {why(error)}', flush=True)
                     del watched[path]
     return 0 if watched else 1
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The device of a stop button: a key of an input device, or a contact at a serial port.
+The device of a stop button: an input device, of which a key is a press.
 
-An input device is read here as the kernel gives it (linux/input.h), without a library: no read of
-it can hang. No ROS.
+It is read here as the kernel gives it (linux/input.h), without a library: no read of it can hang.
+No ROS.
 """
 
 from __future__ import annotations
@@ -20,24 +20,11 @@ import os
 import pathlib
 import select
 import struct
-import termios
 import threading
-import time
 
 from evgp_protocol.clock import now
 from evgp_rcs_console import texts
-from evgp_rcs_console.presses import changes, CONTACT_KEY, EVENT, Presses
-import serial
-
-EVDEV, CONTACT = 'evdev', 'contact'
-KINDS = {EVDEV: 'input', CONTACT: 'dialout'}
-"""The kinds of buttons, and the group that may open the device of each."""
-
-BUTTON_CONTACT_LOOK = 0.005
-"""Time between two looks at a contact, in seconds."""
-
-CONTACT_SETTLES = 0.2
-"""Time after which an adapter knows the contact, once RTS is on, in seconds."""
+from evgp_rcs_console.presses import changes, EVENT, Presses
 
 BUTTON_LOOK = 0.1
 """Maximum time between two looks at anything but the device, in seconds."""
@@ -46,7 +33,6 @@ REOPEN = 0.25
 """Time between two attempts to open a device that is gone, in seconds."""
 
 INPUT = pathlib.Path('/dev/input')
-SERIAL = pathlib.Path('/dev/serial/by-id')
 SYS = pathlib.Path('/sys/class/input')
 
 _KEYS = 768 // 8
@@ -108,44 +94,6 @@ class Keys:
         return fcntl.ioctl(self.descriptor, request, bytes(size))
 
 
-class Contact:
-    """
-    A normally closed contact from RTS to CTS of a serial port; it is down while it is open.
-
-    :raises OSError: if the port cannot be opened; EAGAIN: another program holds it.
-    """
-
-    def __init__(self, path: str) -> None:
-        """Open it, which switches RTS on."""
-        try:
-            self._port = serial.Serial(path, exclusive=True)
-        except termios.error as error:  # unplugged meanwhile
-            raise OSError(*error.args) from error
-        time.sleep(CONTACT_SETTLES)
-
-    def down(self) -> frozenset[int]:
-        """Return whether it is open, as its key."""
-        return frozenset(() if self._port.cts else (CONTACT_KEY,))
-
-    def changes(self, timeout: float) -> Iterable[Change]:
-        """Look at it after a short while."""
-        time.sleep(min(timeout, BUTTON_CONTACT_LOOK))
-        return ((CONTACT_KEY, bool(self.down())),)
-
-    def close(self) -> None:
-        """Let go of it."""
-        self._port.close()
-
-
-def open_device(kind: str, path: str) -> Keys | Contact:
-    """
-    Open a button.
-
-    :raises OSError: if that is not possible.
-    """
-    return Keys(path) if kind == EVDEV else Contact(path)
-
-
 def is_asleep(path: str) -> bool:
     """Return whether the USB device of an input device is suspended: its keys may do nothing."""
     folder = (SYS / pathlib.Path(path).resolve().name / 'device').resolve()
@@ -158,18 +106,16 @@ def is_asleep(path: str) -> bool:
     return False
 
 
-def why(error: OSError, kind: str) -> str:
+def why(error: OSError) -> str:
     """Return why a device cannot be read, as a sentence that says what to do."""
     return {
-        errno.EACCES: texts.BUTTON_NOT_ALLOWED.format(group=KINDS[kind]),
+        errno.EACCES: texts.BUTTON_NOT_ALLOWED,
         errno.EBUSY: texts.BUTTON_TAKEN,
-        errno.EAGAIN: texts.BUTTON_TAKEN,
         **dict.fromkeys((errno.EIO, errno.ENODEV, errno.ENOENT, errno.ENXIO), texts.BUTTON_GONE),
     }.get(error.errno or 0, texts.BUTTON_UNREADABLE.format(error=error))
 
 
 def attend(
-    kind: str,
     path: str,
     presses: Presses,
     on_press: Callable[[], object],
@@ -184,7 +130,7 @@ def attend(
     """
     while not ending.is_set():
         try:
-            with contextlib.closing(open_device(kind, path)) as device:
+            with contextlib.closing(Keys(path)) as device:
                 if presses.look(device.down(), now()):
                     on_press()
                 looked_at = -math.inf
@@ -202,9 +148,7 @@ def attend(
                         if presses.take(*change, now()):
                             on_press()
         except OSError as error:
-            if presses.gone(now()):
-                on_press()
-            on_look(why(error, kind))
+            on_look(why(error))
             ending.wait(REOPEN)
 
 

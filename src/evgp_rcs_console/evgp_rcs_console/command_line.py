@@ -11,19 +11,11 @@ or releases by their numbers.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import enum
 import os
 
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
-
-Report = Callable[..., None]
-"""
-Gives a value to the caller that started the work: `report(name=value)`.
-
-`last=True` says that nothing follows. From then on the work only tidies up: the caller does not
-interrupt it, but ends it by force if it takes too long.
-"""
 
 
 class Exit(enum.IntEnum):

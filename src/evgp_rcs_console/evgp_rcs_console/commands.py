@@ -246,6 +246,10 @@ ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
 OUTLIVES = 10.0
 """Age up to which a stop is sent whatever race has begun since, in seconds."""
 
+SNAPSHOT_WITHIN = 2.0
+"""Maximum time for which an old stop waits for a snapshot once race control is found again, in
+seconds. Snapshots come twice a second, but on a busy machine DDS takes longer to find them."""
+
 CERTAIN = 5.0
 """Time after a press from which on a race counts as later, in seconds: for as long the first
 snapshot that a program hears may have been under way."""
@@ -287,7 +291,8 @@ class Standing:
     :param presses: how often it was sent.
     :param due: when it is sent next.
     :param said: why race control did not accept it, if it said so.
-    :param found: race control was there when it was sent last, as far as that was looked at.
+    :param found_since: since when race control is there, as far as that was looked at, in seconds;
+        infinite: it is not.
     """
 
     given: Given
@@ -295,7 +300,7 @@ class Standing:
     presses: int = 0
     due: float = 0.0
     said: str = ''
-    found: bool = True
+    found_since: float = -math.inf
 
 
 class StandingStops:
@@ -303,6 +308,7 @@ class StandingStops:
 
     def __init__(self) -> None:
         self._stops: dict[tuple[Kind, int], Standing] = {}
+        self._heard_at = -math.inf  # when the last snapshot came
 
     @property
     def pressed(self) -> tuple[Standing, ...]:
@@ -320,9 +326,8 @@ class StandingStops:
         """
         Return what is to be sent now, and count it as sent.
 
-        An old stop is not sent in the first moment in which race control is there again, but
-        ``PRESS_AGAIN`` later. By then a snapshot has come (they come twice a second, and the
-        newest at once) if any comes at all, and has ended the stop if a later race has begun.
+        Once race control is there again, an old stop waits for a snapshot, which ends it if a
+        later race has begun. If none comes within ``SNAPSHOT_WITHIN``, it is sent all the same.
 
         :param finds: whether race control is there to take a stop; asked for old ones only.
         """
@@ -330,22 +335,27 @@ class StandingStops:
         for key, stop in self._stops.items():
             if stop.due > now:
                 continue
-            found = now - stop.given.at <= OUTLIVES or finds(stop.given)
-            waits = found and not stop.found
+            since = stop.found_since
+            if now - stop.given.at > OUTLIVES:
+                since = min(since, now) if finds(stop.given) else math.inf
+            waits = since <= now < since + SNAPSHOT_WITHIN and self._heard_at < since
             presses = stop.presses + (not waits)
             due = now + PRESS_AGAIN
-            self._stops[key] = replace(stop, presses=presses, due=due, found=found)
+            self._stops[key] = replace(stop, presses=presses, due=due, found_since=since)
             if not waits:
                 pressed.append(stop.given)
         return pressed
 
     def outlived(self, begun: float, now: float) -> list[Given]:
         """
-        Take when the last race began, at the earliest (s); return the stops that end by it.
+        Take a snapshot; return the stops that end by it.
 
         No restart of race control ends a stop, nor does a race of which only the number is known:
         a stop ends only where an official's GRID_ACTIVE was certainly accepted after the press.
+
+        :param begun: when its race began, at the earliest; ``now``: when it came, in seconds.
         """
+        self._heard_at = now
         ended = [
             (key, stop.given)
             for key, stop in self._stops.items()

@@ -5,22 +5,21 @@
 """
 The officials' terminal client as a process: it keeps the deadline and prints the answer.
 
-It knows no rule of the race, and has no ROS: what works with ROS may hang, inside DDS and with the
-interpreter's lock held, and then no thread and no signal handler of that process runs. So
-``ctl_ros`` works in a process of its own, which is killed if it does not answer.
+It knows no rule of the race. What works with ROS may hang, inside DDS and with the interpreter's
+lock held; then the C library says that there is no answer, and ends the process (`end_within`).
+Without ROS until a command is to be given: the shell asks often what could come next.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+import contextlib
 import ctypes
-import multiprocessing
-from multiprocessing.connection import Connection
 import os
 import signal
 import sys
-from types import FrameType
+import traceback
 from typing import Any, NoReturn
 
 from evgp_node.official import tidy
@@ -32,7 +31,6 @@ from evgp_rcs_console.command_line import (
     Exit,
     no_answer,
     parser,
-    Report,
     STARTING,
     without_ros_arguments,
 )
@@ -44,75 +42,6 @@ TIDY = 1.0
 STALLED = 5.0
 """Time without anything new after which a `watch` counts as hanging, in seconds. It shows the race
 once a second."""
-
-_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
-
-
-class TimedProcess:
-    """
-    A piece of work in a forked process: a new interpreter would make each stop 0.3 s later.
-
-    Make it before the process has any thread.
-
-    :param work: is called there, with a ``Report``; it ends early, by SystemExit, on SIGTERM.
-    """
-
-    def __init__(self, work: Callable[[Report], object]) -> None:
-        fork = multiprocessing.get_context('fork')
-        self._hear, tell = fork.Pipe(duplex=False)
-        self._process = fork.Process(target=_do, args=(work, tell, os.getpid()))
-        self._process.start()
-        self.failed = False  # it ended without a report
-        tell.close()
-
-    def report(self, seconds: float | None) -> dict[str, Any] | None:
-        """
-        Return what the work reports next; None if it ends or time is up without a report.
-
-        :param seconds: how long to wait; None: as long as it takes.
-        """
-        try:
-            return self._hear.recv() if self._hear.poll(seconds) else None
-        except EOFError:
-            self.failed = True
-            return None
-
-    def end(self, seconds: float) -> None:
-        """
-        End the work, by force if it does not end by itself.
-
-        :param seconds: how long it may take to tidy up.
-        """
-        self._process.terminate()
-        self._process.join(seconds)
-        self._process.kill()
-        self._process.join()
-
-
-def _do(work: Callable[[Report], object], tell: Connection, parent: int) -> None:
-    """Work, in the forked process."""
-
-    def report(last: bool = False, **told: Any) -> None:
-        if last:
-            signal.signal(signal.SIGTERM, signal.SIG_IGN)
-        tell.send(told)
-
-    def stop(number: int, frame: FrameType | None) -> NoReturn:
-        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
-        raise SystemExit
-
-    # Whoever started it may be killed: it must not go on, unseen.
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it
-    signal.signal(signal.SIGTERM, stop)
-    try:
-        work(report)
-    except SystemExit:
-        pass
-    sys.stdout.flush()
-    os._exit(0)  # what a library does at its end could hang
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -131,20 +60,47 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _ask_for_name(wanted)
     except KeyboardInterrupt:
         return Exit.NOT_THERE
-    began = now()
+    return _work(given, wanted)
 
-    def work(report: Report) -> None:
-        from evgp_rcs_console.ctl_ros import attend
 
-        attend(given, wanted, began, report)
+def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
+    """Do with ROS what is wanted, and print the answer before anything is torn down."""
+    from evgp_node.deadline import end_within
 
-    process = TimedProcess(work)
-    try:
-        return _answer(process, wanted, began)
-    except KeyboardInterrupt:
-        return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
-    finally:
-        process.end(TIDY)
+    _let_a_second_interrupt_kill()
+    began, limit = now(), STARTING + wanted.wait
+
+    def hangs(seconds: float) -> None:
+        end_within(max(seconds, 0.001), Exit.NOT_THERE, _no_answer(wanted, limit, 'ROS hangs'))
+
+    hangs(limit)
+    told: dict[str, Any] = {'code': Exit.NOT_THERE}
+    with contextlib.ExitStack() as parts:
+        try:
+            from evgp_rcs_console.ctl_ros import attend
+
+            told = attend(given, wanted, began, parts, lambda: hangs(STALLED))
+        except KeyboardInterrupt:
+            told['code'] = Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
+        except Exception:  # noqa: BLE001 - whatever it is, an official must read what to do
+            traceback.print_exc()
+            told['error'] = _no_answer(wanted, now() - began, 'rcs_ctl failed')
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        end_within(0.0, 0)
+        try:
+            for key, stream in (('output', sys.stdout), ('error', sys.stderr)):
+                if told.get(key):
+                    print(told[key], file=stream, flush=True)
+        finally:
+            end_within(TIDY, told['code'])
+    os._exit(told['code'])  # what a library does at its end could hang
+
+
+def _let_a_second_interrupt_kill() -> None:
+    """Have the kernel forget Python's handler of SIGINT with the first Ctrl-C: Python may hang."""
+    handle = ctypes.CDLL(None).sysv_signal
+    handle.restype, handle.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
+    handle(signal.SIGINT, handle(signal.SIGINT, None))
 
 
 def _complete() -> NoReturn:
@@ -184,22 +140,6 @@ def _official_is_there() -> bool:
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except OSError:
         return False  # it is not our terminal
-
-
-def _answer(process: TimedProcess, wanted: argparse.Namespace, began: float) -> int:
-    """Print the answer, or that there is none, before anything is torn down."""
-    ends = began + STARTING + wanted.wait
-    told = process.report(ends - now())
-    while told is not None and 'code' not in told:  # a `watch` that shows the race by itself
-        told = process.report(STALLED)
-    if told is None:
-        waited = min(now(), ends) - began
-        why = 'rcs_ctl failed' if process.failed else 'ROS hangs'
-        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted, waited, why)}
-    for text, stream in ((told.get('output'), sys.stdout), (told.get('error'), sys.stderr)):
-        if text:
-            print(text, file=stream, flush=True)
-    return int(told['code'])
 
 
 def _no_answer(wanted: argparse.Namespace, waited: float, why: str) -> str:

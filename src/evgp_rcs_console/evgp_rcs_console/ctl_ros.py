@@ -1,12 +1,13 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What `rcs_ctl` does with ROS, in a process of its own: it reports, and prints only a `watch`."""
+"""What `rcs_ctl` does with ROS: it returns what is to be printed, and prints only a `watch`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+import contextlib
 import os
 import shlex
 import sys
@@ -29,7 +30,6 @@ from evgp_rcs_console.command_line import (
     Exit,
     GRACE,
     no_answer,
-    Report,
     STARTING,
 )
 from evgp_rcs_console.commands import effects, Given, Standing
@@ -98,17 +98,25 @@ class Hearing:
             return bool(self.news.wait_for(found, max(0.0, until - now())))
 
 
-def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, report: Report) -> None:
+def attend(
+    given: Sequence[str],
+    wanted: argparse.Namespace,
+    began: float,
+    parts: contextlib.ExitStack,
+    alive: Callable[[], object],
+) -> Told:
     """
-    Do what a command line asks for, report how it ended, and leave the ROS domain.
+    Do what a command line asks for, and return the exit code and what is to be printed.
 
     :param began: when `rcs_ctl` was called, in seconds; `--wait` counts once ROS has started.
+    :param parts: gets what leaves the ROS domain, once the answer is printed.
+    :param alive: is called whenever a `watch` has shown the race.
     """
     try:
         join_graph('rcs_ctl', given)
     except (GraphError, UnknownROSArgsError) as error:
-        report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {error}')
-        return
+        return {'code': Exit.USAGE, 'error': f'rcs_ctl: {error}'}
+    parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
     # Watching needs no permission to command: a spectators' screen has none.
     watches = wanted.command in ('watch', 'results')
@@ -117,21 +125,16 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
         client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
         said = texts.NOT_ALLOWED.format(error=error)
-        report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')
-        return
+        return {'code': Exit.USAGE, 'error': f'rcs_ctl: {said}'}
+    parts.callback(client.close)
     ready = now()
     until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
-    try:
-        if wanted.command == 'watch':
-            report(last=True, **_watch(client, hearing, wanted, until, report))
-        elif wanted.command == 'results':
-            report(last=True, **_show_results(client, hearing, until))
-        else:
-            told = _give(client, hearing, wanted, until, ready - began)
-            report(last=True, **_under_banner(told, hearing.race))
-    finally:
-        client.close()
-        rclpy.try_shutdown()
+    if wanted.command == 'watch':
+        return _watch(client, hearing, wanted, until, alive)
+    if wanted.command == 'results':
+        return _show_results(client, hearing, until)
+    told = _give(client, hearing, wanted, until, ready - began)
+    return _under_banner(told, hearing.race)
 
 
 def _is_at(wanted: argparse.Namespace) -> bool:
@@ -292,10 +295,14 @@ def said_of(
 
 
 def _watch(
-    client: Client, hearing: Hearing, wanted: argparse.Namespace, until: float, report: Report
+    client: Client,
+    hearing: Hearing,
+    wanted: argparse.Namespace,
+    until: float,
+    alive: Callable[[], object],
 ) -> Told:
     if wanted.events:
-        return _watch_events(hearing, wanted, until, report)
+        return _watch_events(hearing, wanted, until, alive)
     began = now()
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
@@ -320,7 +327,7 @@ def _watch(
             code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
-        report(alive=True)
+        alive()
         # Early rather than late: news come twice a second.
         if at - said_at >= THERE_EVERY / 2:
             client.say_there(official, texts.GONE_REASON if is_gone(silent_for) else '')
@@ -356,7 +363,7 @@ def _passing(judged: Judged) -> tuple[str, ...]:
 
 
 def _watch_events(
-    hearing: Hearing, wanted: argparse.Namespace, until: float, report: Report
+    hearing: Hearing, wanted: argparse.Namespace, until: float, alive: Callable[[], object]
 ) -> Told:
     shown = 0
     banner = ''
@@ -396,4 +403,4 @@ def _watch_events(
             continue
         if lines:
             print('\n'.join(lines), flush=True)
-        report(alive=True)
+        alive()

@@ -4,8 +4,7 @@
 """
 What a hand does to a stop button, as presses.
 
-A key counts when it goes down. So does a normally closed contact when it opens, which is key 0
-here. It counts again only once it was seen up.
+A key counts when it goes down, and again only once it was seen up.
 
 Pure: bytes and times go in.
 """
@@ -19,15 +18,8 @@ import struct
 EVENT = struct.Struct('@llHHi')
 """An event of an input device (linux/input.h): two parts of its time, type, code, value."""
 
-DEBOUNCE = 0.02
-"""Time for which a contact must have been closed before it counts again, in seconds: it bounces.
-Not for keys: they are read in batches, so the time between two of them is not known."""
-
 HELD = 2.0
 """Time after which a key that is down is reported, in seconds: something may lie on it."""
-
-CONTACT_KEY = 0
-"""The key of a contact."""
 
 _SYN, _DROPPED = 0, 3
 _KEY = 1
@@ -50,18 +42,14 @@ class Presses:
     Times are in seconds, never less than the one before.
 
     :param key: the code of the only key that counts; 0: every key.
-    :param normally_closed: it is a contact. Down is a press also when it is first looked at, and
-        a contact that is gone is down.
     :ivar count: number of presses.
     """
 
-    def __init__(self, key: int = 0, normally_closed: bool = False) -> None:
+    def __init__(self, key: int = 0) -> None:
         self.count = 0
         self._key = key
-        self._normally_closed = normally_closed
         self._known = False
         self._down: dict[int, float] = {}
-        self._up_at: dict[int, float] = {}
 
     def look(self, down: Set[int], now: float) -> bool:
         """
@@ -70,7 +58,7 @@ class Presses:
         A key that is down at the first look is none: something may lie on it since yesterday.
         Later it is: a hand may have come while the device was gone.
         """
-        known, self._known = self._known or self._normally_closed, True
+        known, self._known = self._known, True
         if not known:
             self._down = {key: -math.inf for key in down if self._key in (0, key)}
             return False
@@ -83,26 +71,19 @@ class Presses:
         if self._key not in (0, key):
             return False
         if not down:
-            if self._down.pop(key, None) is not None:
-                self._up_at[key] = now
+            self._down.pop(key, None)
             return False
         if key in self._down:
             return False  # it is held, and repeats
         self._down[key] = now
-        rested = now - self._up_at.get(key, -math.inf) >= DEBOUNCE
-        pressed = rested or not self._normally_closed
-        self.count += pressed
-        return pressed
+        self.count += 1
+        return True
 
     def miss(self, down: Set[int], now: float) -> bool:
         """Take that events were dropped, and what is down now: one of them may be a press."""
         if not self.look(down, now):
             self.count += 1
         return True
-
-    def gone(self, now: float) -> bool:
-        """Take that the device is gone; return whether that is a press."""
-        return self._normally_closed and self._known and self.take(CONTACT_KEY, True, now)
 
     @property
     def is_down(self) -> bool:

@@ -26,12 +26,12 @@ TITLE = 'EVGP race control'
 BANNER = '=== {banner} ==='
 
 BUTTON_NOT_ALLOWED = (
-    'This user may not open it: sudo usermod -aG {group} $USER, then log out and in again'
+    'This user may not open it: sudo usermod -aG input $USER, then log out and in again'
 )
 BUTTON_TAKEN = 'Another program holds it for itself: end that program'
 BUTTON_GONE = 'It is not there: plug it in'
 BUTTON_UNREADABLE = 'It cannot be read: {error}'
-BUTTON_HELD = 'It is held down, or its contact is open: release it, so that it counts again'
+BUTTON_HELD = 'It is held down: release it, so that it counts again'
 BUTTON_ASLEEP = 'Its USB port is asleep: switch power saving of USB off'
 BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet: USE THE MSR'
 BUTTON_FINDS_NOBODY = 'It does not find race control: a press does not stop the race'
@@ -42,10 +42,6 @@ BUTTON_DROPPED = (
 BUTTON_ENDED = 'Its program has been ended: start it again'
 BUTTON_WORKS = 'A press sends ALL KILL'
 BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
-BUTTON_CONTACT = (
-    '{path}: a serial port. As a stop button, its contact sends ALL KILL when it opens'
-)
-BUTTON_PORT = '{path}: a serial port, not opened. To look at its contact: rcs_button test {path}'
 BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'

@@ -5,42 +5,23 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.presses import changes, CONTACT_KEY, DEBOUNCE, EVENT, HELD, Presses
+from evgp_rcs_console.presses import changes, EVENT, HELD, Presses
 from hypothesis import given
 from hypothesis import strategies as st
 
 SYN, KEY, ABS = 0, 1, 3
 
-steps = st.lists(
-    st.tuples(st.integers(1, 3), st.booleans(), st.floats(0.0, 4 * DEBOUNCE)), max_size=60
-)
-"""What becomes of which key, each so many seconds after the one before."""
 
-
-@given(steps, st.booleans())
-def test_each_press_is_one_and_none_is_lost_to_bounces(
-    steps: list[tuple[int, bool, float]], is_contact: bool
-) -> None:
-    presses, now, counted = Presses(normally_closed=is_contact), 0.0, 0
-    presses.look(frozenset(), now)
+@given(st.lists(st.tuples(st.integers(1, 3), st.booleans()), max_size=60))
+def test_each_key_that_goes_down_is_one_press(steps: list[tuple[int, bool]]) -> None:
+    presses, counted = Presses(), 0
+    presses.look(frozenset(), 0.0)
     down: set[int] = set()
-    up_at: dict[int, float] = {}
-    served: set[int] = set()  # the keys that are down, or were just now, and have been a press
-    for key, goes_down, pause in steps:
-        now += pause
-        if key not in down and (not is_contact or now - up_at.get(key, -1.0) >= DEBOUNCE):
-            served.discard(key)
-        pressed = presses.take(key, goes_down, now)
+    for key, goes_down in steps:
+        pressed = presses.take(key, goes_down, 1.0)
         counted += pressed
-        assert not pressed or (goes_down and key not in down | served)
-        if pressed:
-            served.add(key)
-        if goes_down:
-            down.add(key)
-        elif key in down:
-            down.discard(key)
-            up_at[key] = now
-        assert down <= served
+        assert pressed is (goes_down and key not in down)
+        (down.add if goes_down else down.discard)(key)
     assert presses.count == counted
 
 
@@ -77,7 +58,6 @@ def test_a_key_that_lies_down_at_the_start_is_told_and_is_no_press() -> None:
 def test_a_key_that_went_down_while_the_device_was_gone_is_a_press() -> None:
     presses = Presses()
     presses.look(frozenset(), 0.0)
-    assert not presses.gone(1.0)
     assert presses.look({30}, 2.0)
     assert not presses.look({30}, 3.0)
     assert not presses.look(frozenset(), 4.0)
@@ -100,18 +80,6 @@ def test_only_the_key_that_was_named_counts() -> None:
     assert not presses.is_held(9.0)
     assert not presses.take(30, True, 9.0)
     assert presses.take(28, True, 9.0)
-
-
-def test_an_open_contact_is_a_press_at_the_start_and_so_is_one_that_is_gone() -> None:
-    presses = Presses(normally_closed=True)
-    assert not presses.gone(0.0)  # it never was there
-    assert presses.look({CONTACT_KEY}, 1.0)
-    assert not presses.take(CONTACT_KEY, True, 2.0)
-    assert not presses.gone(3.0)  # it is open already
-    assert not presses.look(frozenset(), 4.0)
-    assert presses.gone(5.0)
-    assert not presses.look({CONTACT_KEY}, 6.0)
-    assert presses.count == 2
 
 
 def test_dropped_events_are_a_press() -> None:

@@ -185,15 +185,18 @@ def test_an_old_stop_that_is_pressed_again_is_a_new_one() -> None:
     assert stops.stands(second)
 
 
-def test_an_old_stop_waits_for_one_snapshot_once_race_control_is_found_again() -> None:
+@pytest.mark.parametrize('comes', [True, False], ids=['it comes', 'none comes'])
+def test_an_old_stop_waits_for_a_snapshot_once_race_control_is_found_again(comes: bool) -> None:
     given = Given(CommandKind.ALL_KILL, at=0.0)
     stops = StandingStops()
     stops.add(given, 0.0)
-    there = {20.0: False, 20.5: True, 21.0: True, 21.5: True}
+    sent = []
+    for at in (20.0, 20.5, 21.0, 21.5, 22.0, 22.5, 23.0):
+        if comes and at == 21.5:
+            stops.outlived(-math.inf, at)
+        sent.append(bool(stops.press(at, lambda _, at=at: at > 20.0)))
 
-    pressed = [stops.press(at, lambda _, at=at: there[at]) for at in there]
-
-    assert pressed == [[given], [], [given], [given]]
+    assert sent == [True, False, False, comes, comes, True, True]
 
 
 def test_a_stop_that_is_not_old_waits_for_nothing() -> None:

@@ -5,6 +5,6 @@
 The rehearsal: a race with simulated karts and incidents, for officials and for teams.
 
 ``plan`` is what the YAML file says, ``field`` the karts on the track, ``incidents`` what can
-happen and what a good official does, ``score`` the sheet. These are pure. ``event`` plays them
+happen and the rule book's order, ``debrief`` what came of it. These are pure. ``event`` plays them
 with the real race control over TCP. ``demo`` is a rehearsal that runs by itself.
 """

@@ -21,17 +21,14 @@ import signal
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
-from evgp_rehearsal import sheet
-from evgp_rehearsal.conduct import Finding
 from evgp_rehearsal.event import BANNER, HEAT, Rehearsal
 from evgp_rehearsal.field import Fault
-from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Team
@@ -77,6 +74,13 @@ LAST = 8
 
 WIDTH = 100
 """Maximum width of what is printed."""
+
+
+class Finding(NamedTuple):
+    """Whether something is as it must be, in one sentence."""
+
+    good: bool
+    text: str
 
 
 class Show:
@@ -161,7 +165,7 @@ class Show:
         self.official.wait_until_polled(lambda: rehearsal.can_begin('spin'), 'every kart races')
         rehearsal.inject('spin')
         called = time.monotonic()
-        rehearsal.give(Act(CommandKind.ALL_KILL), 'demo')
+        self.official.command('all_kill', official='demo')
         assert not self.official.call('green_green').success, 'GREEN_GREEN is accepted after it'
         self._wait_for(RaceState.RED_RED, PLAN.numbers)
         sides = [side for kart in PLAN.numbers if (side := self._side(kart)) is not None]
@@ -184,11 +188,13 @@ class Show:
 
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
         """Print what was found, and what is missing, and return it."""
-        lines = self.rehearsal.sheet()
-        self.console.print(sheet.table(lines))
-        passed = bool(lines) and all(line.passed for line in lines)
-        score = Finding(passed, 'the score sheet says that the official passed')
-        found = [*self.found, score, *around]
+        lines = [line for each in self.rehearsal.debriefs() for line in each]
+        self.console.rule('debrief', style='bold')
+        text = '\n'.join(lines)
+        self.console.print(Text(text))
+        stood = 'gave ALL_KILL' in text and 'still moves' not in text
+        ends = Finding(stood, 'the debrief has ALL_KILL, and every kart standing after it')
+        found = [*self.found, ends, *around]
         grid = Table.grid(padding=(0, 2))
         for each in found:
             word = Text('ok', style='green') if each.good else Text('MISSING', style='bold red')

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A rehearsal with the real race control: simulated karts over TCP, incidents, and the score.
+A rehearsal with the real race control: simulated karts over TCP, incidents, and the debrief.
 
 It cannot reach a real kart or race. Race control listens on loopback with a roster of loopback
 addresses, written here; the ROS domain is its own, on this machine only; and no command goes to a
@@ -29,23 +29,21 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
 from evgp_rcs_msgs import msg
+from evgp_rehearsal.debrief import debrief, Occurrence, Truth
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
-from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
+from evgp_rehearsal.incidents import ALERTS, can_begin, choose_kart, INCIDENTS, LASTS, Phase
 from evgp_rehearsal.line import TimingLine
-from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
-from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
-from evgp_testing.official import Answer, Official
+from evgp_testing.official import Official
 from evgp_testing.part import Part
-from evgp_testing.process import executable, Process, Program
+from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import yaml
@@ -58,6 +56,12 @@ AWAY = 1.0
 
 HEAT = 'rehearsal'
 """The heat of the roster, with the plan's laps."""
+
+STEWARD = 'rehearsal'
+"""Official's name of the rehearsal itself."""
+
+ON_DISK = 20
+"""Ticks after which the record has what happened."""
 
 CONNECT_AGAIN = 10
 """Ticks between two tries of a kart to connect."""
@@ -104,7 +108,8 @@ class Rehearsal(Part):
 
     ``field`` may be read and changed inside ``with rehearsal.lock:`` only. ``links`` are the
     connections of the simulated karts, ``domains`` the ROS domains of those with a bridge, and
-    race control's at number 0. ``present`` is the incident that is under way.
+    race control's at number 0. ``present`` is the incident that is under way, ``dead`` is set once
+    race control's laptop has died.
 
     :param folder: where roster and record are written.
     :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
@@ -137,14 +142,13 @@ class Rehearsal(Part):
         self.took: list[Occurrence] = []
         self.cues = list(plan.script)
         self.window: Process | None = None
-        self._folder = folder
+        self.folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
         self.present: Occurrence | None = None
         self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
         self._ended = False
         self._again: Future[None] | None = None
-        self._dead = threading.Event()
-        self._spare: Program | None = None
+        self.dead = threading.Event()
         self.links: dict[int, DrivenKart | WireKart] = {}
         self._judge = judge
         self._parameters = parameters or {}
@@ -173,7 +177,6 @@ class Rehearsal(Part):
             if window:
                 self.open_window()
             stack.callback(self._close_window)
-            stack.callback(self._close_spare)
             self._stack = stack.pop_all()
         self._thread = threading.Thread(target=self._run, name='field', daemon=True)
         self._thread.start()
@@ -193,8 +196,9 @@ class Rehearsal(Part):
         with self.lock:
             if kart and kart not in self.field.karts:
                 raise RefusedError(f'kart {kart} is not simulated here')
-            if not can_begin(row, self.field, state):
-                raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
+            if not can_begin(row, self.field, state, kart):
+                whom = f' to kart {kart}' if kart else ''
+                raise RefusedError(f'Not now{whom}: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
             self.present = Occurrence(name, number, self.field.tick, self.field.tick)
@@ -236,9 +240,9 @@ class Rehearsal(Part):
         """Return by what line race control is taken over here, once its laptop has died."""
         called = os.environ.get('EVGP_TAKEOVER', "make takeover %s ARGS='%s'")
         words = 'ADDRESS=127.0.0.1 INTERFACE=lo', f'--port {self.control.port}'
-        return f'ROS_HOME={self._folder} ROS_DOMAIN_ID={self.domain} {called % words}'
+        return f'ROS_HOME={self.folder} ROS_DOMAIN_ID={self.domain} {called % words}'
 
-    # ----- what an official sees and does -------------------------------------------------
+    # ----- what an official sees ----------------------------------------------------------
 
     @property
     def state(self) -> RaceState:
@@ -253,132 +257,42 @@ class Rehearsal(Part):
         race = self.official.race
         return None if race is None else value_of(race, Snapshot)
 
-    def give(self, act: Act, name: str) -> Answer | None:
-        """
-        Do what an automatic official does.
-
-        :raises RefusedError: if the race is not the one of this rehearsal.
-        """
-        if act.kind is None:
-            self.use_msr()
-            return None
-        race = self.race
-        assert race is not None
-        self._check_own(race)
-        entry = CATALOGUE[act.kind]
-        request: dict[str, object] = {'official': name, **entry.fixed}
-        if entry.to_one_kart:
-            request['kart'] = act.kart
-        if act.kind is CommandKind.STRIKE_PASSING:
-            source, session, number, *_ = self._line.made_up[act.kart]
-            request |= {'source': source, 'session': session, 'number': number}
-            request['reason'] = 'nobody crossed'
-        if entry.statement:
-            request[entry.statement] = entry.statement != 'made_safe_by_hand'
-        return self.official.call(entry.service, **request)
-
-    def view(self, began: int = 0) -> View:
-        """Return what an official sees who has listened since a tick."""
-        race = self.race
-        assert race is not None
-        with self.lock:
-            radio, moving, crossed = look(self.field, began)
-            msr = any(at >= began for at in self.field.msr_at)
-        offered = [(each, 0) for each in race.commands]
-        offered += [(each, kart.number) for kart in race.karts for each in kart.commands]
-        return View(
-            race.state or RaceState.RED_RED,
-            {
-                kart.number: KartView(
-                    kart.in_race,
-                    kart.connected,
-                    kart.sent,
-                    kart.acknowledged,
-                    kart.place,
-                )
-                for kart in race.karts
-            },
-            frozenset((each.kind.name, each.kart) for each in race.alerts),
-            frozenset((each.command, kart) for each, kart in offered if each.available),
-            radio,
-            moving,
-            crossed,
-            msr,
-            race.track.open,
-        )
-
     def gather(self) -> None:
         """
         Bring the race to IN_GARAGE with the track closed, however race control has begun.
 
         :raises AssertionError: if it does not get there in time.
         """
+        official = self.official
+        official.wait_for_connected(*self.plan.numbers)
+        official.bring_to(RaceState.IN_GARAGE)
+        if official.race is not None and official.race.track.open:
+            official.command('set_track_open', open=False)
+        official.command('set_heat', heat=HEAT)
 
-        def there() -> bool:
-            race = self.race
-            in_garage = race is not None and race.state is RaceState.IN_GARAGE
-            return race is not None and in_garage and not race.track.open
+    # ----- the debrief --------------------------------------------------------------------
 
-        self.attend(Steward(RaceState.IN_GARAGE), STEWARD, there, GET_THERE)
-        self.official.command('set_heat', heat=HEAT)
-
-    def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
-        """
-        Bring the race to where an incident can begin, and let an official deal with it.
-
-        :raises AssertionError: if the race does not get there in time.
-        """
-        row = INCIDENTS[name]
-        self.mend()
-        self.attend(Steward(row.state), STEWARD, lambda: self.can_begin(name), GET_THERE)
-        took = self.inject(name, kart)
-        if row.name == 'laptop_dies':
-            self._dead.wait()
-            self._starter.submit(self._take_over).result()
-        ends = took.began + row.ticks + AFTER
-        self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
-        self.mend()
-        return self.sheet()[-1]
-
-    def attend(
-        self,
-        official: AnOfficial,
-        name: str,
-        over: Callable[[], bool],
-        seconds: float | None,
-        began: int = 0,
-    ) -> None:
-        """
-        Let an automatic official look and act until something is so.
-
-        :param seconds: maximum time; None: any.
-        :raises AssertionError: if it does not become so in time.
-        """
-        until = None if seconds is None else time.monotonic() + seconds
-        while not over():
-            assert until is None or time.monotonic() < until, f'{name} did not get there'
-            act = official.act(self.view(began))
-            if act is not None:
-                with contextlib.suppress(AssertionError):  # race control is not there just now
-                    self.give(act, name)
-            with self.lock:
-                self._wait_for_tick(self.field.tick + LOOKS)
-
-    # ----- the score ----------------------------------------------------------------------
-
-    def sheet(self) -> list[Line]:
-        """Return the score of the incidents so far, from the record as it is on the disk."""
+    def debriefs(self) -> list[list[str]]:
+        """Return the debrief of each incident so far, from the record as it is on the disk."""
         with self.lock:
             took = list(self.took)
             if self.present is not None:
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
-            truth = Truth.of(self.field)
+            truth = Truth.of(self.field, self._line.told)
             times = list(self._times)
-        return score(took, [_in_ticks(event, times) for event in self.events()], truth)
+        happened = [_in_ticks(event, times) for event in self.events()]
+        return [debrief(each, happened, truth) for each in took]
+
+    def wait_for_end(self, number: int) -> None:
+        """Return once more than this number of incidents have ended, and the record has them."""
+        with self.lock:
+            self.lock.wait_for(lambda: len(self.took) > number)
+            until = self.took[number].ended + ON_DISK
+            self.lock.wait_for(lambda: self.field.tick >= until)
 
     def events(self) -> list[StampedEvent]:
         """Return all events of the record."""
-        return recorded(self._folder)
+        return recorded(self.folder)
 
     # ----- the field's thread -------------------------------------------------------------
 
@@ -469,15 +383,15 @@ class Rehearsal(Part):
         os.kill(self.control.kart_server_pid, signal.SIGKILL)
         self.control.kill()
         if what is Failure.DIE:
-            copy, record = str(self._folder), self._folder / 'record.sqlite3'
-            parameters = self._folder / 'rcs.yaml'
+            copy, record = str(self.folder), self.folder / 'record.sqlite3'
+            parameters = self.folder / 'rcs.yaml'
             # Else the copy would doubt what a real race has left on this machine.
             where = {'address': '127.0.0.1', 'port': self.control.port}
             settings = {'/**': {'ros__parameters': {**self._settings(), **where}}}
             parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
             packed = fetch(copy, 'karts.yaml', parameters.name, str(record))
-            keep(packed, copy, self._folder / 'evgp_rcs' / 'spare')
-            self._dead.set()
+            keep(packed, copy, self.folder / 'evgp_rcs' / 'spare')
+            self.dead.set()
 
     def _keep_race_control(self) -> None:
         """Start race control again, whatever has ended it, as ``make run`` does."""
@@ -487,20 +401,14 @@ class Rehearsal(Part):
             time.sleep(AWAY)
             self.control = self._race_control(same_machine)
 
-        if not (self._dead.is_set() or self.control.runs) and (
+        if not (self.dead.is_set() or self.control.runs) and (
             self._again is None or self._again.done()
         ):
             self._again = self._starter.submit(again)
 
     def _time_is_up(self) -> None:
-        if self.present is not None:
-            ticks = INCIDENTS[self.present.incident].ticks
-            if self.field.tick >= self.present.began + ticks + AFTER:
-                self._end_incident()
-
-    def _wait_for_tick(self, tick: int) -> None:
-        """Wait for a tick, or for a while: the field may be paused."""
-        self.lock.wait_for(lambda: self.field.tick >= tick, LOOKS * TICK_LENGTH * 10)
+        if self.present is not None and self.field.tick >= self.present.began + LASTS:
+            self._end_incident()
 
     def _cue(self) -> None:
         """Let the incidents of the script begin that are due."""
@@ -522,7 +430,7 @@ class Rehearsal(Part):
 
     def _race_control(self, where: Mapping[str, object]) -> RaceControl:
         return RaceControl(
-            self._folder,
+            self.folder,
             self.domain,
             self.plan.numbers,
             parameters={**where, **self._settings()},
@@ -542,16 +450,6 @@ class Rehearsal(Part):
         if heard != own:
             raise RefusedError('the race that is heard is not the one of this rehearsal')
 
-    def _take_over(self) -> None:
-        command = [executable('evgp_rcs', 'rcs_takeover'), '127.0.0.1', 'lo']
-        command += ['--port', str(self.control.port)]
-        home = {'ROS_HOME': str(self._folder)}
-        self._spare = Program('takeover', command, self.domain, home, end='TERM')
-
-    def _close_spare(self) -> None:
-        if self._spare is not None:
-            self._spare.close()
-
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
@@ -565,12 +463,9 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
         return [event for run in sessions(database) for event in events(database, run.number)]
 
 
-GET_THERE = 120.0
-"""Maximum time until an incident can begin, in seconds."""
-
 WHEN = {
     Phase.GRID: 'in GRID_ACTIVE',
-    Phase.RACE: 'in GREEN_GREEN, once all karts race',
+    Phase.RACE: 'in GREEN_GREEN, once all karts of the race drive',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
 """When an incident can begin, for who chooses it."""

@@ -50,7 +50,7 @@ class Fault(enum.Enum):
     IGNORES_FLAG = enum.auto()  # it drives on in RED_FLAG
     IGNORES_RED = enum.auto()  # it drives on, whatever it is sent; only the MSR stops it
     CREEPS = enum.auto()  # it moves on the grid
-    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE
+    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE, or takes it back
     UNSEEN = enum.auto()  # the timing line misses it when it crosses next
     SEEN_ELSEWHERE = enum.auto()  # the timing line says that it crosses where it does not
 
@@ -71,26 +71,11 @@ class Failure(enum.Enum):
     CLOSE_CONSOLE = enum.auto()
 
 
-class Call(enum.Enum):
-    """What a marshal reports or the race director asks for, over the radio."""
-
-    PERSON = enum.auto()
-    OUT_OF_CONTROL = enum.auto()
-    STANDS = enum.auto()
-    SPUN = enum.auto()
-    STOP_ALL = enum.auto()
-    FLAG_ALL = enum.auto()
-    NOT_COUNTED = enum.auto()
-    NOT_THERE = enum.auto()
-
-
 @dataclass(frozen=True)
 class Message:
     """What is heard over the radio, and the tick at which it is."""
 
     tick: int
-    call: Call
-    kart: int
     text: str
 
 
@@ -168,6 +153,9 @@ class SimulatedKart:
         else:
             self.speed = max(aim, self.speed - rate * TICK_LENGTH)
         self.distance += self.speed * TICK_LENGTH
+        if self.said and self.told is RaceState.GRID_ACTIVE and Fault.NEVER_READY in self.faults:
+            self.said = False  # it was ready, and takes that back: its team has stopped it
+            return RaceState.RED_RED
         if self.said or self.told is not self.obeys or not self._reached(waited):
             return None
         self.said = True
@@ -205,8 +193,9 @@ class Field:
 
     ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres.
     ``moving`` has every change of whether a kart moves, ``crossed`` the karts that have driven
-    their laps, ``grids`` when one was put onto the grid, each with its tick: the truth that the
-    score goes by. ``crossings`` has every crossing of the line, and what the line takes for one.
+    their laps, ``people`` every change of whether a person is on the track, each with its tick:
+    the truth that a debrief goes by. ``crossings`` has every crossing of the line, and what the
+    line takes for one.
 
     :param numbers: the karts of it that are simulated; the others are somebody else's.
     """
@@ -222,7 +211,7 @@ class Field:
         self.person: tuple[float, float] | None = None
         self.moving: list[tuple[int, int, bool]] = []
         self.crossed: list[tuple[int, int]] = []
-        self.grids: list[int] = []
+        self.people: list[tuple[int, bool]] = []
         self.crossings: list[Crossing] = []
         every = {number: _spread(plan, self.rng) for number in plan.numbers}
         simulated = plan.numbers if numbers is None else numbers
@@ -235,16 +224,20 @@ class Field:
         kart = self.karts[number]
         if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
             self._to_grid(kart)  # its team has put it there
-            self.grids.append(self.tick)
         kart.hear(state, self.tick)
 
     def drop(self, number: int) -> None:
         """Take note that a kart's connection is gone."""
         self.karts[number].drop()
 
-    def say(self, call: Call, kart: int, text: str) -> None:
+    def say(self, text: str) -> None:
         """Have something heard over the radio."""
-        self.messages.append(Message(self.tick, call, kart, text))
+        self.messages.append(Message(self.tick, text))
+
+    def let_in(self, at: tuple[float, float]) -> None:
+        """Have a person on the track, at x and y (m)."""
+        self.person = at
+        self.people.append((self.tick, True))
 
     def use_msr(self) -> None:
         """Take the power from every motor, as the Master Safety Remote does."""
@@ -254,6 +247,8 @@ class Field:
 
     def mend(self) -> None:
         """Have marshals and teams put everything right that goes wrong with karts."""
+        if self.person is not None:
+            self.people.append((self.tick, False))
         self.person = None
         for kart in self.karts.values():
             kart.faults.clear()
@@ -287,18 +282,18 @@ class Field:
             if not seen:
                 kart.faults.discard(Fault.UNSEEN)
                 text = f'Timekeeper: kart {kart.number} has crossed the line, and was not counted.'
-                self.say(Call.NOT_COUNTED, kart.number, text)
+                self.say(text)
         half = line + length / 2
         if before < half <= kart.distance and Fault.SEEN_ELSEWHERE in kart.faults:
             kart.faults.discard(Fault.SEEN_ELSEWHERE)
             at = self.tick * TICK_LENGTH
             self.crossings.append(Crossing(at, kart.number, seen=True, real=False))
             text = f'Timekeeper: kart {kart.number} was counted, but it is not at the line.'
-            self.say(Call.NOT_THERE, kart.number, text)
+            self.say(text)
 
-    def racing(self) -> list[SimulatedKart]:
-        """Return the karts that are sent GREEN_GREEN: no incident of a race is about another."""
-        return [kart for kart in self.karts.values() if kart.told is RaceState.GREEN_GREEN]
+    def sent(self, state: RaceState) -> list[SimulatedKart]:
+        """Return the karts that are sent a state: no incident of it is about another."""
+        return [kart for kart in self.karts.values() if kart.told is state]
 
     def leader(self) -> int:
         """Return the kart that is ahead of all others and has not finished; 0: there is none."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The instructor's page: a plan view of the track, incidents to choose, pause, and the score.
+The instructor's page: a plan view of the track, incidents to choose, pause, and the debrief.
 
 Served on 127.0.0.1 only, by the standard library. Whoever asks by another name, or posts anything
 but JSON, is refused: no page of the internet can press these buttons.
@@ -17,7 +17,6 @@ import pathlib
 import threading
 from typing import Any
 
-from evgp_rehearsal import sheet
 from evgp_rehearsal.event import RefusedError, Rehearsal, WHEN
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import can_begin, INCIDENTS
@@ -65,7 +64,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
                 {
                     'name': row.name,
                     'meaning': row.meaning,
-                    'good': row.good,
+                    'order': row.order,
                     'when': WHEN[row.phase],
                 }
                 for row in INCIDENTS.values()
@@ -141,8 +140,9 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
                 self._answer(file.read_text(encoding='utf-8'), 'text/html')
             elif self.path == '/state':
                 self._answer(json.dumps(picture(rehearsal)), 'application/json')
-            elif self.path == '/sheet':
-                self._answer(sheet.page(rehearsal.sheet()), 'text/html')
+            elif self.path == '/debrief':
+                lines = ['\n'.join(each) for each in rehearsal.debriefs()]
+                self._answer('\n\n'.join(lines or ['No incident began.']), 'text/plain')
             else:
                 self.send_error(404)
 

@@ -4,8 +4,7 @@
 """
 ``rehearse``, or ``make rehearsal``: a race with simulated karts, for officials to train.
 
-Without ``--official``, people are the officials; with it, an automatic one deals with the
-incidents that are named, and the exit code says whether it passed them all.
+People are the officials. After each incident, and at the end, the terminal has its debrief.
 """
 
 from __future__ import annotations
@@ -14,32 +13,32 @@ import argparse
 from collections.abc import Sequence
 import contextlib
 import dataclasses
+import itertools
 import os
 import pathlib
 import signal
 import sys
 import tempfile
-import threading
 from typing import Any
 import webbrowser
 
 from ament_index_python.packages import get_package_share_directory
-from evgp_rehearsal import sheet
 from evgp_rehearsal.event import BANNER, Rehearsal
-from evgp_rehearsal.incidents import INCIDENTS, Phase
-from evgp_rehearsal.officials import Good
+from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Cue, Plan, PlanError, read_plan
-from evgp_rehearsal.score import Line
 from rich.console import Console
+from rich.text import Text
+
+NO_INCIDENT = "No incident began. The instructor's page begins them, or --incident, such as spin."
+"""What there is to say at the end of a rehearsal without an incident."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Rehearse.
 
-    :return: 0; 1 if an automatic official did not pass every incident. Where the plan or a setting
-        is wrong, the program exits with 2.
+    :return: 0. Where the plan or a setting is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
@@ -51,9 +50,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         '--bridged', type=int, default=0, help='how many karts have the real bridge and stack'
     )
     parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the page')
-    parser.add_argument('--sheet', type=pathlib.Path, help='write the score sheet to this file')
+    parser.add_argument('--debrief', type=pathlib.Path, help='write the debriefs to this file')
     parser.add_argument('--no-window', action='store_true', help='open no window, no browser')
-    parser.add_argument('--official', action='store_true', help='a program instead of you')
     parser.add_argument(
         '--incident', action='append', choices=INCIDENTS, help='this one, in place of the script'
     )
@@ -68,8 +66,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
-        if given.official:
-            return _play(console, plan, pathlib.Path(folder), given)
         if given.incident:
             script = tuple(Cue(name, 20.0) for name in given.incident)
             plan = dataclasses.replace(plan, script=script)
@@ -110,8 +106,13 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()
             _explain(console, rehearsal)
-            threading.Event().wait()
-        _show(console, rehearsal.sheet(), given.sheet)
+            for number in itertools.count():
+                rehearsal.wait_for_end(number)
+                _show(console, rehearsal.debriefs()[number])
+        lines = [line for each in rehearsal.debriefs() for line in each] or [NO_INCIDENT]
+        _show(console, lines)
+        if given.debrief is not None:
+            given.debrief.write_text('\n'.join([*lines, '']), encoding='utf-8')
     return 0
 
 
@@ -126,28 +127,12 @@ def _explain(console: Console, rehearsal: Rehearsal) -> None:
         console.print(line, soft_wrap=True)  # one line, to be copied
     console.print('If its laptop dies (laptop_dies), by the drill of docs/operations.md:')
     console.print(f'  {rehearsal.drill}', soft_wrap=True)
-    console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
+    console.print('Ctrl-C ends the rehearsal and shows the debriefs.')
 
 
-def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
-    lines = []
-    names = given.incident or list(INCIDENTS)
-    console.rule(BANNER, style='bold magenta')
-    for index, name in enumerate(names):
-        own = folder / str(index)
-        own.mkdir()
-        laps = 1 if INCIDENTS[name].phase is Phase.LAST_LAP else plan.laps
-        with Rehearsal(dataclasses.replace(plan, laps=laps), own, given.bridged) as rehearsal:
-            lines.append(rehearsal.play(name, Good()))
-        console.print(f'{name}: {"passed" if lines[-1].passed else "FAILED"}')
-    _show(console, lines, given.sheet)
-    return 0 if all(line.passed for line in lines) else 1
-
-
-def _show(console: Console, lines: Sequence[Line], file: pathlib.Path | None) -> None:
-    console.print(sheet.table(lines))
-    if file is not None:
-        file.write_text(sheet.page(lines), encoding='utf-8')
+def _show(console: Console, lines: Sequence[str]) -> None:
+    console.rule(f'{BANNER}: debrief')
+    console.print(Text('\n'.join(lines)), soft_wrap=True)
 
 
 if __name__ == '__main__':

@@ -8,7 +8,8 @@ from __future__ import annotations
 import itertools
 
 from evgp_protocol.states import RaceState
-from evgp_rehearsal.field import Call, Fault, Field, TICK_LENGTH
+from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
+from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
 import pytest
 
@@ -143,7 +144,37 @@ def test_a_passing_that_the_line_misses_or_makes_up_is_told_over_the_radio() -> 
 
     odd = {(each.kart, each.seen, each.real) for each in field.crossings if each.seen != each.real}
     assert odd == {(1, False, True), (2, True, False)}
-    assert {(each.call, each.kart) for each in field.messages} == {
-        (Call.NOT_COUNTED, 1),
-        (Call.NOT_THERE, 2),
-    }
+    told = sorted(each.text for each in field.messages)
+    assert [text.partition(' was')[0] for text in told] == [
+        'Timekeeper: kart 1 has crossed the line, and',
+        'Timekeeper: kart 2',
+    ]
+
+
+def test_an_incident_can_begin_in_a_race_that_a_kart_has_left() -> None:
+    field = the_field(4)
+    racing = sorted(field.karts)[1:]
+    for number in racing:
+        field.hear(number, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    spin = INCIDENTS['spin']
+    assert can_begin(spin, field, RaceState.GREEN_GREEN)
+    assert not can_begin(spin, field, RaceState.GREEN_GREEN, kart=1)
+    assert {choose_kart(field, spin) for _ in range(100)} == set(racing)
+
+
+def test_a_kart_that_does_not_get_ready_is_one_on_the_grid_and_takes_its_word_back() -> None:
+    field = the_field(3)
+    not_ready = INCIDENTS['not_ready']
+    assert not can_begin(not_ready, field, RaceState.GRID_ACTIVE)
+    for number in (1, 2):  # kart 3 is not in the race
+        field.hear(number, RaceState.GRID_ACTIVE)
+    assert run(field, 5.0) == [(1, RaceState.GRID_ACTIVE), (2, RaceState.GRID_ACTIVE)]
+    assert can_begin(not_ready, field, RaceState.GRID_ACTIVE)
+    assert not can_begin(not_ready, field, RaceState.GRID_ACTIVE, kart=3)
+    assert {choose_kart(field, not_ready) for _ in range(100)} == {1, 2}
+
+    not_ready.begin(field, 2)
+    assert run(field, 20.0) == [(2, RaceState.RED_RED)]
+    field.mend()
+    assert run(field, 5.0) == [(2, RaceState.GRID_ACTIVE)]

@@ -15,6 +15,7 @@ import socket
 from typing import Protocol
 
 from evgp_protocol.frames import encode
+from evgp_protocol.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_protocol.link import (
     Answers,
     Grade,
@@ -26,7 +27,6 @@ from evgp_protocol.link import (
     unsent,
 )
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
 

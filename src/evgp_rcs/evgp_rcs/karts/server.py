@@ -29,6 +29,7 @@ import time
 from typing import Any
 
 from evgp_protocol.frames import MalformedFrame
+from evgp_protocol.hearing import Heard
 from evgp_rcs.karts.channel import (
     Alive,
     ANSWER_TIMEOUT,
@@ -44,7 +45,6 @@ from evgp_rcs.karts.link import in_words, KartLink
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.hearing import Heard
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Answer,

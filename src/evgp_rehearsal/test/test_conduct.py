@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The score sheet for people, and what one kart did well and badly."""
+"""What one kart did well and badly."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
-from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import conduct, Cut, LIMITS
-from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.score import Line
 
 
 def happened(*events: tuple[float, str, str | None]) -> list[StampedEvent]:
@@ -110,17 +107,3 @@ def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:
 def test_a_kart_that_had_no_time_to_acknowledge_is_not_blamed_for_that() -> None:
     gone = ((9.5, 'DISCONNECTED', None), (9.9, 'CONNECTED', None))
     assert bad(*RACE, *gone, cut=Cut(9.4, 1)) == 0
-
-
-def test_the_page_says_what_was_wrong_and_what_would_have_been_right() -> None:
-    lines = [
-        Line('spin', 3, 12.0, 1.5, 1.5),
-        Line('person_on_track', 0, 40.0, None, None, wrong=('RED_FLAG', 'OPEN_TRACK'), people=1),
-    ]
-    page = sheet.page(lines)
-    assert '1 of 2 incidents passed' in page
-    for words in ('REHEARSAL', 'RED_FLAG, OPEN_TRACK', 'uses the MSR at once'):
-        assert words in page
-    cells = dict(zip(sheet.HEADINGS, sheet.row(lines[1]), strict=True))
-    assert cells['first right'] == 'never'
-    assert f'{INCIDENTS["person_on_track"].limit:.0f} s' in cells['solved']

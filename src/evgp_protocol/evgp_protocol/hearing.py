@@ -5,7 +5,7 @@
 What one kart says on one connection, and which order each word answers.
 
 Pure: counts, bytes and times in, frames out. No socket and no clock: whoever holds the connection
-(``kart_link``) says what was sent, answered and read, and when a beat begins.
+says what was sent, answered and read, and when a beat begins.
 
 A word must not count for an order that the kart had not read when it said it. Race control cannot
 see what a kart has read. It knows that TCP keeps the order both ways: a kart reads the orders in

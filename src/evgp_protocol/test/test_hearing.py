@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 import itertools
 
+from evgp_protocol import hearing
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
+from evgp_protocol.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules import hearing
-from evgp_rcs.rules.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest

@@ -1,0 +1,227 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The debrief of an incident: what happened when, what officials pressed when, what karts then did.
+
+Pure: the events of the record and the truth of the field go in, lines come out. It says what was
+so, beside the rule book's order, and passes and fails nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+import itertools
+from typing import NamedTuple
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.race import EventKind, StampedEvent
+from evgp_rehearsal.field import Field, TICK_LENGTH
+from evgp_rehearsal.incidents import INCIDENTS
+
+LOSS = 'the loss of its connection'
+"""By what a kart must stop that race control does not reach (§3.E)."""
+
+TOGETHER = 1.0
+"""Time within which several karts that are lost, or back, make one line, in seconds."""
+
+NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
+"""The commands before which all humans must be off the track (§3.A)."""
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """
+    An incident that took place.
+
+    :param kart: to whom; 0: to no single kart.
+    :param began: the tick; ``ended``: the last one that its debrief is about.
+    """
+
+    incident: str
+    kart: int
+    began: int
+    ended: int
+
+
+@dataclass(frozen=True)
+class Truth:
+    """
+    What was so in the field; times are ticks.
+
+    :param moving: every change of whether a kart moves: tick, kart, whether.
+    :param people: every change of whether a person is on the track: tick, whether.
+    :param seen: what was heard on the radio, seen or done, in words: tick, words.
+    :param passings: what the timing line told: which passing, of which kart, whether it crossed.
+    """
+
+    moving: tuple[tuple[int, int, bool], ...] = ()
+    people: tuple[tuple[int, bool], ...] = ()
+    msr: tuple[int, ...] = ()
+    seen: tuple[tuple[int, str], ...] = ()
+    passings: tuple[tuple[str, int, bool], ...] = ()
+
+    @classmethod
+    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]] = ()) -> Truth:
+        """Return the truth of a field up to now."""
+        radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
+        last_laps = [(at, f'kart {kart} ends its last lap') for at, kart in field.crossed]
+        return cls(
+            tuple(field.moving),
+            tuple(field.people),
+            tuple(field.msr_at),
+            (*radio, *last_laps),
+            tuple(passings),
+        )
+
+    def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
+        """Return for how long a kart moved between two times (s), and whether at the later one."""
+        moved, since = 0.0, None
+        for tick, number, moves in self.moving:
+            at = min(max(tick * TICK_LENGTH, start), end)
+            if number != kart or tick * TICK_LENGTH > end:
+                continue
+            if since is not None:
+                moved += at - since
+            since = at if moves else None
+        return moved if since is None else moved + end - since, since is not None
+
+    def has_person(self, at: float) -> bool:
+        """Return whether a person is on the track at a time (s), or was in that tick."""
+        tick = round(at / TICK_LENGTH)
+        before = [there for when, there in self.people if when < tick]
+        return (tick, True) in self.people or before[-1:] == [True]
+
+    def movers(self, at: float) -> list[int]:
+        """Return the karts that move at a time (s)."""
+        karts = sorted({kart for _, kart, _ in self.moving})
+        return [kart for kart in karts if self.moved(kart, at, at)[1]]
+
+
+class _Line(NamedTuple):
+    """A line of the account: when (s), what, and of what kind that several karts may share."""
+
+    at: float
+    text: str
+    kart: int = 0
+    kind: EventKind | None = None
+
+
+def debrief(took: Occurrence, events: Sequence[StampedEvent], truth: Truth) -> list[str]:
+    """
+    Return the debrief of an incident, line by line; times count from its beginning.
+
+    :param events: of the record, in order; their times are the field's, in seconds.
+    """
+    row = INCIDENTS[took.incident]
+    began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
+    kart = f' (kart {took.kart})' if took.kart else ''
+    during = [each for each in events if began <= each.monotonic <= ended]
+    seen = [line for line in _seen(truth) if began <= line.at <= ended]
+    lines = sorted([*seen, *_told(during, truth)], key=lambda line: line.at)
+    return [
+        f'{took.incident}{kart}: {row.meaning}',
+        f'  began at {began:.1f} s of the rehearsal and lasted {ended - began:.1f} s',
+        *(f'  {line.at - began:6.1f} s  {line.text}' for line in _folded(lines)),
+        *(f'  {text}' for text in _motion(events, truth, began, ended)),
+        f'  the rule book: {row.order}',
+    ]
+
+
+def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
+    """Yield what the record tells of officials, connections, alerts, and race control itself."""
+    for stamped in events:
+        at, event = stamped.monotonic, stamped.event
+        if event.kind is EventKind.COMMAND:
+            assert event.command is not None
+            name, command = event.official or 'somebody', event.command.value
+            text = event.text.rstrip('.')
+            if not event.success:
+                text = text.removeprefix(f'{command} ')
+            remarks = ''.join(f' - {each}' for each in _remarks(stamped, truth))
+            yield _Line(at, f'{name} gave {command}: {text}{remarks}')
+        elif event.kind in (EventKind.CONNECTED, EventKind.DISCONNECTED):
+            word = 'connected' if event.kind is EventKind.CONNECTED else 'lost'
+            yield _Line(at, word, event.kart, event.kind)
+        elif event.kind is EventKind.ALERT_RAISED:
+            yield _Line(at, f'alert: {event.text}')
+        elif event.kind is EventKind.RACE_STATE and event.command is None:
+            yield _Line(at, event.text)
+
+
+def _seen(truth: Truth) -> Iterator[_Line]:
+    """Yield what only the field knows."""
+    for tick, there in truth.people:
+        yield _Line(tick * TICK_LENGTH, f'a person is {"on" if there else "off"} the track')
+    for tick in truth.msr:
+        yield _Line(tick * TICK_LENGTH, 'the MSR is used')
+    for tick, text in truth.seen:
+        yield _Line(tick * TICK_LENGTH, text)
+
+
+def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
+    """Yield what was so in the field when a command was accepted, if it matters to it."""
+    at, event = stamped.monotonic, stamped.event
+    if event.command is None or not event.success:
+        return
+    if event.command in NEEDS_CLEAR_TRACK and truth.has_person(at):
+        yield 'WITH A PERSON ON THE TRACK'
+    movers = [kart for kart in truth.movers(at) if event.kart in (0, kart)]
+    if CATALOGUE[event.command].loosens and movers:
+        yield f'WHILE {_karts(movers).upper()} MOVED'
+    used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
+    if event.command is CommandKind.RECORD_MSR and not used:
+        yield 'the MSR was not used until then'
+    for passing, kart, real in truth.passings:
+        if CATALOGUE[event.command].of_laps and f' {passing} ' in event.text:
+            yield f'kart {kart} {"crossed" if real else "did not cross"} the line there'
+
+
+def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
+    """Yield lines with one for all karts to which the same happened together."""
+    group: list[_Line] = []
+    for line in (*lines, None):
+        first = group[0] if group else None
+        same = first and line and line.kind is not None and line.kind is first.kind
+        if first and line and same and line.at - first.at <= TOGETHER:
+            group.append(line)
+            continue
+        if first:
+            who = _karts(sorted({each.kart for each in group}))
+            yield first._replace(text=f'{who}: {first.text}') if first.kind else first
+        group = [line] if line else []
+
+
+def _motion(
+    events: Sequence[StampedEvent], truth: Truth, began: float, ended: float
+) -> Iterator[str]:
+    """Yield for each order to stand how long which karts moved under it."""
+    karts = sorted({kart for _, kart, _ in truth.moving})
+    found: list[tuple[float, str, str]] = []
+    for kart in karts:
+        orders: list[tuple[float, str]] = []
+        for stamped in events:
+            event = stamped.event
+            if event.kart != kart:
+                continue
+            if event.kind is EventKind.DISCONNECTED:
+                orders.append((stamped.monotonic, LOSS))
+            elif event.kind is EventKind.KART_STATE and event.state is not None:
+                goes = event.state is RaceState.GREEN_GREEN
+                orders.append((stamped.monotonic, '' if goes else event.state.value))
+        for (at, order), (until, _) in itertools.pairwise([*orders, (ended, '')]):
+            start, end = max(at, began), min(until, ended)
+            moved, still = truth.moved(kart, start, end) if order and start < end else (0.0, False)
+            if moved:
+                still = still and end == ended
+                how = f'kart {kart} for {moved:.1f} s{" and still moves" if still else ""}'
+                found.append((round(at - began, 1), order, how))
+    found.sort(key=lambda each: each[:2])
+    for (at, order), each in itertools.groupby(found, key=lambda one: one[:2]):
+        yield f'moved after {order} at {at:.1f} s: {", ".join(how for _, _, how in each)}'
+
+
+def _karts(numbers: Sequence[int]) -> str:
+    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'
