@@ -54,17 +54,15 @@ class Truth:
     :param moving: every change of whether a kart moves: tick, kart, whether.
     :param people: every change of whether a person is on the track: tick, whether.
     :param seen: what was heard on the radio, seen or done, in words: tick, words.
-    :param passings: what the timing line told: which passing, of which kart, whether it crossed.
     """
 
     moving: tuple[tuple[int, int, bool], ...] = ()
     people: tuple[tuple[int, bool], ...] = ()
     msr: tuple[int, ...] = ()
     seen: tuple[tuple[int, str], ...] = ()
-    passings: tuple[tuple[str, int, bool], ...] = ()
 
     @classmethod
-    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]] = ()) -> Truth:
+    def of(cls, field: Field) -> Truth:
         """Return the truth of a field up to now."""
         radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
         last_laps = [(at, f'kart {kart} ends its last lap') for at, kart in field.crossed]
@@ -73,7 +71,6 @@ class Truth:
             tuple(field.people),
             tuple(field.msr_at),
             (*radio, *last_laps),
-            tuple(passings),
         )
 
     def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
@@ -174,9 +171,6 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
     used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
     if event.command is CommandKind.RECORD_MSR and not used:
         yield 'the MSR was not used until then'
-    for passing, kart, real in truth.passings:
-        if CATALOGUE[event.command].of_laps and f' {passing} ' in event.text:
-            yield f'kart {kart} {"crossed" if real else "did not cross"} the line there'
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
