@@ -40,11 +40,11 @@ class StopButton(Part):
     :param folder: where its device is.
     """
 
-    def __init__(self, folder: pathlib.Path, domain: int) -> None:
+    def __init__(self, folder: pathlib.Path, domain: int, official: str = 'Anna') -> None:
         """Start it."""
         self._path = folder / 'usb-button'
         self.plug()
-        parameters = ['-p', f'device:={self._path}', '-p', 'official:=Anna']
+        parameters = ['-p', f'device:={self._path}', '-p', f'official:={official}']
         command = [sys.executable, __file__, '--ros-args', *parameters]
         self.program = Program('rcs_button', command, domain)
 

@@ -145,7 +145,6 @@ PROPERTIES = {
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
     'nobody-there': 'S: once nobody is there any more, the race is stopped, and none starts',
     'there-acts': 'S: to hear who is there sends no kart anything, and changes nothing',
-    'untried': 'S: where a button is required, no race begins without one that was tried',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing meanwhile',
@@ -221,12 +220,10 @@ class ThereView(NamedTuple):
     """
     What the oracle sees of who is there.
 
-    :param able: somebody who can stop the race; ``untried``: a button that is required is not, or
-        was not pressed; ``fault``: something is wrong with a button.
+    :param able: somebody who can stop the race; ``fault``: something is wrong with a button.
     """
 
     able: bool
-    untried: bool
     fault: bool
 
 
@@ -400,8 +397,8 @@ class Input(NamedTuple):
     One input: a command, a connection change, something a kart says, or time.
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for; of a
-        passing 'beam' if it does not say who it was; of who is there 'tried' if a button was,
-        'fault' if something is wrong with one.
+        passing 'beam' if it does not say who it was; of who is there 'fault' if something is wrong
+        with a button.
     :param serial: of what a kart says; of a passing or its correction, its number.
     :param statement: what is stated; of a lost connection that its link was silent, of a kart that
         two programs connect as it; of a rival that it is there, of the record that it fails, of
@@ -486,8 +483,7 @@ def look(race: Any) -> View:
     laps = race.laps
     timed = laps.karts, tuple([each.kart for each in laps.penalties])
     there = race.there
-    untried = race.times.require_button and not there.button_tried
-    there = ThereView(there.able > 0, untried, bool(there.button_fault))
+    there = ThereView(there.able > 0, bool(there.button_fault))
     around = (
         bool(race.cut_off_by),
         bool(race.record_fails),
@@ -605,7 +601,6 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         held = held or tuple(kart.number for kart in racing if kart.barred)
         in_time = state in (IN_GARAGE, GRID_ACTIVE) and not view.track_open and bool(racing)
         allowed = in_time and not held and not view.trouble
-        allowed = allowed and not view.there.untried
         return Judgement(allowed, True, held * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
@@ -913,8 +908,7 @@ def expect(
     elif what == 'rival':
         rival = given.statement
     elif what == 'there':
-        untried = times.require_button and kind != 'tried'
-        there = ThereView(given.statement, untried, kind == 'fault')
+        there = ThereView(given.statement, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
     elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
@@ -1302,7 +1296,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'there':
         fault = 'is gone' if given.kind == 'fault' else ''
         some = int(given.statement), 'Anna (window)' * given.statement
-        return race.attended(rules.Attendance(*some, given.kind == 'tried', fault), now)
+        return race.attended(rules.Attendance(*some, fault), now)
     if given.what == 'record':
         return race.record_trouble(TROUBLE if given.statement else '', now)
     return race.tick(now)
@@ -1357,8 +1351,6 @@ def check_input(
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
                 raise RuleBrokenError('uninspected', f'{given} in {before}: {outcome.answer}')
-            if success and kind == 'GRID_ACTIVE' and before.there.untried:
-                raise RuleBrokenError('untried', f'{given} in {before}: {outcome.answer}')
             if success and not _heat_exists(before, given):
                 raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
             if opinion.allowed and (stated != seen or 'since you looked' not in message):
@@ -2116,7 +2108,6 @@ class Search:
             max(view.paused - now, 0.0),
             waiting,
             view.there.able,
-            view.there.untried,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
             self.laps and self._lap_key(view, facts, now),
         )
@@ -2363,7 +2354,7 @@ class Search:
                 yield Input('rival', statement=there), now
                 yield Input('record', statement=there), now
         if self.people:
-            for kind, able in (('', True), ('tried', True), ('fault', True), ('', False)):
+            for kind, able in (('', True), ('fault', True), ('', False)):
                 yield Input('there', kind, statement=able), now
         if self.laps:
             for number in (0, *self.numbers):
@@ -2410,7 +2401,7 @@ class Search:
             if kart.in_race is kart.barred:
                 self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
-        give(self.rules, race, Input('there', 'tried', statement=True), later)
+        give(self.rules, race, Input('there', statement=True), later)
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)

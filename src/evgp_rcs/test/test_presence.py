@@ -21,12 +21,11 @@ class Word:
     program: str = 'rcs_gui'
     official: str = ''
     fault: str = ''
-    presses: int = 0
 
 
-def button(name: str, fault: str = '', presses: int = 0) -> Word:
+def button(name: str, fault: str = '') -> Word:
     """Return what a stop button says."""
-    return Word(name, BUTTON, fault=fault, presses=presses)
+    return Word(name, BUTTON, fault=fault)
 
 
 @pytest.fixture
@@ -60,20 +59,12 @@ def test_a_window_that_has_a_fault_from_the_start_does_not_count(presences: Pres
     assert presences.attendance(10.0).able == 0
 
 
-def test_a_button_is_tried_once_it_was_pressed_while_it_was_heard(presences: Presences) -> None:
-    presences.hear(button('a', presses=3), 10.0)
-    assert not presences.attendance(10.0).button_tried
-    presences.hear(button('a', presses=4), 10.5)
-    assert presences.attendance(10.5).button_tried
-    presences.hear(button('a', 'unplugged', 4), 11.0)
-    found = presences.attendance(11.0)
-    assert not found.button_tried
-    assert 'unplugged' in found.button_fault
-    presences.hear(button('a', presses=4), 11.5)
-    assert presences.attendance(11.5).button_tried
-    # Another start of it was not tried.
-    presences.hear(button('b'), 14.0)
-    assert not presences.attendance(14.0).button_tried
+def test_a_button_with_a_fault_is_told_until_it_works_again(presences: Presences) -> None:
+    presences.hear(button('a'), 10.0)
+    presences.hear(button('a', 'unplugged'), 11.0)
+    assert 'unplugged' in presences.attendance(11.0).button_fault
+    presences.hear(button('a'), 11.5)
+    assert not presences.attendance(11.5).button_fault
 
 
 def test_a_button_that_is_gone_is_missed_until_another_is_started_in_its_place(
@@ -113,7 +104,6 @@ WORDS = st.builds(
     program=st.sampled_from((BUTTON, 'rcs_gui', '')) | st.text(),
     official=st.text(),
     fault=st.just('') | st.text(),
-    presses=st.integers(0, 2**32 - 1),
 )
 
 

@@ -151,7 +151,7 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
 @pytest.mark.parametrize(
     'times',
     [
-        pytest.param({'require_button': True}, marks=pytest.mark.early),
+        pytest.param({}, marks=pytest.mark.early),
         pytest.param({'nobody_there': 0.0}, marks=LONGEST),
     ],
     ids=['stopped', 'told-only'],

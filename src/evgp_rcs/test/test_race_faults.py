@@ -101,7 +101,6 @@ WORLDS = {
     'a race after one without people': world(
         60, 1, 0, 'garage', people=True, then=(ANNA, NOBODY), times=AT_ONCE, without=ALL_OF_ONE
     ),
-    'an untried button': world(60, 1, 0, people=True, times={'require_button': True}),
     'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
     'uninspected': world(60, 1, 1, times=REQUIRED, uninspected=(1,)),
 }
@@ -701,10 +700,6 @@ a button at fault raises no alert: alerts [people in green]
 a button at fault stops the race: there-acts, effect [people in green]
     attended: self.there = there => self.there = there ¶ if there.button_fault: ¶>
         self._go(RED_RED, now, 'button')
-a race begins with a button that nobody tried: untried, availability [an untried button]
-    _no_grid_active: or self._untried_button() =>
-a button must be tried where none is required: availability, stuck [people on the grid]
-    _untried_button: not self.times.require_button or =>
 an unknown transponder raises no alert: alerts [laps by hand]
     _current_alerts: trouble := self.laps.trouble(now) => trouble := False
 """

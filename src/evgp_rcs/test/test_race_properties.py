@@ -53,7 +53,6 @@ TIMES = st.builds(
     clock_tolerance=st.floats(0.0, 5.0),
     auto_finish=st.booleans(),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
-    require_button=st.booleans(),
 )
 OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', 'withdrawn', ''))
 
@@ -223,8 +222,6 @@ class Races(RuleBasedStateMachine):
     ) -> None:
         self.give(oracle.Input('rival', statement=False))
         self.give(oracle.Input('record', statement=False))
-        if self.race.times.require_button:
-            self.give(oracle.Input('there', 'tried', statement=True))
         self.give(oracle.Input('withdrawn'))
         for number, each in self.race.karts.items():
             self.give(oracle.Input('contested', '', number))
@@ -385,7 +382,7 @@ class Races(RuleBasedStateMachine):
     def another_race_control_comes_or_goes(self, present: bool) -> None:
         self.give(oracle.Input('rival', statement=present))
 
-    @rule(what=st.sampled_from(('', 'tried', 'fault')), able=st.booleans())
+    @rule(what=st.sampled_from(('', 'fault')), able=st.booleans())
     def somebody_comes_or_goes(self, what: str, able: bool) -> None:
         self.give(oracle.Input('there', what, statement=able))
 

@@ -39,7 +39,7 @@ from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 9
+SCHEMA_VERSION = 10
 
 PROGRAM = 'race control'
 """Who writes these streams; another program may write its own beside them (``Began``)."""

@@ -44,7 +44,6 @@ class Word(Protocol):
     id: str  # noqa: A003 - the field's name
     official: str
     fault: str
-    presses: int
 
 
 @dataclass
@@ -53,19 +52,16 @@ class Program:
     A program that said that it is there.
 
     :param name: what officials call it, and whose it is.
-    :param first_presses: how often it had been pressed when it was heard first.
     :param began: when it was heard first; ``heard``: last; ``worked``: last without a fault (s).
     :param replaces: it may have been started in place of one that is gone.
     """
 
     name: str
     is_button: bool
-    first_presses: int
     began: float
     heard: float
     worked: float = float('-inf')
     fault: str = ''
-    pressed: bool = False
     replaces: bool = True
 
     def works(self, now: float) -> bool:
@@ -100,14 +96,13 @@ class Presences:
                     if (first := next(missed, None)) is None:
                         return False
                     del self._programs[first]
-                program = Program('', word.program == BUTTON, word.presses, now, now)
+                program = Program('', word.program == BUTTON, now, now)
                 self._programs[key] = program
             label = LABELS.get(word.program) or tidy(word.program, MOST_OF_NAME) or 'a program'
             official = tidy(word.official, MOST_OF_NAME)
             program.name = f'{official} ({label})' if official else label
             program.heard = now
             program.fault = tidy(word.fault, MOST_OF_FAULT)
-            program.pressed |= word.presses > program.first_presses
             if not program.fault:
                 program.worked = now
         return True
@@ -124,8 +119,7 @@ class Presences:
             for each in buttons
             if each.is_gone(now) or each.fault
         ]
-        tried = any(each.pressed and not each.fault and each.works(now) for each in buttons)
-        return Attendance(len(able), _listed([each.name for each in able]), tried, _listed(wrong))
+        return Attendance(len(able), _listed([each.name for each in able]), _listed(wrong))
 
     def _forget(self, now: float) -> None:
         """Forget who is gone; of the buttons, those in whose place others were started."""

@@ -41,7 +41,6 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
         'Time after which a race that nobody can stop any more goes to RED_FLAG, s; 0: never.',
         (0, 3600),
     ),
-    ('require_button', 'A race needs a stop button that was pressed once to try it.'),
     (
         'pause',
         'After a stop, commands that loosen or start anything are refused for this long, s.',

@@ -201,13 +201,11 @@ class Attendance(NamedTuple):
 
     :param able: number of programs from which an official can stop it.
     :param who: which, in a few words.
-    :param button_tried: a stop button works, and was pressed while race control listened.
     :param button_fault: what is wrong with a stop button, in a few words; empty: nothing.
     """
 
     able: int = 0
     who: str = ''
-    button_tried: bool = False
     button_fault: str = ''
 
 
@@ -353,7 +351,6 @@ class RaceTimes:
     :param require_inspection: whether a kart must have an inspection to race.
     :param nobody_there: time after which a race that nobody can stop any more goes to RED_FLAG;
         0: it does not.
-    :param require_button: whether a stop button must have been tried before GRID_ACTIVE.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -369,7 +366,6 @@ class RaceTimes:
     settle: float = 3.0
     require_inspection: bool = False
     nobody_there: float = 10.0
-    require_button: bool = False
 
     def finish_delay(self, place: int) -> float:
         """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
@@ -1443,7 +1439,6 @@ class Race:
             self._doubtful()
             or self._contested(racing)
             or self._uninspected(racing)
-            or self._untried_button()
             or self._no_record()
         )
 
@@ -1462,14 +1457,6 @@ class Race:
         if not contested:
             return ''
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
-
-    def _untried_button(self) -> str:
-        if not self.times.require_button or self.there.button_tried:
-            return ''
-        return (
-            'no stop button was tried that works: start rcs_button, press it (it sends ALL_KILL), '
-            'then send IN_GARAGE and this again'
-        )
 
     def _no_record(self) -> str:
         """Return that no race goes on while the record fails, and what helps; else nothing."""
