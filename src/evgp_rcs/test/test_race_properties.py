@@ -33,7 +33,6 @@ STEPS = st.one_of(
     st.floats(0.0, 200.0, allow_nan=False),
 )
 KARTS = st.integers(1, MOST_KARTS)
-SERIALS = st.integers(1, 12)
 HEATS = st.integers(1, MOST_HEATS).map('heat {}'.format)
 TIMES = st.builds(
     rules.RaceTimes,
@@ -48,10 +47,6 @@ TIMES = st.builds(
     pause_after_held_up=st.floats(0.0, 10.0),
     journal_timeout=st.floats(0.0, 5.0),
     settle=st.floats(0.0, 10.0),
-    min_lap_time=st.floats(0.0, 10.0),
-    first_crossing=st.sampled_from(('starts', 'ends')),
-    clock_tolerance=st.floats(0.0, 5.0),
-    auto_finish=st.booleans(),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
 )
 OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', 'withdrawn', ''))
@@ -65,9 +60,7 @@ class Races(RuleBasedStateMachine):
         times=st.one_of(st.just(rules.RaceTimes()), TIMES),
         now=st.floats(0.0, 1e6),
         linked=st.booleans(),
-        heats=st.lists(
-            st.tuples(st.frozensets(KARTS, min_size=1), st.integers(0, 2)), max_size=MOST_HEATS
-        ),
+        heats=st.lists(st.frozensets(KARTS, min_size=1), max_size=MOST_HEATS),
     )
     def line_up(
         self,
@@ -75,7 +68,7 @@ class Races(RuleBasedStateMachine):
         times: rules.RaceTimes,
         now: float,
         linked: bool,
-        heats: list[tuple[frozenset[int], int]],
+        heats: list[frozenset[int]],
     ) -> None:
         karts = [rules.Kart(number, in_race=each) for number, each in enumerate(racing, 1)]
         self.race = rules.Race(
@@ -83,13 +76,10 @@ class Races(RuleBasedStateMachine):
             times,
             now,
             [
-                rules.Heat(
-                    f'heat {name}',
-                    tuple(sorted({1 + n % len(karts) for n in chosen})),
-                    laps=laps,
-                )
-                for name, (chosen, laps) in enumerate(heats, 1)
+                rules.Heat(f'heat {name}', tuple(sorted({1 + n % len(karts) for n in chosen})))
+                for name, chosen in enumerate(heats, 1)
             ],
+            'a run',
         )
         self.now = now
         self.facts = oracle.remember(oracle.look(self.race))
@@ -189,8 +179,7 @@ class Races(RuleBasedStateMachine):
         ]
         kind, number = data.draw(st.sampled_from(allowed))
         heat = data.draw(HEATS)
-        serial = data.draw(SERIALS)
-        self.give(oracle.Input('command', kind, number, True, serial, heat=heat))
+        self.give(oracle.Input('command', kind, number, True, heat=heat))
 
     @rule(kart=st.integers(MOST_KARTS + 1, 300), kind=st.sampled_from(oracle.KART_COMMANDS))
     def command_a_kart_that_is_not_in_the_roster(self, kart: int, kind: str) -> None:
@@ -254,48 +243,10 @@ class Races(RuleBasedStateMachine):
         self.let_become_of_a_start(then)
 
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
-    @rule(kart=KARTS, step=st.floats(0.0, 12.0))
-    def finish(self, kart: int, step: float) -> None:
-        self.give(oracle.Input('command', 'KART_FINISH', kart))
+    @rule(kart=KARTS, named=st.integers(0, 2), step=st.floats(0.0, 12.0))
+    def finish(self, kart: int, named: int, step: float) -> None:
+        self.give(oracle.Input('command', 'KART_FINISH', kart, serial=named))
         self.let_pass(step)
-
-    @rule(kind=st.sampled_from(oracle.OF_LAPS), kart=KARTS, serial=SERIALS)
-    def correct_laps(self, kind: str, kart: int, serial: int) -> None:
-        kart = kart if kind in oracle.KART_COMMANDS else 0
-        self.give(oracle.Input('command', kind, kart, serial=serial))
-
-    # ----- the timing line ----------------------------------------------------------------
-
-    @rule(kart=st.integers(0, MOST_KARTS), serial=SERIALS, step=st.floats(0.0, 12.0))
-    def somebody_crosses_the_line(self, kart: int, serial: int, step: float) -> None:
-        self.let_pass(step)
-        self.give(oracle.Input('passing', '', kart, serial=serial))
-
-    @rule(
-        serial=SERIALS,
-        step=st.floats(0.0, 12.0),
-        before=st.lists(KARTS, max_size=2),
-        after=st.lists(KARTS, max_size=2),
-        later=st.sampled_from((0.0, 0.2, 0.5, 1.5, 3.0, 3.1)),
-    )
-    def a_beam_sees_somebody_and_officials_say_who(
-        self, serial: int, step: float, before: list[int], after: list[int], later: float
-    ) -> None:
-        self.let_pass(step)
-        for kart in (*before, 0, *after):
-            if kart:
-                self.give(oracle.Input('command', 'COUNT_PASSING', kart))
-            else:
-                fresh = serial if serial not in self.facts.seen else 1000 + len(self.facts.seen)
-                self.give(oracle.Input('passing', 'beam', serial=fresh))
-            self.let_pass(later)
-
-    @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
-    @rule()
-    def every_kart_crosses_the_line(self) -> None:
-        for number in self.race.karts:
-            serial = 1000 + len(self.facts.seen)
-            self.give(oracle.Input('passing', '', number, serial=serial))
 
     # ----- karts --------------------------------------------------------------------------
 
