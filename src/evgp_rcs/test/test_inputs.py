@@ -15,12 +15,12 @@ import pathlib
 from typing import Any, get_args, get_type_hints
 
 from evgp_node.encoding import read, written
-from evgp_node.stream import Block, DamagedError, Gap, joined
+from evgp_node.stream import Began, Block, DamagedError, Gap, joined
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import process as kart_process
 from evgp_rcs.karts import server as kart_server
-from evgp_rcs.rules import inputs, laps
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Batch, decode, encode, entries_of, Log
 from evgp_rcs.rules.link_quality import LinkQuality
@@ -63,37 +63,10 @@ COMMANDS = st.builds(
     hold=st.none() | STATES,
     heat=TEXTS,
     official=TEXTS,
-    source=TEXTS,
-    number=NUMBERS,
-    seconds=NUMBERS,
-    laps=NUMBERS,
-    disqualified=FLAGS,
+    run=TEXTS,
+    race=NUMBERS,
+    attempt=NUMBERS,
     age=st.floats(0.0, 86_400.0),
-)
-PENALTIES = st.builds(
-    laps.Penalty, NUMBERS, NUMBERS, NUMBERS, disqualified=FLAGS, reason=TEXTS, official=TEXTS
-)
-LAPS = st.builds(
-    laps.LapsMemory,
-    format=st.sampled_from(laps.Format),
-    wanted=NUMBERS,
-    crossed=st.dictionaries(KARTS, st.lists(TIMES).map(tuple)),
-    finished=st.lists(KARTS).map(tuple),
-    penalties=st.lists(PENALTIES).map(tuple),
-    heat=TEXTS,
-    grid=st.lists(KARTS).map(tuple),
-)
-PASSINGS = st.builds(
-    laps.Passing,
-    source=TEXTS,
-    session=TEXTS,
-    number=NUMBERS,
-    kart=KARTS,
-    transponder=TEXTS,
-    stamp_ns=NUMBERS,
-    clock=NUMBERS,
-    hits=NUMBERS,
-    strength=st.none() | TIMES,
 )
 MEMORIES = st.builds(
     RaceMemory,
@@ -101,9 +74,7 @@ MEMORIES = st.builds(
     karts=st.dictionaries(KARTS, st.builds(KartMemory, place=NUMBERS)),
     track_open=FLAGS,
     unstated=FLAGS,
-    laps=LAPS,
-    heats=st.lists(LAPS, max_size=2).map(tuple),
-    given=st.lists(st.builds(laps.Owner, TEXTS, KARTS)).map(tuple),
+    heat=TEXTS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
 LINKS = st.builds(
@@ -131,6 +102,7 @@ SETUPS = st.builds(
     ),
     heats=st.lists(st.builds(Heat, SETUP_TEXTS, st.lists(SETUP_KARTS).map(tuple))).map(tuple),
     now=TIMES,
+    run=TEXTS,
 )
 EVENTS = st.builds(
     Event,
@@ -144,7 +116,6 @@ EVENTS = st.builds(
     after=TIMES,
     alert=st.none() | st.sampled_from(AlertKind),
     grade=st.none() | st.sampled_from(Grade),
-    lap=SETUP_KARTS,
     hold=st.none() | STATES,
     race=SETUP_KARTS,
     heat=SETUP_TEXTS,
@@ -159,7 +130,6 @@ ENTRIES = st.one_of(
     st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES, TIMES),
     st.builds(inputs.Delivered, TIMES, KARTS, KARTS, TIMES),
     st.builds(inputs.Measured, TIMES, KARTS, LINKS),
-    st.builds(inputs.Passed, TIMES, st.lists(PASSINGS).map(tuple), NUMBERS),
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),
