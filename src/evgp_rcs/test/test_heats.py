@@ -1,76 +1,20 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standings over heats, and the order of start that follows from results."""
+"""Which heat is in the race."""
 
 from __future__ import annotations
 
 from evgp_node.encoding import read, written
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.laps import (
-    Format,
-    KartResult,
-    Laps,
-    LapSettings,
-    LapsMemory,
-)
-from evgp_rcs.rules.race import Answer, Heat, Kart, LastRun, Race, RaceMemory
-from evgp_rcs.rules.snapshot import snapshot_of, standings_of
+from evgp_rcs.rules.race import Heat, Kart, LastRun, Race, RaceMemory
+from evgp_rcs.rules.snapshot import snapshot_of
 from hypothesis import strategies as st
 import pytest
 from recorded_races import PaperRace
 
-HEATS = (
-    Heat('Practice', (1, 2, 3), Format.PRACTICE),
-    *(Heat(f'TT {kart}', (kart,), Format.TIME_TRIAL, 2, 'Practice') for kart in (1, 2, 3)),
-    Heat('Final', (1, 2, 3), Format.RACE, 3, 'time_trial'),
-)
-
-
-def drives(paper: PaperRace, heat: str, laps: dict[int, float], count: int = 2) -> None:
-    """Have each kart drive laps of its own time, from the garage to RED_RED."""
-    begins(paper, heat)
-    at = sorted((lap * number, kart) for kart, lap in laps.items() for number in range(count + 1))
-    begun = paper.now
-    for after, kart in at:
-        paper.wait(max(0.0, begun + 3.0 + after - paper.now))
-        paper.cross(kart)
-    paper.command(CommandKind.ALL_KILL)
-    paper.go_home()
-
-
-def begins(paper: PaperRace, heat: str) -> None:
-    paper.command(CommandKind.SET_HEAT, heat=heat)
-    paper.drive()
-
-
-def standing(race: Race) -> list[tuple[int, int]]:
-    """Return place and kart of each result over all heats of the present format."""
-    return [(each.place, each.kart) for each in standings_of(race, 0.0).overall]
-
-
-def grids(race: Race) -> dict[str, tuple[int, ...]]:
-    found = [heat.grid for heat in snapshot_of(race, 0.0).heats]
-    return {heat.name: grid for heat, grid in zip(race.heats, found, strict=True)}
-
-
-def answer(paper: PaperRace, kind: CommandKind, kart: int, **fields: object) -> Answer:
-    found = paper.command(kind, kart, 'Anna', **fields).answer
-    assert found is not None
-    return found
-
-
-@pytest.fixture
-def paper() -> PaperRace:
-    """Return an event in which 3 was best in practice, then 1, then 2."""
-    paper = PaperRace({1: 'Ohm', 2: 'Volta', 3: 'Tesla'}, HEATS)
-    paper.connect(1, 2, 3)
-    drives(paper, 'Practice', {1: 11.0, 2: 12.0, 3: 10.0})
-    return paper
-
-
 FIELD = {1: 'Ohm', 2: 'Volta', 3: 'Tesla', 4: 'Watt'}
-PAIRS = (Heat('Heat 1', (1, 2), laps=3), Heat('Heat 2', (3, 4), laps=3))
+PAIRS = (Heat('Heat 1', (1, 2)), Heat('Heat 2', (3, 4)))
 
 
 @pytest.mark.parametrize(
