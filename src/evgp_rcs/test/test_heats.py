@@ -9,7 +9,6 @@ from evgp_node.encoding import read, written
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Heat, Kart, LastRun, Race, RaceMemory
 from evgp_rcs.rules.snapshot import snapshot_of
-from hypothesis import strategies as st
 import pytest
 from recorded_races import PaperRace
 
@@ -64,30 +63,3 @@ def test_the_heat_in_the_race_outlives_a_crash_before_grid_active() -> None:
 
 
 # ----- the pure part --------------------------------------------------------------------------
-
-
-def raced(heat: str, format_: Format, laps: dict[int, int], start: float = 0.0) -> Laps:
-    """Return the laps of a race that has ended: so many of each kart, each a bit slower."""
-    crossed = {
-        kart: tuple(start + number * (10.0 + kart) for number in range(count + 1))
-        for kart, count in laps.items()
-    }
-    return Laps.recall(LapsMemory(format_, 0, crossed, tuple(laps), (), heat), LapSettings(), 0.0)
-
-
-RACES = st.lists(
-    st.builds(
-        raced,
-        st.sampled_from(('', 'A', 'B', 'C')),
-        st.sampled_from(Format),
-        st.dictionaries(st.integers(1, 4), st.integers(0, 2), max_size=3),
-        st.floats(0.0, 9.0),
-    ),
-    min_size=1,
-    max_size=6,
-)
-
-
-def _shown(result: KartResult) -> tuple[object, ...]:
-    total, best = (each and round(each, 3) for each in (result.total, result.best))
-    return result.kart, result.place, result.status, result.laps, total, best
