@@ -133,7 +133,7 @@ ENTRIES = st.one_of(
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),
-    st.builds(inputs.Attended, TIMES, st.builds(Attendance, NUMBERS, TEXTS, FLAGS, TEXTS)),
+    st.builds(inputs.Attended, TIMES, st.builds(Attendance, NUMBERS, TEXTS, TEXTS)),
     st.builds(inputs.RecordTrouble, TIMES, TEXTS),
     st.builds(inputs.StartBecame, TIMES, st.sampled_from(StartPhase), NUMBERS),
     st.builds(inputs.Recovered, TIMES, st.none() | MEMORIES),
