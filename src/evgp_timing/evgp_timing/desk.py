@@ -19,7 +19,7 @@ Pure.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 import enum
 import math
@@ -37,7 +37,7 @@ from evgp_node.results import (
     Standings,
 )
 from evgp_node.roster import Format, Heat
-from evgp_timing.laps import Laps, LapSettings, overall, Taken
+from evgp_timing.laps import Laps, LapSettings, overall
 
 MOST_SEEN = 100_000
 """Maximum number of passings that are recognised when a source sends them again."""
@@ -99,11 +99,17 @@ class Missed(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """What sources saw; ``dropped`` more passings were too many to be taken."""
+    """
+    What sources saw.
+
+    :param dropped: so many more passings were too many to be taken.
+    :param away: time for which the timekeeper was away before, in s: so late they may come.
+    """
 
     at: float
     passings: tuple[Passing, ...]
     dropped: int = 0
+    away: float = 0.0
 
 
 class Act(enum.Enum):
@@ -222,11 +228,11 @@ class Desk:
         match given:
             case Told():
                 self._told(given)
-            case Missed(_, _, _, events):
-                if self.races:
+            case Missed(_, run, _, events):
+                if self.races and self.races[-1].run == run:
                     self.races[-1].missed += events
-            case Passed(at, passings, dropped):
-                self._passed(passings, dropped, at)
+            case Passed():
+                self._passed(given)
             case Corrected(at, correction):
                 return self._correct(correction, at)
         return None
@@ -303,19 +309,16 @@ class Desk:
 
     # ----- the timing line ----------------------------------------------------------------
 
-    def _passed(self, passings: Iterable[Passing], dropped: int, now: float) -> None:
-        fresh = {each.identity: each for each in passings if each.identity not in self._seen}
+    def _passed(self, given: Passed) -> None:
+        came = given.passings
+        fresh = {each.identity: each for each in came if each.identity not in self._seen}
         self._seen |= dict.fromkeys(fresh)
         while len(self._seen) > MOST_SEEN:
             del self._seen[next(iter(self._seen))]
         if self.races:
-            self._take(self.races[-1], fresh.values(), dropped, now)
-
-    def _take(
-        self, race: Race, passings: Iterable[Passing], dropped: int, now: float
-    ) -> list[Taken]:
-        race.laps, taken = race.laps.take(passings, now, dropped)
-        return taken
+            race = self.races[-1]
+            terms = given.at, given.dropped, given.away
+            race.laps, _ = race.laps.take(fresh.values(), *terms)
 
     def _by_hand(self, race: Race) -> int:
         """Return the number of the next passing that officials count."""
@@ -392,7 +395,7 @@ class Desk:
         match asked.act:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
-                taken = self._take(race, [Passing(*identity, kart=kart)], 0, now)
+                race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
                 became = taken[0].mark.value if taken else 'not taken, too many passings come'
                 return f'kart {kart} crossed the line: {became}'
             case Act.STRIKE:
@@ -510,6 +513,13 @@ class Desk:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed
         asked = [f'{missed} events of race control did not come: check the laps'] if missed else []
+        others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
+        others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
+        if others:
+            asked.append(
+                f'Race control has {", ".join(sorted(others))}, which are not in the roster here: '
+                'start both with the same roster'
+            )
         for kart in laps.karts:
             missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
             if laps.wanted and kart in laps.finished and missing > 0:

@@ -20,10 +20,11 @@ finish still counts: an official who sees the kart cross may be quicker than the
 
 When it crossed: the first passing of a source and session crossed when it came. From there on
 the source's clock counts, as long as it agrees with the times of arrival to `clock_tolerance`.
-A passing that does not agree crossed when it came, and its source is counted from it again; but if
-it crossed before GREEN_GREEN by that clock, it never counts. So the
-difference between two crossings of one source has the source's precision, and no clock that is
-set or runs away can make a lap that the times of arrival do not.
+What waited while the timekeeper was away may be older by that time.
+A passing that does not agree crossed when it came, and its source is counted from it again. But if
+it is the first of its source in this race, and crossed before GREEN_GREEN by that clock, it is
+late and never counts. So the difference between two crossings of one source has its precision,
+and no clock that is set or runs away can make a lap that the times of arrival do not.
 
 Pure, and immutable: each change is another ``Laps``.
 """
@@ -168,12 +169,13 @@ class Laps:
     # ----- what happens -------------------------------------------------------------------
 
     def take(
-        self, passings: Iterable[Passing], now: float, dropped: int = 0
+        self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
     ) -> tuple[Laps, list[Taken]]:
         """
         Take passings that come now, each for the first time, and say what became of them.
 
         :param dropped: how many more came, of whatever sources.
+        :param away: time for which whoever takes them was away before: so late they may come, s.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -200,10 +202,17 @@ class Laps:
             crossing = Crossing(passing, came, came)
             anchor = anchors.setdefault((source, passing.session), crossing)
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
-            agrees = abs(at - came) <= self.settings.clock_tolerance
-            if agrees or at < 0.0:  # it comes late, from before GREEN_GREEN: it never counts
+            tolerance = self.settings.clock_tolerance
+            agrees = -tolerance - away <= at - came <= tolerance
+            # Sources say what they see in its order: behind a crossing of this race, it is the
+            # clock that jumped.
+            is_late = at < 0.0 and not any(
+                each.at >= 0.0 and _is_before(each.passing, passing)
+                for each in (*reversed(crossings), *reversed(self.crossings))
+            )
+            if agrees or is_late:
                 crossing = crossing._replace(at=at)
-            if not agrees and at < 0.0:
+            if not agrees and is_late:
                 clocks.add(source)
             elif not agrees:
                 anchors[source, passing.session] = crossing
@@ -438,6 +447,11 @@ class Laps:
         else:
             status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
+
+
+def _is_before(one: Passing, other: Passing) -> bool:
+    """Return whether a source said one before the other."""
+    return one.identity[:2] == other.identity[:2] and one.number < other.number
 
 
 _FULL = _Rate(taken=MOST_A_RACE)

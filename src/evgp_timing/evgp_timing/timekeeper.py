@@ -8,17 +8,23 @@ It runs on race control's machine, whose clock both go by. No kart depends on it
 or is wrong, the race goes on, and screens say that there is no timing. Its one word to race
 control is FINISH, for a heat with `auto_finish`.
 
-One thread, the executor's. It writes whatever comes into its book before it goes by it.
+The executor's thread does all of it, and the main thread closes it. Whatever comes is written into
+the book before the timekeeper goes by it.
+
+Passings wait for a moment, so that a flood of them costs few writes. After a start or a hang they
+wait until race control's events are here too: a passing belongs to the race of its time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import dataclasses
 import math
 import pathlib
 import sys
+import threading
 import time
-from typing import Any
+from typing import Any, ParamSpec
 
 from evgp_node.codec import message_of, value_of
 from evgp_node.entries import OF_TIMEKEEPER
@@ -31,6 +37,7 @@ from evgp_node.qos import latched
 from evgp_node.results import BY_HAND, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
 from evgp_node.services import service_class
+from evgp_node.stream import Gap
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import KartFinish
@@ -53,6 +60,8 @@ from evgp_timing.desk import (
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
 
+_P = ParamSpec('_P')
+
 RESULTS_QOS = latched(1)
 """Of ``~/results``: a late subscriber gets the present ones at once."""
 
@@ -64,6 +73,18 @@ PASSINGS_QOS = latched(1000)
 
 LOOK = 0.2
 """Time between two looks at what is due, in seconds."""
+
+BATCH = 0.05
+"""Maximum time for which passings wait to be taken together, in seconds."""
+
+MOST_WAITING = 1000
+"""Maximum number of passings that wait; what more come is counted."""
+
+HANG = 1.0
+"""Time without a look after which the timekeeper counts as having been away, in seconds."""
+
+CATCH_UP = 3.0
+"""Time after that in which it hears what it has missed, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
@@ -100,9 +121,11 @@ def told_of(event: msg.RaceEvent, run: str) -> Told | None:
         what = What.GREEN_GREEN if green else What.OVER
         if event.state.state == msg.RaceState.GRID_ACTIVE:
             what = None  # its command says it
-    elif event.kind == msg.RaceEvent.KART_STATE:
-        if event.state.state == msg.RaceState.GREEN_GREEN:
-            what = What.SENT_GREEN
+    elif (event.kind, event.state.state) == (
+        msg.RaceEvent.KART_STATE,
+        msg.RaceState.GREEN_GREEN,
+    ):
+        what = What.SENT_GREEN
     if what is None:
         return None
     at = event.monotonic.sec + event.monotonic.nanosec / 1e9
@@ -158,42 +181,69 @@ class Timekeeper(StrictNode):
         self._desk = Desk(Roster(karts, owners, roster.heats), settings.laps)
         self._last: dict[str, int] = {}  # the number of the newest event of each run
         self._book = Book(settings.book)
+        self._awake = -math.inf
         for each in self._book.known():
-            if not isinstance(each, tuple) or not hasattr(each, 'at'):
-                continue  # a gap
-            self._feed(each)  # type: ignore[arg-type]
+            if isinstance(each, Gap):
+                self.get_logger().warning(f'{settings.book}: {each}')
+            else:
+                self._feed(each)
+                self._awake = max(self._awake, each.at)
+        now = clock.now()
+        self._away_since = min(now, self._awake) if self._desk.races else now
+        self._back = self._awake = now
+        self._waiting: list[Passed] = []
+        self._turn = threading.Lock()
+        self._ended = False
         self._asked: dict[Finish, float] = {}
         self._shown: Standings | None = None
         self._shown_at = self._kept_at = -math.inf
         self._kept: Standings | None = None
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
-        self._finish = self.create_client(KartFinish, '/rcs/kart/finish')
+        self._finish = self.create_client(KartFinish, 'kart/finish')
         for act, entry in CORRECTIONS.items():
             if act is not Act.RESTORE:
                 name = entry.service.removeprefix(OF_TIMEKEEPER)
                 self._offer(name, service_class(entry.service_type), act)
         subscribe = self.create_subscription
-        subscribe(msg.RaceEvents, '/rcs/events', self._hear, EVENTS_QOS)
-        subscribe(msg.Passing, 'passings', self._see, PASSINGS_QOS)
-        self.create_timer(LOOK, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        subscribe(msg.RaceEvents, 'events', self._alone(self._hear), EVENTS_QOS)
+        subscribe(msg.Passing, 'passings', self._alone(self._see), PASSINGS_QOS)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(LOOK, self._alone(self._look), clock=steady)
+        self.create_timer(BATCH, self._alone(self._take_waiting), clock=steady)
         known = f'{len(self._desk.races)} races of this event are known'
         self.get_logger().info(f'The timekeeper keeps its book in {settings.book}; {known}')
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
         """Write the results as they are, and let the file go."""
-        self._keep(clock.now(), at_once=True)
-        self._book.close()
+        with self._turn:
+            self._ended = True
+            self._keep(clock.now(), at_once=True)
+            self._book.close()
+
+    def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
+        """Return a callback that runs while nothing else does, and not after the end."""
+
+        def run(*arguments: _P.args, **named: _P.kwargs) -> None:
+            with self._turn:
+                if not self._ended:
+                    now = clock.now()
+                    if now - self._awake > HANG:
+                        self._away_since, self._back = self._awake, now
+                    self._awake = now
+                    callback(*arguments, **named)
+
+        return run
 
     # ----- what comes ---------------------------------------------------------------------
 
-    def _take(self, given: Input) -> Answer | None:
-        """Write what came into the book, and go by it."""
+    def _take(self, *given: Input) -> Answer | None:
+        """Write what came into the book, and go by it; return the answer to the last of it."""
         try:
-            self._book.write(given)
+            self._book.write(*given)
         except OSError as error:
             self.get_logger().error(f'{error}: a restart would not know it')
-        return self._feed(given)
+        return [self._feed(each) for each in given][-1]
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, Told):
@@ -201,12 +251,13 @@ class Timekeeper(StrictNode):
         return self._desk.feed(given)
 
     def _hear(self, message: msg.RaceEvents) -> None:
+        self._take_waiting()
         for event in message.events:
             last = self._last.get(message.run)
             if last is not None and event.sequence <= last:
                 continue
             missed = event.sequence - 1 - (last or 0)
-            if missed and (last is not None or event.sequence > 1):
+            if missed:
                 self._take(Missed(clock.now(), message.run, event.race, missed))
             self._last[message.run] = event.sequence
             told = told_of(event, message.run)
@@ -215,17 +266,51 @@ class Timekeeper(StrictNode):
         self._look()
 
     def _see(self, message: msg.Passing) -> None:
-        self._take(Passed(clock.now(), (passing_of(message),)))
+        if sum(len(each.passings) for each in self._waiting) >= MOST_WAITING:
+            self._waiting[-1] = self._waiting[-1]._replace(dropped=self._waiting[-1].dropped + 1)
+            return
+        now, passing = clock.now(), passing_of(message)
+        if self._waiting and now - self._waiting[-1].at < BATCH:
+            together = *self._waiting[-1].passings, passing
+            self._waiting[-1] = self._waiting[-1]._replace(passings=together)
+        else:
+            self._waiting.append(Passed(now, (passing,)))
+
+    @property
+    def _catches_up(self) -> bool:
+        """Return whether what it missed while it was away may still come."""
+        return self._awake - self._back < CATCH_UP
+
+    def _take_waiting(self) -> None:
+        """Take the passings that wait."""
+        if not self._waiting or self._catches_up:
+            return
+        waiting, self._waiting = self._waiting, []
+        self._take(
+            *(
+                each._replace(away=self._back - self._away_since)
+                if each.at - self._back < CATCH_UP
+                else each
+                for each in waiting
+            )
+        )
 
     def _offer(self, name: str, kind: type[Any], act: Act) -> None:
-        def serve(request: Any, response: Any) -> Any:
+        def serve(request: Any, response: Any) -> None:
+            self._take_waiting()
             answer = self._take(Corrected(clock.now(), _asked_for(act, request)))
             assert answer is not None
             response.success, response.message = answer.success, answer.text
             self.get_logger().info(f'{answer.text} [{heard(request.official)}]')
+
+        alone = self._alone(serve)
+
+        def answered(request: Any, response: Any) -> Any:
+            response.message = 'the timekeeper ends'
+            alone(request, response)
             return response
 
-        self.create_service(kind, f'~/{name}', serve)
+        self.create_service(kind, f'~/{name}', answered)
 
     # ----- what goes out ------------------------------------------------------------------
 
@@ -241,6 +326,8 @@ class Timekeeper(StrictNode):
             wall_ns = time.time_ns() - round(now * 1e9)
             self._results.publish(message_of(seen, msg.Results, wall_ns))
         self._keep(now)
+        if self._catches_up or not self._finish.service_is_ready():
+            return
         for wanted in self._desk.finishes():
             if now - self._asked.get(wanted, -math.inf) > FINISH_EVERY:
                 self._asked[wanted] = now

@@ -11,10 +11,12 @@ from evgp_node.results import BY_HAND, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
 from evgp_timing.desk import (
     Act,
+    Answer,
     Corrected,
     Correction,
     Desk,
     Finish,
+    Input,
     Passed,
     Roster,
     Told,
@@ -246,7 +248,12 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     event, again = Event(), Desk(ROSTER, LapSettings())
     fed = []
     feed = event.desk.feed
-    event.desk.feed = lambda given: (fed.append(given), feed(given))[1]  # type: ignore[method-assign]
+
+    def feed_and_keep(given: Input) -> Answer | None:
+        fed.append(given)
+        return feed(given)
+
+    event.desk.feed = feed_and_keep  # type: ignore[method-assign]
     for what, kart in story:
         event.now += 3.0
         if what is What.GRID_ACTIVE:
