@@ -368,7 +368,7 @@ def test_a_race_is_recorded_with_what_the_latched_topics_keep(
     words = was['arguments']
     assert words[:2] == ['bag', 'record']
     assert words[words.index('--output') + 1] == 'race1'
-    topics = ['/rcs/race', '/rcs/events', '/rcs/results', '/diagnostics']
+    topics = ['/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics']
     assert words[-5:] == ['--topics', *topics]
     file = pathlib.Path(words[words.index('--qos-profile-overrides-path') + 1])
     assert file.read_bytes() == (ROOT / 'src/evgp_rcs/config/bag_qos.yaml').read_bytes()

@@ -73,17 +73,19 @@ class Book:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._claimed: IO[bytes] = path.open('ab')
+        except OSError as error:
+            raise BookError(f'{path} cannot be written: {error.strerror}') from error
+        try:
             fcntl.flock(self._claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._database = self._open()
         except BlockingIOError as error:
+            self._claimed.close()
             raise BookError(
                 f'{path} is the file of another timekeeper that is running: end that one, or '
                 'choose another file with the parameter book'
             ) from error
-        except OSError as error:
-            raise BookError(f'{path} cannot be written: {error.strerror}') from error
-        try:
-            self._database = self._open()
         except sqlite3.Error as error:
+            self._claimed.close()
             raise self._unusable(error) from error
 
     def _unusable(self, error: sqlite3.Error) -> BookError:

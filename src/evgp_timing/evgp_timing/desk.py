@@ -469,7 +469,7 @@ class Desk:
             grids=tuple(HeatGrid(*each) for each in grids.items()),
             next_heat=self._next_heat(grids),
             races=tuple(self._listed()),
-            questions=tuple(self.questions()),
+            questions=tuple(self.questions(now)),
         )
         if not self.races:
             return seen
@@ -507,8 +507,8 @@ class Desk:
         ]
         return min(turns, default=(0, ''))[1]
 
-    def questions(self) -> list[str]:
-        """Return what FINISH and laps of the newest race disagree about, as sentences."""
+    def questions(self, now: float = 0.0) -> list[str]:
+        """Return what somebody should look at in the newest race, as sentences."""
         if not self.races:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed
@@ -526,6 +526,8 @@ class Desk:
                 asked.append(
                     f'Kart {kart} was given FINISH, and {missing} of its laps are missing'
                 )
+        if trouble := laps.trouble(now):
+            asked.append(trouble)
         placed = [each.kart for each in laps.results if each.kart in laps.finished]
         if placed != sorted(placed, key=lambda kart: laps.finished[kart]):
             asked.append('The order of FINISH is not the order of the results')
