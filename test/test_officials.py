@@ -9,12 +9,12 @@ import contextlib
 import math
 import pathlib
 
+from evgp_node.official import UNNAMED
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.node import ANSWER_TIMEOUT
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_node.official import UNNAMED
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
@@ -49,6 +49,25 @@ def in_the_race(official: Official, *numbers: int) -> msg.Race:
     return official.wait_for_race(
         lambda race: [kart.number for kart in race.karts if kart.in_race] == [*numbers], 'the heat'
     )
+
+
+def test_a_finish_is_for_the_race_and_the_attempt_that_it_names_or_for_the_one_under_way(
+    race: WireRace,
+) -> None:
+    race.bring_to(GREEN_GREEN)
+    now = race.official.wait_for_race(lambda seen: seen.number == 1, 'the race')
+    this = {'kart': 1, 'run': now.run, 'race': 1, 'attempt': 0}
+    assert now.run
+    for other in ({'run': f'{now.run}0'}, {'race': 2}, {'attempt': 1}):
+        answer = race.official.call('kart/finish', **{**this, **other})
+        assert not answer.success
+        assert 'it is for another race, or the finish of kart 1' in answer.message, other
+
+    assert race.official.call('kart/finish', **this).success
+    race.official.command('kart/undo_finish', kart=1)
+    race.official.wait_for_race(lambda seen: seen.karts[0].attempt == 1, 'the next attempt')
+    assert not race.official.call('kart/finish', **this).success
+    assert race.official.call('kart/finish', kart=1).success  # an official's, as ever
 
 
 def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_grid(
@@ -182,7 +201,7 @@ def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
     now = race.official.wait_for_race(lambda each: each.state_cause, 'the stop')
     assert now.state_cause.endswith(', pressed 65 s ago')
     # What is no stop has no age: it shares the type of its request.
-    assert 'pressed' not in race.official.call('kart/finish', kart=1, age=65.0).message
+    assert 'pressed' not in race.official.call('kart/undo_finish', kart=1, age=65.0).message
 
 
 def test_every_command_tells_who_gave_it_accepted_or_refused(

@@ -85,6 +85,7 @@ IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 # What officials are told of a link, which changes nothing.
 OF_A_LINK = ('measured', 'delivered')
 OFFICIAL = 'Anna'
+RUN = 'a run'
 # How much of a danger a kart may be.
 HARMLESS, ON_GRID, MOVING = range(3)
 
@@ -103,7 +104,7 @@ PROPERTIES = {
     'uninspected': 'where an inspection is required, no kart without one joins or starts',
     'heat': 'the heat put in last is in the race, until a kart of another one is, or none at all',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
-    'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
+    'results': 'the order of FINISH is told once, when the race is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
     'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
     'ack-survives': 'S: an acknowledgement falls with a new order and with the connection',
@@ -238,6 +239,7 @@ class KartFacts(NamedTuple):
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
     :param poor: its link was poor when last measured on its present connection.
+    :param undone: how often its finish was undone in this race.
     """
 
     ready: bool = False
@@ -246,6 +248,7 @@ class KartFacts(NamedTuple):
     missing: float | None = None
     stood: float | None = None
     poor: bool = False
+    undone: int = 0
 
 
 class Facts(NamedTuple):
@@ -259,6 +262,7 @@ class Facts(NamedTuple):
         None: not looked at.
     :param met: somebody who could stop this race was there, when it began or since.
     :param left: when the last one left who could stop a race.
+    :param race: how many races have begun in this run.
     """
 
     grid_last: bool
@@ -268,6 +272,7 @@ class Facts(NamedTuple):
     heat: str | None = ''
     met: bool = False
     left: float = 0.0
+    race: int = 0
 
 
 class Input(NamedTuple):
@@ -276,8 +281,7 @@ class Input(NamedTuple):
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for; of who
         is there 'fault' if something is wrong with a button.
-    :param serial: of what a kart says; of a FINISH 1 if it names the race and the attempt that it
-        is for, 2 if it names another one.
+    :param serial: of what a kart says.
     :param statement: what is stated; of a lost connection that its link was silent, of a kart that
         two programs connect as it; of a rival that it is there, of the record that it fails, of
         a journal that it was written, of a link that is measured that it is poor, of who is there
@@ -286,6 +290,7 @@ class Input(NamedTuple):
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
     :param came: when a command came, if before it is judged.
+    :param finish: the run, the race and the attempt that a FINISH is for, if it names them.
     """
 
     what: str
@@ -298,6 +303,7 @@ class Input(NamedTuple):
     hold: RaceState | None = None
     heat: str = ''
     came: float | None = None
+    finish: tuple[str, int, int] | None = None
 
 
 class Judgement(NamedTuple):
@@ -394,6 +400,7 @@ def recall(view: View, now: float, heat: str | None = '') -> Facts:
             for kart in view.karts
         ),
         heat=heat,
+        race=int(bool(view.starters)),
     )
 
 
@@ -528,7 +535,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         drives = kart.in_race and kart.connected and kart.hold is None
         return Judgement(drives and state is GREEN_GREEN and not kart.place)
     if kind == 'KART_UNDO_FINISH':
-        # Only while the results of its race are not told.
+        # Only while the order of FINISH of its race is not told.
         return Judgement(kart.place > 0 and bool(view.starters), True)
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and _stands(kart)), (), (number,))
@@ -603,10 +610,32 @@ def fate(
         and _is_as_seen(view, given)
         and _heat_exists(view, given)
         and not _heat_is_barred(view, given)
-        and not (given.kind == 'KART_FINISH' and given.serial == 2)
+        and not _is_another_finish(facts, view, given)
     ):
         return 'refused'
     return 'waits' if waits else 'accepted'
+
+
+def finishes(facts: Facts, view: View, number: int) -> list[tuple[str, int, int]]:
+    """Return what a FINISH of a kart may name: what is under way, then what is not."""
+    undone = _known(facts, view, number).undone
+    this = RUN, facts.race, undone
+    return [
+        this,
+        ('another', *this[1:]),
+        (RUN, facts.race - 1, undone),
+        (*this[:2], abs(undone - 1)),
+    ]
+
+
+def _known(facts: Facts, view: View, number: int) -> KartFacts:
+    """Return what is remembered of a kart."""
+    known = zip(view.karts, facts.karts, strict=True)
+    return next(memory for kart, memory in known if kart.number == number)
+
+
+def _is_another_finish(facts: Facts, view: View, given: Input) -> bool:
+    return given.finish is not None and given.finish != finishes(facts, view, given.kart)[0]
 
 
 def _heat_in_race(view: View, facts: Facts) -> Any:
@@ -951,15 +980,17 @@ def learn(
         met = met or given.statement
         left = now if before.there.able and not given.statement else left
     met = before.there.able if gridded else met
-    facts = facts._replace(met=met, left=left)
+    facts = facts._replace(met=met, left=left, race=facts.race + gridded)
     if given.kind == 'SET_HEAT' and success and facts.heat is not None:
         facts = facts._replace(heat=given.heat)
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood, poor = memory
+        ready, lost, phase, missing, stood, poor, undone = memory
         if given.what == 'command' and success:
             if gridded:
-                ready = False
+                ready, undone = False, 0
+            if given.kind == 'KART_UNDO_FINISH' and given.kart == kart.number:
+                undone += 1
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
             if given.kind == 'IN_GARAGE' and _is_covered(before, old):
@@ -998,19 +1029,11 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood, poor))
+        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone))
     return Facts(grid_last, paused, tuple(karts), outlived, *facts[4:])
 
 
 # ----- the properties ---------------------------------------------------------------------
-
-
-def _named(race: Any, given: Input) -> dict[str, Any]:
-    """Return what a FINISH names, if it names anything."""
-    if given.kind != 'KART_FINISH' or not given.serial:
-        return {}
-    attempt = race.karts[given.kart].attempt + (given.serial == 2)
-    return {'run': 'a run', 'race': race.number, 'attempt': attempt}
 
 
 def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
@@ -1024,7 +1047,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.hold,
             given.heat,
             OFFICIAL,
-            **_named(race, given),
+            *(given.finish or ()),
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
@@ -1115,7 +1138,7 @@ def check_input(
                 name = 'statement' if seen else 'as-seen'
                 if seen and stated and 'state that' not in message:
                     name = 'availability'
-            if given.kind == 'KART_FINISH' and given.serial == 2 and success:
+            if success and _is_another_finish(facts, before, given):
                 name = 'finish-other'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
@@ -1140,6 +1163,11 @@ def check_input(
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     _check_memory(after, memory)
+    # What a FINISH may name is shown; so the search need not tell attempts apart.
+    attempts = [kart.attempt for kart in race.karts.values()]
+    shown = race.number if after.state in IN_MOTION else memory.race, attempts
+    if shown != (memory.race, [known.undone for known in memory.karts]):
+        raise RuleBrokenError('finish-other', f'{given}: shows {shown}, with {memory}')
     if race.nobody_since != (memory.left if _nobody(after, memory) else None):
         raise RuleBrokenError('nobody-there', f'{given}: {race.nobody_since} with {memory}')
     _check_results(race, before, given, outcome, after)
@@ -1344,7 +1372,7 @@ def _check_heat(before: View, given: Input, outcome: Any, after: View) -> None:
 
 
 def _check_results(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
-    """Check that the results come when they must, once, and name every kart that started."""
+    """Check that the order of FINISH comes when it must, once, with every kart that started."""
     told = [event.text for event in outcome.events if event.kind.name == 'RESULTS']
     ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
     due = bool(before.starters) and ends
@@ -1711,6 +1739,8 @@ class Search:
     - the number of a place, and how many are given: only whether a kart has one in a race whose
       results are not told yet (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
+    - the number of the race, and how often a finish was undone: a FINISH names what is shown, or
+      something else;
     - when a pause ended, and when a start came, but for whether the pause refuses it;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
@@ -1792,7 +1822,7 @@ class Search:
             for size in range(1, len(numbers) + 1)
             for chosen in itertools.combinations(numbers, size)
         ]
-        self.race = rules.Race(karts, self.times, heats=of_roster, run='a run')
+        self.race = rules.Race(karts, self.times, heats=of_roster, run=RUN)
         self.begin = begin
         without = {*without, *(() if track else ('OPEN_TRACK',))}
         self.heats = heats
@@ -2057,8 +2087,8 @@ class Search:
             if opinion.allowed and kind in NAMING:
                 yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
             if opinion.allowed and kind == 'KART_FINISH':
-                yield right._replace(serial=1), now
-                yield right._replace(serial=2), now
+                for named in finishes(facts, view, number):
+                    yield right._replace(finish=named), now
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
             if self.waits and kind in LOOSENING:

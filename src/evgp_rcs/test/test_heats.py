@@ -49,7 +49,7 @@ def test_a_heat_is_in_the_race_until_a_kart_of_another_one_is_or_none_at_all() -
     assert after((leave, 1)) == ''
     assert after((join, 3), (join, 4)) == ''
     paper.command(CommandKind.GRID_ACTIVE)
-    assert paper.race.laps.heat == ''
+    assert paper.race.heat == ''
 
 
 def test_the_heat_in_the_race_outlives_a_crash_before_grid_active() -> None:
@@ -60,6 +60,3 @@ def test_the_heat_in_the_race_outlives_a_crash_before_grid_active() -> None:
     again.recover(read(RaceMemory, written(paper.race.memory())), LastRun.UNKNOWN, 5000.0)
 
     assert again.heat == 'Heat 2'
-
-
-# ----- the pure part --------------------------------------------------------------------------

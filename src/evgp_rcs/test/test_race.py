@@ -464,6 +464,73 @@ def test_the_last_delay_serves_all_further_places() -> None:
     assert RaceTimes(finish_delays=()).finish_delay(1) == 0.0
 
 
+RUN = 'run-of-today'
+
+
+@pytest.fixture
+def green() -> Officials:
+    """Return officials whose race has a name, and is in GREEN_GREEN."""
+    officials = Officials()
+    officials.race.run = RUN
+    STATES['GREEN_GREEN'](officials)
+    return officials
+
+
+def finish(officials: Officials, run: str, race: int, attempt: int) -> Answer:
+    """Give the FINISH of kart 1 as the timekeeper does, which names what it is for."""
+    command = Command(
+        CommandKind.KART_FINISH, 1, official='timekeeper', run=run, race=race, attempt=attempt
+    )
+    answer = officials.race.command(command, officials.now).answer
+    assert answer is not None
+    return answer
+
+
+ANOTHER_FINISH = 'KART_FINISH refused: it is for another race, or the finish of kart 1 (Ohm) was'
+
+
+@pytest.mark.parametrize('named', [('run-of-yesterday', 1, 0), (RUN, 2, 0), (RUN, 1, 1)])
+def test_a_finish_that_names_another_run_race_or_attempt_is_refused(
+    named: tuple[str, int, int], green: Officials
+) -> None:
+    answer = finish(green, *named)
+    assert not answer.success
+    assert answer.message.startswith(ANOTHER_FINISH)
+    assert green.race.karts[1].place == 0
+    assert finish(green, RUN, 1, 0).success
+
+
+def test_a_finish_for_an_attempt_that_was_undone_is_refused_but_not_the_next_one(
+    green: Officials,
+) -> None:
+    assert finish(green, RUN, 1, 0).success
+    green.does('KART_UNDO_FINISH', 1)
+    assert not finish(green, RUN, 1, 0).success
+    assert snapshot_of(green.race, green.now).karts[0].attempt == 1
+    assert finish(green, RUN, 1, 1).success
+
+
+def test_a_finish_of_an_official_names_nothing_and_is_for_the_race_under_way(
+    green: Officials,
+) -> None:
+    green.does('KART_FINISH', 1)
+    green.does('KART_UNDO_FINISH', 1)
+    green.does('KART_FINISH', 1)
+    assert green.race.karts[1].place == 1
+
+
+def test_the_attempts_of_a_kart_are_counted_in_each_race(green: Officials) -> None:
+    green.does('KART_FINISH', 1)
+    green.does('KART_UNDO_FINISH', 1)
+    green.does('RACE_OVER')
+    green.acknowledge(1, 2)
+    green.does('IN_GARAGE')
+    STATES['GREEN_GREEN'](green)
+    assert green.race.karts[1].attempt == 0
+    assert not finish(green, RUN, 1, 0).success
+    assert finish(green, RUN, 2, 0).success
+
+
 def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
     officials.to_over()
     officials.says(1, RED_RED)

@@ -34,6 +34,15 @@ ON_THE_GRID = oracle.Input('command', 'GRID_ACTIVE', 0, True)
 ANNA = oracle.Input('there', statement=True)
 NOBODY = oracle.Input('there')
 
+UNDONE_AND_HOME = (
+    oracle.Input('command', 'KART_FINISH', 1),
+    oracle.Input('command', 'KART_UNDO_FINISH', 1, True),
+    oracle.Input('command', 'RACE_OVER'),
+    oracle.Input('command', 'KART_IN_GARAGE', 1, True),
+    oracle.Input('command', 'IN_GARAGE', 0, True),
+    oracle.Input('command', 'JOIN_RACE', 1),
+)
+
 World = tuple[int, dict[str, Any]]
 
 
@@ -69,6 +78,7 @@ WORLDS = {
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
     'heats': world(60, 1, 1, heats=True),
+    'an undone finish': world(20, 1, 0, 'green', then=UNDONE_AND_HOME, times=AT_ONCE),
     'two heats': world(60, 1, 1, 'green', heats=True),
     'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
     'people in green': world(100, 1, 0, 'green', people=True, then=(ANNA,)),
@@ -178,7 +188,7 @@ later places stay when a finish is undone: effect [two in green]
     _kart_undo_finish: each.place -= 1 => pass
 a place that was taken back counts for the next one: effect
     _kart_undo_finish: self.places_given -= 1 =>
-a finish is undone when the results are out: availability [green]
+a finish is undone when the order of FINISH was told: availability [green]
     _no_undo_finish: kart.number not in self.starters => False
 a finish is undone without the statement that the kart has not finished: statement
     COMMANDS: f'{race.karts[command.kart]} has not finished' => ''
@@ -226,13 +236,13 @@ a heat that is not in the roster is refused without those that are: refusal-sile
     _no_such_heat: ', '.join(f'"{heat.name}"' for heat in self.heats) => 'others'
 the places are gone with IN_GARAGE: results, effect [green]
     _race_in_garage: finish_due = None => finish_due = None ¶ each.place = 0
-the results of a race that was stopped are never told: results
-    _race_in_garage: self._tell_results() # of a race that was stopped and never declared over =>
+the order of FINISH of a race that was stopped is never told: results
+    _race_in_garage: self._tell_order_of_finish() # of a race that was stopped and never declared over =>
         pass
-the results are told again with every RACE_OVER: results _tell_results: self.starters = () =>
-the results leave out who did not finish: results
-    _tell_results: not each.place => not each.place and each.in_race
-a restart forgets that the results were never told: restart
+the order of FINISH is told again with every RACE_OVER: results _tell_order_of_finish: self.starters = () =>
+the order of FINISH leaves out who did not finish: results
+    _tell_order_of_finish: not each.place => not each.place and each.in_race
+a restart forgets that the order of FINISH was never told: restart
     recover: in (GREEN_GREEN, RED_FLAG) => is RED_FLAG
 a kart that is held is given a place: availability
     _no_finish: if kart.hold is not None: return f'{kart} is held: {kart.hold_reason}' => pass
@@ -581,10 +591,20 @@ a race never goes home from the grid with a kart on it: availability, stuck
     _no_in_garage: may_be_moving or (each.doubt and not each.connected) => doubt
 a race cannot go home without a record: availability [around]
     _no_in_garage: if not missing: return '' => if not missing: ¶> return self._no_record()
-a FINISH for another attempt is taken: finish-other [green]
-    _no_finish: if command.run and meant != (self.run, self.number, kart.attempt) => if False
-an undone finish is no attempt: finish-other, refused-changes [green]
+a FINISH of another run of race control is taken: finish-other [green]
+    _no_finish: meant != (self.run, self => meant[1:] != (self
+a FINISH of another race is taken: finish-other [green]
+    _no_finish: self.number, kart => command.race, kart
+a FINISH that was undone is taken again: finish-other [green]
+    _no_finish: kart.attempt) => command.attempt)
+an undone finish is no attempt: finish-other, availability [green]
     _kart_undo_finish: kart.attempt += 1 => pass
+the attempts of a race go on in the next one: finish-other [an undone finish]
+    _grid_active: each.place = each.attempt = 0 => each.place = 0
+a FINISH that names no race is refused: availability [green]
+    _no_finish: if command.run and meant => if meant
+a FINISH counts as somebody who is there: nobody-there [people in green]
+    _kart_finish: self.places_given += 1 => self.places_given += 1 ¶ self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats]
     _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
         heat.name == self._put_in and racing

@@ -395,13 +395,14 @@ class Kart:
         until then, in seconds; ``None`` if nothing is pending.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until its doubt ends.
-    :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
+    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 when it has none.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
     :param counts_at: it says what it is sent, perhaps to an earlier order: when that counts at the
         latest, s; a time that is over: nobody knows when; None: it says no such thing.
     :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
+    :param attempt: how often its finish was undone in this race: a FINISH of the timekeeper names it.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
@@ -428,6 +429,7 @@ class Kart:
     settles_at: float | None = None
     lost_since: float | None = None
     place: int = 0
+    attempt: int = 0
     finish_due: float | None = None
     held_alone: bool = False
     withdrawn: bool = False
@@ -440,7 +442,6 @@ class Kart:
     link: LinkQuality | None = None
     link_poor_at: float | None = None
     contested: bool = False
-    attempt: int = 0
     went_silent_at: float | None = None
 
     def __str__(self) -> str:
@@ -618,7 +619,7 @@ class Race:
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
-        """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
+        """Who was sent GREEN_GREEN in the race whose order of FINISH has not been told yet."""
         self.grid_was_last = False
         self.grids = 0
         """How many times GRID_ACTIVE was accepted."""
@@ -707,7 +708,7 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+        # Of a race in RED_RED nobody knows whether its order of FINISH was told; of one that nobody
         # finished, not even whether it was started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
@@ -715,7 +716,7 @@ class Race:
                 self.starters = tuple(
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
-                self.grids = self.number = 1
+                self.grids = self.number = int(bool(self.starters))
         self._lose_track('since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
@@ -1076,7 +1077,7 @@ class Race:
         if due is not None and now >= due:
             self.over = True
             self._go(RED_RED, now, 'race over, every kart of the race has finished')
-            self._tell_results()
+            self._tell_order_of_finish()
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
             self._pause(now + self.times.pause, 'race control has just stopped the race')
@@ -1278,7 +1279,7 @@ class Race:
     def _race_over(self, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
-        self._tell_results()
+        self._tell_order_of_finish()
         return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, command: Command, now: float) -> str:
@@ -1294,7 +1295,7 @@ class Race:
         self.msr_used = False
         if self.past_unknown:
             self.past_unknown = self.unstated = False
-        self._tell_results()  # of a race that was stopped and never declared over
+        self._tell_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
@@ -1551,8 +1552,8 @@ class Race:
             return f'{kart} has no place'
         if kart.number not in self.starters:
             return (
-                f'the results with {kart} in place {kart.place} have been reported; '
-                'correct them on paper'
+                f'the order of FINISH, with {kart} in place {kart.place}, has been reported; '
+                'correct the result at the timekeeper, or on paper'
             )
         return ''
 
@@ -1836,15 +1837,15 @@ class Race:
             soon = f' in {math.ceil(self.paused_until - now)} s'
         return f'{following.value} may be sent{soon}{condition}'
 
-    def _tell_results(self) -> None:
-        """Tell the places of the race, and who did not finish; once for each race."""
+    def _tell_order_of_finish(self) -> None:
+        """Tell the order of FINISH, and who did not finish; once for each race."""
         starters = [self.karts[number] for number in self.starters]
         self.starters = ()
         if not starters:
             return
         finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
         missing = [str(each) for each in starters if not each.place]
-        text = 'Results: ' + (
+        text = 'Order of FINISH: ' + (
             ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
         )
         if missing:
