@@ -7,6 +7,8 @@ Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster
 The timekeeper ends with race control, and race control needs no timekeeper.
 """
 
+import os
+
 from evgp_node.launching import keep_trying_if_it_was_up
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
@@ -25,13 +27,16 @@ def generate_launch_description() -> LaunchDescription:
         'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
         'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
     }
+    # With SROS2, each has an enclave of its own; what overrides one would override both.
+    override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
+    of_timekeeper = {override: '/timekeeper'} if os.environ.get(override) else {}
     timekeeper = Node(
         package='evgp_timing',
         executable='timekeeper',
         name='timekeeper',
         namespace=[LaunchConfiguration('namespace'), '/rcs'],
         parameters=[LaunchConfiguration('timing_params_file'), roster],
-        additional_env=environment,
+        additional_env={**environment, **of_timekeeper},
         output='screen',
         respawn=True,
         respawn_delay=1.0,

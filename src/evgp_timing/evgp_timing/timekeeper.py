@@ -384,7 +384,7 @@ def read_settings(parameters: Parameters) -> Settings:
             'min_lap_time',
             default.min_lap_time,
             'A passing nearer to the last one that counted is doubtful, s.',
-            (1, 3600),
+            (0.1, 3600),
         ),
         first_crossing=declare(
             'first_crossing',
