@@ -237,9 +237,10 @@ a heat that is not in the roster is refused without those that are: refusal-sile
 the places are gone with IN_GARAGE: results, effect [green]
     _race_in_garage: finish_due = None => finish_due = None ¶ each.place = 0
 the order of FINISH of a race that was stopped is never told: results
-    _race_in_garage: self._tell_order_of_finish() # of a race that was stopped and never declared over =>
-        pass
-the order of FINISH is told again with every RACE_OVER: results _tell_order_of_finish: self.starters = () =>
+    _race_in_garage: self._tell_order_of_finish() # of a race that was stopped and never declared
+        over => pass
+the order of FINISH is told again with every RACE_OVER: results
+    _tell_order_of_finish: self.starters = () =>
 the order of FINISH leaves out who did not finish: results
     _tell_order_of_finish: not each.place => not each.place and each.in_race
 a restart forgets that the order of FINISH was never told: restart

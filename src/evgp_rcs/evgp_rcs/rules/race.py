@@ -395,14 +395,14 @@ class Kart:
         until then, in seconds; ``None`` if nothing is pending.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until its doubt ends.
-    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 when it has none.
+    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0: none.
+    :param attempt: how often its finish was undone in this race: the timekeeper's FINISH names it.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
     :param counts_at: it says what it is sent, perhaps to an earlier order: when that counts at the
         latest, s; a time that is over: nobody knows when; None: it says no such thing.
     :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
-    :param attempt: how often its finish was undone in this race: a FINISH of the timekeeper names it.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
@@ -708,8 +708,8 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # Of a race in RED_RED nobody knows whether its order of FINISH was told; of one that nobody
-        # finished, not even whether it was started.
+        # Of a race in RED_RED nobody knows whether its order of FINISH was told; of one that
+        # nobody finished, not even whether it was started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
