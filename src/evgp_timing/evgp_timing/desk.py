@@ -37,7 +37,7 @@ from evgp_node.results import (
     Standings,
 )
 from evgp_node.roster import Format, Heat
-from evgp_timing.laps import Laps, LapSettings, overall
+from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
 """Maximum number of passings that are recognised when a source sends them again."""
@@ -318,7 +318,19 @@ class Desk:
         if self.races:
             race = self.races[-1]
             terms = given.at, given.dropped, given.away
-            race.laps, _ = race.laps.take(fresh.values(), *terms)
+            race.laps, taken = race.laps.take(fresh.values(), *terms)
+            for each in taken:
+                if each.kart in race.by_finish and each.mark is not Mark.COUNTED:
+                    self._take_its_place(race, each)
+
+    @staticmethod
+    def _take_its_place(race: Race, seen: Taken) -> None:
+        """Have the crossing that a source saw be that of the FINISH, if it counts without it."""
+        identity = seen.passing.identity
+        laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
+        marks = zip(laps.crossings, laps.marks, strict=True)
+        if any(each.passing.identity == identity and mark is Mark.COUNTED for each, mark in marks):
+            race.laps = laps
 
     def _by_hand(self, race: Race) -> int:
         """Return the number of the next passing that officials count."""
