@@ -21,19 +21,19 @@ import time
 from typing import Any
 
 from evgp_node.codec import message_of
+from evgp_node.official import UNNAMED
 from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_node.official import UNNAMED
 from evgp_rcs.rules.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process
+from evgp_testing.process import freeze, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -677,40 +677,60 @@ def test_screenshots_of_every_state(
     assert len(list(folder.glob('*.png'))) >= 9
 
 
-@pytest.mark.long
-def test_screenshots_of_laps_which_a_letter_counts_until_the_last_one_is_done(
-    open_console: OpenConsole,
+# ----- timing -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('frozen', [False, True], ids=['no timekeeper', 'one that is frozen'])
+def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_sends_nothing(
+    frozen: bool,
+    start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
+    open_console: OpenConsole,
     parts: contextlib.ExitStack,
     tmp_path: pathlib.Path,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
-    parameters = {'min_lap_time': 0.1}
-    heats = {'Final': {'karts': [1, 2], 'laps': 2}}
-    control = RaceControl(tmp_path, domain, (1, 2), (), parameters, TEAMS, heats=heats)
-    parts.callback(control.close)
-    for number in (1, 2):
-        connect_kart(control, number, EACH_CHANGE)
+    heats: dict[str, Any] = {'Final': {'karts': [1, 2, 3], 'laps': 2}}
+    control = start_race_control(in_race=(1, 2, 3), heats=heats)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
     official = join_official(control)
-    official.wait_for_connected(1, 2)
+    official.wait_for_connected(1, 2, 3)
+    console = open_console(control)
+    if frozen:
+        given = {
+            'roster': tmp_path / f'domain_{control.domain}' / 'karts.yaml',
+            'book': tmp_path / 'timing.sqlite3',
+            'min_lap_time': 1.0,
+        }
+        timekeeper = Process('evgp_timing', 'timekeeper', control.domain, given)
+        parts.callback(timekeeper.close)
+        console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
     official.command('set_heat', heat='Final')
     official.bring_to(GREEN_GREEN)
-    console = open_console(control)
+    console.wait_for('kart_3', text='driving')
+    if frozen:
+        console.press('a', see='status', text='kart 1 crossed the line: counted')
+        # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
+        for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
+            began = time.monotonic()
+            official.wait_until_polled(lambda since=began: time.monotonic() > since + 1.2, 'a lap')
+            console.press('a', see=button)
+            console.wait_for('kart_1', text=f'{lap}/2')
+        official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+        freeze(timekeeper.pid)
+        console.press('b', see='status', text='LAP kart 2: no answer yet')
+    console.wait_for('strip', text='no timing')
+    console.press('c', see='status', text='no timing, so nobody knows')
+    assert karts[2].state is GREEN_GREEN
 
-    console.wait_for('kart_1', text='driving')
-    console.press('a', see='status', text='crossed the line')
-    console.press('b', see='status', text='Kart 2 .*crossed the line')
-    console.press('a', see='kart_1', text='lap 1 of 2')
-    console.press('b', see='kart_2', text='lap 1 of 2')
-    console.press('a', see='kart_1', text='last lap done')
-    console.press('ctrl+t', see='results')
-    console.press_on('results_view', see='crossing_1')
-    console.screenshot(pictures(tmp_path) / 'results.png')
-    console.press('Escape', see='results', visible=False)
-    console.press('a', see='kart_1', text='P1')
+    console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
+    console.key('2', 'ctrl+f')
+    karts[1].wait_for_state(RED_FLAG)
+    console.key('space')
 
-    assert official.wait_for_race(lambda race: race.karts[0].place == 1, 'a place').laps == 2
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+    console.wait_for('state', text='RED RED')
 
 
 # ----- old keys and clicks ----------------------------------------------------------------

@@ -311,8 +311,8 @@ class Client:
         if self._finds(given):
             self._request(given)
             return
-        name = texts.full_name(given)
-        self._listener.on_answer(given, Answer(False, texts.NOT_THERE.format(command=name)))
+        why = texts.not_there(given.command, texts.full_name(given))
+        self._listener.on_answer(given, Answer(False, why))
 
     def _request(self, given: Given) -> None:
         service = self._services[CATALOGUE[given.command].service]
@@ -339,8 +339,7 @@ class Client:
         for future, given in late.items():
             self._services[CATALOGUE[given.command].service].remove_pending_request(future)
             if not CATALOGUE[given.command].stop:
-                name = texts.full_name(given)
-                text = texts.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
+                text = texts.gave_up(given, duration(GIVE_UP, 0))
                 self._listener.on_answer(given, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------

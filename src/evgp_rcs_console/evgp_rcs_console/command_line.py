@@ -64,7 +64,8 @@ def no_answer(command: Kind, waited: float, details: str) -> str:
     :param details: what else is known about the wait.
     """
     entry = CATALOGUE[command]
-    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
+    where = 'race' if command in OF_RACE_CONTROL else 'results'
+    advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see if it took effect.'
     return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
 
 
@@ -152,7 +153,7 @@ def parser() -> argparse.ArgumentParser:
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
     )
-    results = 'show laps, places and the last passings'
+    results = 'show laps, places, the last passings, and the races of the event'
     commands.add_parser('results', help=results, parents=[waiting], description=results)
     return whole
 

@@ -14,7 +14,6 @@ from collections import deque
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass, replace
-import math
 import time
 from typing import NamedTuple
 
@@ -59,9 +58,6 @@ from evgp_rcs_console.view import (
     silence,
 )
 from evgp_rcs_console.widgets import Area, Card, CENTER, CommandButton, Painted, Text
-
-TIMING_GONE = 3.0
-"""Time without results after which there is no timing, in seconds: they come once a second."""
 
 MARGIN = 10
 SIDE = 272
@@ -494,7 +490,6 @@ class Display(QtCore.QObject):
         self._began = clock.now()
         self._race: Snapshot | None = None
         self._results: Standings | None = None
-        self._results_at = -math.inf
         self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
@@ -521,7 +516,7 @@ class Display(QtCore.QObject):
 
     def take_results(self, results: Standings) -> None:
         """Take the results as they are now."""
-        self._results, self._results_at = results, clock.now()
+        self._results = results
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
@@ -566,10 +561,8 @@ class Display(QtCore.QObject):
             self._danger_title = title
             self.alarm.sound_soon()
         race = self._race or NOTHING
-        timing = self._results if now - self._results_at < TIMING_GONE else None
-        had_timing = self._results is not None
         ages = self.unanswered.ages(now)
-        screen = show(race, now - self._heard_at, ages, danger_now, timing, had_timing)
+        screen = show(race, now - self._heard_at, ages, danger_now, self._results)
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)

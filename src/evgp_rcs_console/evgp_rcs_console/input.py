@@ -505,5 +505,7 @@ def _kart_at(screen: Screen, place: int) -> int:
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
     """Return the command that a key gives to a kart (0: to none), as a screen has it."""
+    if stroke.finish is not None:
+        return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)
     return next((each for each in found if each is not None), None)

@@ -17,7 +17,7 @@ import string
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
-from evgp_rcs_console.view import FINISH_KEYS, LETTER_COMMANDS
+from evgp_rcs_console.view import FINISH_KEYS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
@@ -118,8 +118,8 @@ class Stroke:
 
     :param commands: of these, the first for which the screen has a button is sent.
     :param to_chosen: the command goes to the chosen kart.
-    :param finish: the place in the roster of the kart that has crossed the line, or finished; None
-        if none has.
+    :param finish: the place in the roster of the kart that has crossed the line; what its letter
+        gives is in its row. None: it is no letter.
     :param digit: the digit, if it is part of a kart's number.
     :param act: what else it does.
     """
@@ -146,7 +146,7 @@ def meaning(key: str) -> Stroke | None:
     if key in KEYS:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
-        return Stroke(LETTER_COMMANDS, finish=FINISH_KEYS.index(key))
+        return Stroke(finish=FINISH_KEYS.index(key))
     if key in _ACTS:
         return Stroke(act=_ACTS[key])
     if len(key) == 1 and key.isdecimal():

@@ -17,9 +17,10 @@ from evgp_node.results import Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
-from evgp_rcs.words import numbered, STATES
+from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Effects, Given
+from evgp_timing.desk import Act
 
 TITLE = 'EVGP race control'
 
@@ -182,9 +183,9 @@ CHANGED = 'Changed: {what}'
 BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
-GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
+GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
 NO_SERVICE = 'it does not find the services of race control'
-NOT_THERE = '{command} was not sent: race control is not there.'
+NOT_THERE = '{command} was not sent: {who} is not there.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
@@ -203,6 +204,7 @@ ASK_YES = 'YES: {condition}'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
+ASK_RUN_BEFORE = '{heat} was run at {clock}: this run will count instead.'
 ASK_NOBODY = 'Race control hears nobody who could stop the race from a screen or a button.'
 ASK_CHANGED = 'Changed at {clock}: {what} Press NO and begin again.'
 MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
@@ -218,17 +220,20 @@ IN_RACE_NOW = 'in the race'
 NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
 GRID_ORDER = 'in the order of the grid'
-ORDER_OF_FINISH, RESULTS = 'Order of FINISH', 'Results'
+ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
-    'there is no timing, so the letter counts no lap. Ctrl+E gives FINISH to the chosen kart'
+    'no timing, so nobody knows which lap this is. For FINISH, type its number, then Ctrl+E'
 )
 
-RESULTS_TITLE = 'Results'
+RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 NO_RESULTS = 'No results yet'
 ALL_HEATS = 'All heats, {format}'
 RESULTS_LAPS = '{count} laps'
-PASSINGS = 'Passings: since GREEN_GREEN, kart, source, session and number, what became of it'
+PASSINGS = 'Passings: since GREEN GREEN, kart, source, session and number, what became of it'
+RACES = 'Races: number, when the grid formed, heat, karts that are classified'
+CLASSIFIED, COUNTS, PUBLISHED = '{count} classified', 'counts', 'published'
+FOR_TIMEKEEPER = 'For the timekeeper: {question}'
 
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
@@ -270,7 +275,6 @@ OTHER_KEYS = (
     ('Arrows', 'a kart, until another'),
     ('Backspace, Esc', 'delete a digit, all digits'),
     ('Ctrl+L', 'events: one kart, all'),
-    ('Ctrl+T', 'results, passings'),
     ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )
@@ -403,7 +407,19 @@ def warning(command: Kind, race: Snapshot) -> str:
     return ''
 
 
-def caution(command: Kind, race: Snapshot, karts: Sequence[int]) -> str:
+def not_there(command: Kind, name: str) -> str:
+    """Return that whoever takes a command of this kind is not there."""
+    who = 'the timekeeper' if isinstance(command, Act) else 'race control'
+    return NOT_THERE.format(command=name, who=who)
+
+
+def gave_up(given: Given, limit: str) -> str:
+    """Return that a command was not answered within a time."""
+    what = 'results' if isinstance(given.command, Act) else 'race'
+    return GAVE_UP.format(command=full_name(given), age=limit, what=what)
+
+
+def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
     Return what an official should know before a command, and which is no reason to refuse it.
 
@@ -412,9 +428,21 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int]) -> str:
     if command is CommandKind.GREEN_GREEN:
         return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    if command is not CommandKind.GRID_ACTIVE or not poor:
+    if command is not CommandKind.GRID_ACTIVE:
         return ''
-    return ASK_CAUTION.format(karts=numbered(poor))
+    said = [ASK_CAUTION.format(karts=numbered(poor))] if poor else []
+    return ' '.join((*said, *_run_before(race, results)))
+
+
+def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
+    """Return that the heat in the race was run already, and its results would be replaced."""
+    if results is None or race.state is RaceState.GRID_ACTIVE:
+        return []
+    return [
+        ASK_RUN_BEFORE.format(heat=each.heat, clock=time_of_day(each.stamp)[:5])
+        for each in results.races
+        if each.counts and each.heat == race.heat
+    ]
 
 
 def can_stop(race: Snapshot) -> str:

@@ -77,8 +77,8 @@ _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in AN
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
 """The keys of a kart that crosses the line, by its place in the roster: a kart keeps its key."""
 
-LETTER_COMMANDS = (Act.COUNT, CommandKind.KART_FINISH)
-"""What such a key gives: the first one that the screen has for the kart, which is in its row."""
+TIMING_GONE = 3.0
+"""Age of results from which there is no timing, in seconds: they come once a second."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
@@ -208,8 +208,8 @@ class Row:
     :param answer: what it answered, in a word or two; empty if no answer is expected.
     :param waits: it is connected and has not yet done what it is sent.
     :param finish: FINISH, whatever the row's button offers; ``letter``: what its letter gives.
-    :param place: its position, or without timing its place in the order of FINISH.
-    :param progress: its lap, and how far it is behind.
+    :param place: its position and laps, or without timing its place in the order of FINISH.
+    :param gap: how far it is behind the first one.
     """
 
     number: int
@@ -226,7 +226,7 @@ class Row:
     waits: bool
     says: str
     place: str
-    progress: str
+    gap: str
     note: Cell
     buttons: tuple[Button, ...]
     finish: Button
@@ -252,10 +252,10 @@ class Column:
 COLUMNS = (
     Column('Kart', 46, lambda row: Cell(str(row.number))),
     Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
-    Column('Sent, for', 162, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer', 88, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
-    Column('Link', 80, lambda row: row.link, lambda row: Cell(row.link_time)),
-    Column('Place', 96, lambda row: Cell(row.place), lambda row: Cell(row.progress)),
+    Column('Sent, for', 150, lambda row: row.sent, lambda row: Cell(row.since)),
+    Column('Answer', 84, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
+    Column('Link', 76, lambda row: row.link, lambda row: Cell(row.link_time)),
+    Column('Place, lap', 50, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
 )
 
 
@@ -297,7 +297,7 @@ class Screen:
     :param heats: one button for each heat of the roster.
     :param places: the results of the race, or of the last one, or the order of FINISH where there
         is no timing; empty if there are none.
-    :param timing: that there is no timing; empty if there is, or never was.
+    :param timing: that there is no timing; empty if there is.
     :param can_stop: how many programs there are from which officials can stop it, and which.
     """
 
@@ -328,7 +328,7 @@ class Screen:
         buttons += filter(None, [self.track_button, self.heat_button])
         for row in self.rows:
             if row.number == kart:
-                buttons += (row.letter, *row.buttons, row.finish)
+                buttons += (row.finish, *row.buttons)
         return next(
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
@@ -391,13 +391,23 @@ STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
 
+def present(results: Standings | None, at: float) -> Standings | None:
+    """
+    Return results; None: they are out of date, and there is no timing.
+
+    :param at: the time by the clock of race control's machine, which the timekeeper goes by, in s.
+    """
+    # A stamp that is ahead is as wrong as one that is old.
+    is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
+    return results if is_new else None
+
+
 def show(
     race: Snapshot,
     age: float,
     pending: Pending,
     danger: Danger | None = None,
-    timing: Standings | None = None,
-    had_timing: bool = False,
+    results: Standings | None = None,
 ) -> Screen:
     """
     Return what a screen shows of a snapshot.
@@ -405,11 +415,13 @@ def show(
     :param age: time since the snapshot came, in seconds.
     :param pending: the commands that wait for an answer.
     :param danger: what to say if race control is gone or must not be relied on.
-    :param timing: the timekeeper's results; None: there is no timing. ``had_timing``: there was.
+    :param results: the timekeeper's newest; None: there are none.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
+    timing = present(results, now)
     own = timing is not None and (timing.run, timing.race) == (race.run, race.number)
     buttons = _Buttons(race, pending, now, barred, timing, timing if own else None)
+    untimed = timing is None or (race.state is RaceState.GREEN_GREEN and not own)
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
@@ -426,8 +438,8 @@ def show(
         reminder='' if danger is not None else _finish_now(buttons) or _reminder(race, now),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
-        places=_places(race, timing),
-        timing=texts.NO_TIMING if had_timing and timing is None else '',
+        places=_places(buttons),
+        timing=texts.NO_TIMING if untimed else '',
         can_stop=texts.can_stop(race),
         humans=humans,
         humans_reason=reason,
@@ -505,15 +517,13 @@ def _finish_now(buttons: _Buttons) -> str:
     return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
 
 
-def _places(race: Snapshot, timing: Standings | None) -> str:
+def _places(buttons: _Buttons) -> str:
     """Return the results, or where there is no timing the order of FINISH; the first one first."""
-    if timing is not None and timing.karts:
-        placed = (each for each in timing.karts if each.place)
-        said = ', '.join(f'{each.place}. kart {each.kart}' for each in placed)
-        return f'{texts.RESULTS}: {said}' if said else ''
-    finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
-    said = ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
-    return f'{texts.ORDER_OF_FINISH}: {said}' if said else ''
+    name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in buttons.finished]
+    if buttons.shown is not None:
+        name, placed = texts.RESULTS, [(each.place, each.kart) for each in buttons.shown.karts]
+    said = ', '.join(f'{place}. kart {kart}' for place, kart in sorted(placed) if place)
+    return f'{name}: {said}' if said else ''
 
 
 SAYS_NO_MORE = 5.0
@@ -574,7 +584,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         waits=kart.connected and asks and not answered,
         says=says,
         place=buttons.place(kart),
-        progress='' if buttons.timing is None else timed.progress(buttons.timing, kart.number),
+        gap='' if buttons.shown is None else timed.gap(buttons.shown, kart.number),
         note=Cell(note, _note_tone(done, urgent and bool(notes))),
         buttons=tuple(
             shown.get(command) or buttons.kart(command, kart)
@@ -643,7 +653,8 @@ class _Buttons:
     """
     The buttons of one snapshot.
 
-    :param results: of the newest race; ``timing``: the same, if that is the race of the snapshot.
+    :param results: those that are not out of date; ``timing``: the same, if they are of the race
+        of the snapshot.
     """
 
     snapshot: Snapshot
@@ -653,19 +664,31 @@ class _Buttons:
     results: Standings | None
     timing: Standings | None
 
-    def place(self, kart: KartSnapshot) -> str:
-        """Return its position, or where there is no timing its place in the order of FINISH."""
-        if self.results is not None and self.results.karts:
-            return timed.position(self.results, kart.number)
-        return f'F{kart.place}' if kart.place else ''
+    @property
+    def finished(self) -> list[KartSnapshot]:
+        """Return the karts that were given FINISH."""
+        return [kart for kart in self.snapshot.karts if kart.place]
 
-    def _drives(self, kart: KartSnapshot) -> bool:
+    @property
+    def shown(self) -> Standings | None:
+        """Return the results of this race, or of the last one while this one has no order."""
+        has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
+        shown = self.timing if has_begun else self.results
+        return shown if shown is not None and shown.karts else None
+
+    def place(self, kart: KartSnapshot) -> str:
+        """Return its position and laps, or without timing its place in the order of FINISH."""
+        if self.shown is not None:
+            return timed.position(self.shown, kart.number)
+        return texts.FINISHED.format(place=kart.place) if kart.place else ''
+
+    def _races(self, kart: KartSnapshot) -> bool:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
-        return is_on and kart.hold is None and not kart.place
+        return is_on and not kart.place
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
         """Return whether a kart that drives has all its laps: it is to be given FINISH."""
-        if self.timing is None or not self.timing.laps or not self._drives(kart):
+        if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
             return False
         result = self.timing.kart(kart.number)
         return result is not None and not self.timing.laps_left(kart.number)
@@ -674,15 +697,18 @@ class _Buttons:
         """
         Return what the letter of a kart gives: a lap, or FINISH once only the last one is left.
 
-        Without timing nobody knows which of the two, and it gives nothing.
+        In a heat nobody knows without timing which of the two, and it gives nothing.
         """
-        if self.timing is not None and self.timing.laps_left(kart.number) > 1:
+        timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
+        if not self._races(kart) or (timing is None and not self.snapshot.heat):
+            return finish
+        if timing is None or (timing.laps and timing.kart(kart.number) is None):
+            reason = finish.reason or texts.NO_TIMING_REASON
+            return replace(finish, enabled=False, reason=reason)
+        if timing.laps and not timed.on_last_lap(timing, kart.number):
             offered = Availability(CommandKind.KART_FINISH, True)
             return self._button(Act.COUNT, kart, offered, key)
-        button = self.kart(CommandKind.KART_FINISH, kart, key)
-        if self.timing is None and button.enabled and self._drives(kart):
-            return replace(button, enabled=False, reason=texts.NO_TIMING_REASON)
-        return button
+        return finish
 
     def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.offered(command)
@@ -754,7 +780,7 @@ class _Buttons:
             condition = texts.condition(command, kart, race, offered.statement)
             consequence = '\n'.join(texts.consequences(command, does, race, kart))
             warning = texts.warning(command, race)
-            caution = texts.caution(command, race, offered.karts)
+            caution = texts.caution(command, race, offered.karts, self.results)
         return Button(
             command=command,
             kart=kart.number if kart else 0,

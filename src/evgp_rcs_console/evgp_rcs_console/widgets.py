@@ -419,7 +419,7 @@ class CommandButton(Push):
         if button == self.button:
             return
         self.button = button
-        name = button.command.value.lower()
+        name = button.command.name.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         label = CATALOGUE[button.command].short or button.label
         self.show_words(label if button.kart else button.label, button.key)
