@@ -45,6 +45,9 @@ NO_QT = (
     "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
 )
 NO_DISPLAY = 'there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
+NOT_ALLOWED = (
+    'ROS does not allow this program to correct results. With SROS2, use the enclave /officials.'
+)
 
 TIMING = 'timing: '
 """The beginning of a timing line's name in diagnostics."""
@@ -163,7 +166,9 @@ def main(arguments: list[str] | None = None) -> int:
         own = [program, *given]
         rclpy.init(args=own, signal_handler_options=rclpy.SignalHandlerOptions.NO)
         client = Client()
-    except (GraphError, RCLError, UnknownROSArgsError) as error:
+    except RCLError as error:
+        return _refuse(f'{NOT_ALLOWED} ({error})')
+    except (GraphError, UnknownROSArgsError) as error:
         return _refuse(str(error))
     application = QtWidgets.QApplication(remove_ros_args([program, *given]))
     application.setStyle('Fusion')

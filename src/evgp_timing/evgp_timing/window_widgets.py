@@ -225,10 +225,7 @@ class TimekeeperWindow:
         table, new = self._passings, [each.passing for each in seen]
         old = [each.passing for each in self._crossings]
         self._crossings = seen
-        fresh = new.index(old[0]) if old and old[0] in new else len(new)
-        if new[fresh:] != old[: len(new) - fresh]:
-            table.setRowCount(0)
-            fresh = len(new)
+        fresh = next(n for n in range(len(new) + 1) if new[n:] == old[: len(new) - n])
         for place in range(fresh):
             table.insertRow(place)
             button = _button('small', '', partial(self._correct, new[place]))
@@ -305,7 +302,7 @@ class TimekeeperWindow:
         )
         box.accepted.connect(dialog.accept)
         box.rejected.connect(dialog.reject)
-        dialog.finished.connect(self._lap.setFocus)
+        dialog.finished.connect(lambda _: self._lap.setFocus())
         dialog.open()
 
     def _field(self, name: str) -> Any:
