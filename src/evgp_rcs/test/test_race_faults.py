@@ -433,8 +433,8 @@ a race starts with a kart as which two programs connect: availability, contested
     _no_green_green: unfit := self._contested(racing) or => unfit :=
 two programs of one kart raise no alert: alerts [network]
     _current_alerts: if kart.contested => if kart.contested and self.has_rival
-GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-there, results
-    [grid]
+GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
+    results [grid]
     _grid_active: return 'GRID_ACTIVE is the last command again; who has acknowledged it need not
         again' => self.places_given += 1
 GRID_ACTIVE is not given again: availability
@@ -607,8 +607,9 @@ a FINISH that names no race is refused: availability [green]
 a FINISH counts as somebody who is there: nobody-there [people in green]
     _kart_finish: self.places_given += 1 => self.places_given += 1 ¶ self.nobody_since = None
 a heat stays in the race with karts of another one: heat [heats]
-    _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
-        heat.name == self._put_in and racing
+    heat: and racing <= {*heat.karts} =>
+a heat stays in the race without any kart: heat [heats]
+    heat: if inside and racing => if inside
 a race that nobody can stop goes on: nobody-there, effect [people in green]
     tick: self._go(RED_FLAG, now, NOBODY_THERE) => pass
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]

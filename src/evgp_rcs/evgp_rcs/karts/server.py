@@ -62,7 +62,6 @@ from evgp_rcs.rules.snapshot import snapshot_of
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
 
-
 CONNECTIONS = (10, 2.0)
 """Limit of a kart's connections: how many at once, and how many a second after that."""
 
@@ -81,7 +80,6 @@ GATHER = 0.005
 """Time for which events are gathered until they are handed on, in seconds. When a hundred karts
 acknowledge, each by itself would keep all processes busy; and what officials are told would be in
 the way of the answer to the stop that made it happen."""
-
 
 SHOW_AFTER = 0.01
 """Time after something has happened until a snapshot shows it, in seconds; for the same reason."""

@@ -1681,21 +1681,15 @@ class Race:
 
     @property
     def heat(self) -> str:
-        """Return the name of the heat in the race; empty: none is."""
-        return self._heat().name
-
-    def _heat(self) -> Heat:
         """
-        Return the heat in the race; without a name: none is.
+        Return the name of the heat in the race; empty: none is.
 
         It is the one that was last put in, or at the start the only one with the roster's karts.
         Karts may leave it; with a kart of another heat, or without any, it is in the race no more.
         """
         racing = {each.number for each in self.racing()}
-        for heat in self.heats:
-            if heat.name == self._put_in and racing and racing <= {*heat.karts}:
-                return heat
-        return Heat('', ())
+        inside = any(heat.name == self._put_in and racing <= {*heat.karts} for heat in self.heats)
+        return self._put_in if inside and racing else ''
 
     def racing(self) -> Iterator[Kart]:
         """Yield the karts of the race, in the order of the roster."""
