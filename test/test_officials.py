@@ -51,25 +51,6 @@ def in_the_race(official: Official, *numbers: int) -> msg.Race:
     )
 
 
-def test_a_finish_is_for_the_race_and_the_attempt_that_it_names_or_for_the_one_under_way(
-    race: WireRace,
-) -> None:
-    race.bring_to(GREEN_GREEN)
-    now = race.official.wait_for_race(lambda seen: seen.number == 1, 'the race')
-    this = {'kart': 1, 'run': now.run, 'race': 1, 'attempt': 0}
-    assert now.run
-    for other in ({'run': f'{now.run}0'}, {'race': 2}, {'attempt': 1}):
-        answer = race.official.call('kart/finish', **{**this, **other})
-        assert not answer.success
-        assert 'it is for another race, or the finish of kart 1' in answer.message, other
-
-    assert race.official.call('kart/finish', **this).success
-    race.official.command('kart/undo_finish', kart=1)
-    race.official.wait_for_race(lambda seen: seen.karts[0].attempt == 1, 'the next attempt')
-    assert not race.official.call('kart/finish', **this).success
-    assert race.official.call('kart/finish', kart=1).success  # an official's, as ever
-
-
 def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_grid(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
