@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import ipaddress
+import math
 import os
 import socket
 import sys
@@ -35,6 +36,9 @@ from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
 """Time without a snapshot after which race control counts as gone, as in the window, seconds."""
+
+NO_TIMING_AFTER = 3.0
+"""Time without results after which there is no timing, as in the window, in seconds."""
 
 MOST_LOGGED = 8
 """Number of lines about one kart, the newest ones."""
@@ -84,7 +88,7 @@ class BoardNode(StrictNode):
         self._on_failure = on_failure
         # Each is replaced as a whole, in ROS's thread, and read in the server's.
         self._race: tuple[bytes, float] | None = None
-        self._results = Standings()
+        self._results = Standings(), -math.inf
         self._log: dict[int, tuple[Line, ...]] = {}
         self._last_event = (0, 0)
         self._shown: tuple[object, ...] = ()
@@ -111,7 +115,7 @@ class BoardNode(StrictNode):
 
     def _hear_results(self, message: msg.Results) -> None:
         with contextlib.suppress(ValueError):  # it is not of this race control
-            self._results = value_of(message, Standings)
+            self._results = value_of(message, Standings), clock.now()
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         log = dict(self._log)
@@ -147,15 +151,15 @@ class BoardNode(StrictNode):
         keep_to_interface(self._listening, self._address)  # it has a new number once replugged
         if self._race is None:
             return Now(self._heard, None)
-        (message, came), results, log = self._race, self._results, self._log
-        gone = at - came >= GONE_AFTER
-        shown = message, results, log, gone
+        (message, came), (results, timed), log = self._race, self._results, self._log
+        gone, no_timing = at - came >= GONE_AFTER, at - timed >= NO_TIMING_AFTER
+        shown = message, results, log, gone, no_timing
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None
             with contextlib.suppress(ValueError):  # it is not of this race control
                 race = value_of(deserialize_message(message, msg.Race), Snapshot)
                 refuse_karts_network(self._address, race)
-            self._shown, self._heard = shown, Heard(race, results, gone, log)
+            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
         return Now(self._heard, at - came)
 
 

@@ -75,12 +75,14 @@ class Heard:
     What race control said last.
 
     :param gone: race control is silent.
+    :param no_timing: the timekeeper is.
     :param log: of each kart what happened to it, the newest last.
     """
 
     race: Snapshot | None = None
     results: Standings = NO_STANDINGS
     gone: bool = False
+    no_timing: bool = False
     log: Mapping[int, tuple[Line, ...]] = field(default_factory=dict)
 
 
@@ -91,7 +93,7 @@ def board(heard: Heard) -> Shown:
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
     counted = any(each.place for each in results.karts)
-    if not counted:  # nobody counts laps: the places are those of FINISH
+    if not counted:  # nobody counts laps
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
     for number in order:
@@ -115,6 +117,10 @@ def board(heard: Heard) -> Shown:
     done = sum(kart.place > 0 for kart in karts.values())
     following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
+    if done and not counted:
+        sub.append('order of FINISH')
+    if counted and race.over:
+        sub.append('official results' if results.published else 'provisional')
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, [heat.name if heat else '', about])) or 'EVGP race',
@@ -135,9 +141,9 @@ def results(heard: Heard) -> Shown:
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
-        'sub': 'Published by the timekeeper'
+        'sub': 'Official results'
         if results.published
-        else 'As they stand: they can change until the timekeeper publishes them',
+        else 'Provisional: they can change until the timekeeper publishes them',
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
             {
@@ -242,11 +248,12 @@ def _frame(heard: Heard) -> Shown:
 
 
 def _of_this_race(heard: Heard) -> Standings:
-    """Return the results, unless another heat is in the race by now."""
+    """Return the results; none without timing, or if another race has begun since."""
     race = heard.race or NOTHING
     results = heard.results
     is_own = (race.run, race.heat) == (results.run, results.heat)
-    return results if is_own and race.number in (0, results.race) else NO_STANDINGS
+    is_own = is_own and race.number in (0, results.race) and not heard.no_timing
+    return results if is_own else NO_STANDINGS
 
 
 def _gap(result: KartResult, results: Standings) -> str:

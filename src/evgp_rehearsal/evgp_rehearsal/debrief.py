@@ -4,7 +4,8 @@
 """
 The debrief of an incident: what happened when, what officials pressed when, what karts then did.
 
-Pure: the events of the record and the truth of the field go in, lines come out. It says what was
+Pure: the events of the record, the corrections that officials asked the timekeeper for, and the
+truth of the field go in, lines come out. It says what was
 so, beside the rule book's order, and passes and fails nobody.
 """
 
@@ -20,6 +21,8 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
+from evgp_timing.corrections import CORRECTIONS
+from evgp_timing.desk import Act, Corrected
 
 LOSS = 'the loss of its connection'
 """By what a kart must stop that race control does not reach (§3.E)."""
@@ -54,16 +57,18 @@ class Truth:
     :param moving: every change of whether a kart moves: tick, kart, whether.
     :param people: every change of whether a person is on the track: tick, whether.
     :param seen: what was heard on the radio, seen or done, in words: tick, words.
+    :param passings: what the timing line told: which passing, of which kart, whether it crossed.
     """
 
     moving: tuple[tuple[int, int, bool], ...] = ()
     people: tuple[tuple[int, bool], ...] = ()
     msr: tuple[int, ...] = ()
     seen: tuple[tuple[int, str], ...] = ()
+    passings: tuple[tuple[str, int, bool], ...] = ()
 
     @classmethod
-    def of(cls, field: Field) -> Truth:
-        """Return the truth of a field up to now."""
+    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
+        """Return the truth of a field and its timing line up to now."""
         radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
         last_laps = [(at, f'kart {kart} ends its last lap') for at, kart in field.crossed]
         return cls(
@@ -71,6 +76,7 @@ class Truth:
             tuple(field.people),
             tuple(field.msr_at),
             (*radio, *last_laps),
+            tuple(passings),
         )
 
     def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
@@ -106,17 +112,24 @@ class _Line(NamedTuple):
     kind: EventKind | None = None
 
 
-def debrief(took: Occurrence, events: Sequence[StampedEvent], truth: Truth) -> list[str]:
+def debrief(
+    took: Occurrence,
+    events: Sequence[StampedEvent],
+    truth: Truth,
+    corrections: Iterable[Corrected] = (),
+) -> list[str]:
     """
     Return the debrief of an incident, line by line; times count from its beginning.
 
     :param events: of the record, in order; their times are the field's, in seconds.
+    :param corrections: of the timekeeper's book, by the same clock.
     """
     row = INCIDENTS[took.incident]
     began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
     kart = f' (kart {took.kart})' if took.kart else ''
     during = [each for each in events if began <= each.monotonic <= ended]
-    seen = [line for line in _seen(truth) if began <= line.at <= ended]
+    beside = [*_seen(truth), *(_asked(each, truth) for each in corrections)]
+    seen = [line for line in beside if began <= line.at <= ended]
     lines = sorted([*seen, *_told(during, truth)], key=lambda line: line.at)
     return [
         f'{took.incident}{kart}: {row.meaning}',
@@ -146,6 +159,21 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
             yield _Line(at, f'alert: {event.text}')
         elif event.kind is EventKind.RACE_STATE and event.command is None:
             yield _Line(at, event.text)
+
+
+def _asked(given: Corrected, truth: Truth) -> _Line:
+    """Return what an official asked the timekeeper for, and whether the kart was at the line."""
+    asked, remark = given.correction, ''
+    about = f' of kart {asked.kart}' if asked.kart else ''
+    if asked.act in (Act.STRIKE, Act.RESTORE):
+        about = f' {asked.passing}'
+        for name, kart, crossed in truth.passings:
+            if name == str(asked.passing):
+                word = 'crossed' if crossed else 'did not cross'
+                remark = f' - kart {kart} {word} the line there'
+    name = asked.official or 'somebody'
+    text = f'{name} asked the timekeeper for {CORRECTIONS[asked.act].label}{about}{remark}'
+    return _Line(given.at, text)
 
 
 def _seen(truth: Truth) -> Iterator[_Line]:
