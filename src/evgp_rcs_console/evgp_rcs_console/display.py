@@ -26,7 +26,7 @@ from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
 from evgp_rcs_console.catalogue import Kind, OF_RACE_CONTROL
-from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
+from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
@@ -369,6 +369,10 @@ class ChosenKart(KartField):
         self._areas.karts.show_rows(self._rows, self._marked, self._stale)
 
 
+READ = 5.0
+"""Time for which what was said last is not replaced by an older command that waits, in seconds."""
+
+
 class BottomLine:
     """
     Decides what the bottom line says.
@@ -381,13 +385,14 @@ class BottomLine:
         self._label = label
         self._unanswered = unanswered
         self._message = Cell(texts.BEGIN)
+        self._said_at = 0.0
         self._outcome: Outcome | None = None
         self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Say, with the time, what has just happened, in place of what was said before."""
-        at = time_of_day(time.time())
+        at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
         self._changed = None
@@ -452,7 +457,7 @@ class BottomLine:
         if explanation:
             return Cell(explanation, Tone.WAIT)
         given = self._unanswered.oldest(now)
-        if given is not None:
+        if given is not None and not given.at + LATE < self._said_at > now - READ:
             age = clock.duration(now - given.at)
             name = texts.full_name(given)
             return Cell(texts.PENDING.format(command=name, age=age), Tone.WAIT)

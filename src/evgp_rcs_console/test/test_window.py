@@ -1108,6 +1108,11 @@ def test_a_letter_is_lap_then_finish_and_nothing_once_there_is_no_timing(opened:
         for given in console.sent:
             console.window._display.take_answer(given, Answer(True, 'so it is'))
         assert console.commands == [(command, 2), (command, 1)]
+    console.inbox.on_results(timing(3))
+    console.tell(race)
+    console.settle(AIM)
+    console.press('A')
+    assert console.commands == [(Act.COUNT, 1)]  # which a frozen timekeeper never answers
     console.inbox.on_results(timing(3)._replace(stamp=0.0))
     console.tell(race)
     console.settle(AIM)
