@@ -12,10 +12,12 @@ import signal
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
 from evgp_node.restarting import IN_THE_WAY, WRONG_SETTING
 from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
@@ -27,7 +29,7 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Act
-from evgp_timing.timekeeper import PASSINGS_QOS
+from evgp_timing.timekeeper import EVENTS_QOS, PASSINGS_QOS
 import pytest
 
 KARTS = (1, 2)
@@ -366,9 +368,8 @@ def test_after_a_restart_of_race_control_in_mid_race_its_results_stay_and_the_ne
     assert ended.karts[0].kart == 1
     event.race(2)
     line.laps(1, 3)
-    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-    line.laps(2, 1)
     line.wait_for_laps(1, 2)
+    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
     event.official.command('all_kill')
     seen = line.wait_for(lambda seen: seen.races[1].counts, 'the race that counts')
     assert [(each.heat, each.counts) for each in seen.races] == [(HEAT, False), (HEAT, True)]
@@ -394,6 +395,59 @@ def test_a_crossing_of_before_green_green_never_counts_however_late_it_comes(
     line.wait_for(lambda seen: marks(seen) == [NOT_COUNTED], 'the crossing')
     line.laps(1, 2)
     line.wait_for_laps(1, 1)
+
+
+# ----- events that do not come ---------------------------------------------------------------
+
+
+class Teller(RosSide):
+    """Stands in for race control: publishes these events, as the next ones after a number."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('teller', domain)
+        self._events = self.node.create_publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
+        self.spin()
+
+    def tell(self, after: int, *events: msg.RaceEvent) -> None:
+        """Publish events in one message."""
+        for number, each in enumerate(events, after + 1):
+            each.sequence, each.race, each.monotonic = number, 1, self._now()
+        self._events.publish(msg.RaceEvents(run='a run', events=events))
+
+    @staticmethod
+    def _now() -> Duration:
+        return Duration(sec=int(clock.now()))
+
+
+def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_restart(
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    line = parts.enter_context(Line(domain))
+    own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3'}
+    grid = msg.RaceEvent(
+        kind=msg.RaceEvent.COMMAND, command=msg.CommandAvailability.GRID_ACTIVE, success=True
+    )
+    green = msg.RaceEvent(
+        kind=msg.RaceEvent.RACE_STATE, state=msg.RaceState(state=msg.RaceState.GREEN_GREEN)
+    )
+    others = [msg.RaceEvent(kind=msg.RaceEvent.ACKNOWLEDGED) for _ in range(400)]
+    with Process('evgp_timing', 'timekeeper', domain, own) as first:
+        with Teller(domain) as teller:
+            teller.tell(0, grid, green, *others)
+            line.wait_for(lambda seen: len(seen.races) == 1, 'the race')
+        first.kill()
+    teller = parts.enter_context(Teller(domain))
+    parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
+    teller.tell(402, others[0])
+    assert not line.wait_for_more(4).questions
+    teller.tell(410, others[0])
+    line.wait_for(
+        lambda seen: (
+            [*seen.questions] == ['7 events of race control did not come: check the laps']
+        ),
+        'the question',
+    )
 
 
 # ----- what keeps it from starting -----------------------------------------------------------

@@ -89,6 +89,14 @@ class Told(NamedTuple):
     sequence: int = 0
 
 
+class Heard(NamedTuple):
+    """All events of a run of race control have come, up to this number."""
+
+    at: float
+    run: str
+    sequence: int
+
+
 class Missed(NamedTuple):
     """Events of race control did not come here; what they said is not known."""
 
@@ -153,7 +161,7 @@ class Corrected(NamedTuple):
     correction: Correction
 
 
-Input = Told | Missed | Passed | Corrected
+Input = Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
@@ -510,8 +518,8 @@ class Desk:
             yield RaceOfEvent(number, race.heat, race.began, classified, counts)
 
     def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
-        """Return whose turn is next of the heats of one kart that were not raced."""
-        raced = {race.heat for race in self.races}
+        """Return whose turn is next of the heats of one kart that have no result, nor the race."""
+        raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
         turns = [
             (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
             for heat in self.roster.heats

@@ -50,6 +50,7 @@ from evgp_timing.desk import (
     Correction,
     Desk,
     Finish,
+    Heard,
     Input,
     Missed,
     Passed,
@@ -59,6 +60,7 @@ from evgp_timing.desk import (
 )
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
+from rclpy.task import Future
 
 _P = ParamSpec('_P')
 
@@ -90,7 +92,7 @@ SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
 
 KEPT_EVERY = 10.0
-"""Maximum time until results that changed are in the book, in seconds."""
+"""Maximum time until results that changed, and which events have come, are in the book, in s."""
 
 FINISH_EVERY = 2.0
 """Time until FINISH is asked for again where nothing says that the kart has finished, in s."""
@@ -194,9 +196,9 @@ class Timekeeper(StrictNode):
         self._waiting: list[Passed] = []
         self._turn = threading.Lock()
         self._ended = False
-        self._asked: dict[Finish, float] = {}
+        self._asked: dict[Finish, tuple[float, Future]] = {}
         self._shown: Standings | None = None
-        self._shown_at = self._kept_at = -math.inf
+        self._shown_at = self._kept_at = self._noted_at = -math.inf
         self._kept: Standings | None = None
         self._results = self.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._finish = self.create_client(KartFinish, 'kart/finish')
@@ -246,7 +248,7 @@ class Timekeeper(StrictNode):
         return [self._feed(each) for each in given][-1]
 
     def _feed(self, given: Input) -> Answer | None:
-        if isinstance(given, Told):
+        if isinstance(given, (Told, Heard)):
             self._last[given.run] = max(given.sequence, self._last.get(given.run, 0))
         return self._desk.feed(given)
 
@@ -263,6 +265,10 @@ class Timekeeper(StrictNode):
             told = told_of(event, message.run)
             if told is not None:
                 self._take(told)
+        now = clock.now()
+        if message.events and now - self._noted_at > KEPT_EVERY:
+            self._noted_at = now
+            self._take(Heard(now, message.run, self._last[message.run]))
         self._look()
 
     def _see(self, message: msg.Passing) -> None:
@@ -326,12 +332,14 @@ class Timekeeper(StrictNode):
             wall_ns = time.time_ns() - round(now * 1e9)
             self._results.publish(message_of(seen, msg.Results, wall_ns))
         self._keep(now)
-        if self._catches_up or not self._finish.service_is_ready():
+        if self._catches_up:
             return
         for wanted in self._desk.finishes():
-            if now - self._asked.get(wanted, -math.inf) > FINISH_EVERY:
-                self._asked[wanted] = now
-                self._ask_for(wanted)
+            asked_at, call = self._asked.get(wanted, (-math.inf, None))
+            if now - asked_at > FINISH_EVERY:
+                if call is not None:
+                    self._finish.remove_pending_request(call)
+                self._asked[wanted] = now, self._ask_for(wanted)
 
     def _keep(self, now: float, at_once: bool = False) -> None:
         """Have the results in the book once they have changed."""
@@ -345,14 +353,10 @@ class Timekeeper(StrictNode):
             except OSError as error:
                 self.get_logger().error(f'{error}: the report would not have it')
 
-    def _ask_for(self, wanted: Finish) -> None:
-        request = KartFinish.Request(official=WHO, **wanted._asdict())
-        future = self._finish.call_async(request)
-        future.add_done_callback(
-            lambda done: (
-                self.get_logger().info(done.result().message) if not done.cancelled() else None
-            )
-        )
+    def _ask_for(self, wanted: Finish) -> Future:
+        call = self._finish.call_async(KartFinish.Request(official=WHO, **wanted._asdict()))
+        call.add_done_callback(lambda done: self.get_logger().info(done.result().message))
+        return call
 
 
 def _asked_for(act: Act, request: Any) -> Correction:

@@ -15,7 +15,17 @@ from evgp_node.results import BY_HAND, Identity, Passing, Standings
 from evgp_node.stream import Began, Block, Gap
 from evgp_protocol import clock
 from evgp_timing.book import Book, BookError, EVENT_LASTS_NS, STREAM, STREAM_LASTS_NS
-from evgp_timing.desk import Act, Corrected, Correction, Input, Missed, Passed, Told, What
+from evgp_timing.desk import (
+    Act,
+    Corrected,
+    Correction,
+    Heard,
+    Input,
+    Missed,
+    Passed,
+    Told,
+    What,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
@@ -51,6 +61,7 @@ CORRECTIONS = st.builds(
 )
 INPUTS: st.SearchStrategy[Input] = st.one_of(
     st.builds(Told, TIMES, st.sampled_from(What), NAMES, NUMBERS, NAMES, KARTS, NUMBERS),
+    st.builds(Heard, TIMES, NAMES, NUMBERS),
     st.builds(Missed, TIMES, NAMES, NUMBERS, NUMBERS),
     st.builds(Passed, TIMES, st.lists(PASSINGS, max_size=3).map(tuple), NUMBERS, TIMES),
     st.builds(Corrected, TIMES, CORRECTIONS),
