@@ -23,12 +23,13 @@ import signal
 import threading
 import time
 
-from evgp_node.codec import message_of, value_of
+from evgp_node.codec import message_of
 from evgp_node.qos import latched
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
@@ -260,7 +261,7 @@ class Rehearsal(Part):
     def race(self) -> Snapshot | None:
         """Return the race, as it was heard last; None: it was not."""
         race = self.official.race
-        return None if race is None else value_of(race, Snapshot)
+        return None if race is None else race_of(race)
 
     def gather(self) -> None:
         """

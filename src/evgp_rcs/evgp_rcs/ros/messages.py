@@ -54,6 +54,15 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
     return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
 
 
+def race_of(message: msg.Race) -> Snapshot:
+    """
+    Return the race of a message.
+
+    :raises ValueError: if it is none.
+    """
+    return value_of(message, Snapshot)
+
+
 def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:
     """
     Return race control's diagnostics: the race, and each kart.
