@@ -618,20 +618,14 @@ def fate(
 
 def finishes(facts: Facts, view: View, number: int) -> list[tuple[str, int, int]]:
     """Return what a FINISH of a kart may name: what is under way, then what is not."""
-    undone = _known(facts, view, number).undone
-    this = RUN, facts.race, undone
+    known = {kart.number: memory for kart, memory in zip(view.karts, facts.karts, strict=True)}
+    undone = known[number].undone
     return [
-        this,
-        ('another', *this[1:]),
+        (RUN, facts.race, undone),
+        ('another run', facts.race, undone),
         (RUN, facts.race - 1, undone),
-        (*this[:2], abs(undone - 1)),
+        (RUN, facts.race, abs(undone - 1)),
     ]
-
-
-def _known(facts: Facts, view: View, number: int) -> KartFacts:
-    """Return what is remembered of a kart."""
-    known = zip(view.karts, facts.karts, strict=True)
-    return next(memory for kart, memory in known if kart.number == number)
 
 
 def _is_another_finish(facts: Facts, view: View, given: Input) -> bool:
