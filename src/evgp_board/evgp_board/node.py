@@ -30,6 +30,7 @@ from evgp_node.qos import latched
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_rcs.ros.messages import event_of, race_of
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 

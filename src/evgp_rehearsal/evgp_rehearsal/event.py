@@ -473,7 +473,6 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
         return [event for run in sessions(database) for event in events(database, run.number)]
 
 
-
 def corrected(folder: pathlib.Path) -> list[Corrected]:
     """Return the corrections that officials asked the timekeeper for, of its book in a folder."""
     with contextlib.closing(open_read_only(folder / 'timing.sqlite3')) as database:
