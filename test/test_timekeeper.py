@@ -54,7 +54,7 @@ class Line(RosSide):
         self.heard = 0
         self._number = 0
         self._began_ns = time.time_ns()
-        self._ahead = dict.fromkeys(KARTS, 0.0)
+        self._ahead = dict.fromkeys(KARTS, -LAP)
         self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', PASSINGS_QOS)
         subscribe = self.node.create_subscription
         subscribe(msg.Results, '/rcs/timekeeper/results', self._hear, latched(1))

@@ -17,6 +17,7 @@ from evgp_timing.desk import (
     Desk,
     Finish,
     Input,
+    Missed,
     Passed,
     Roster,
     Told,
@@ -240,6 +241,22 @@ def test_what_finish_and_laps_disagree_about_is_a_question(event: Event) -> None
     assert len(event.desk.questions()) == 1  # the order
     event.tell(What.UNDO_FINISH, 2)
     assert event.desk.questions() == []
+
+
+def test_a_kart_or_heat_that_is_not_in_the_roster_here_is_a_question(event: Event) -> None:
+    event.start('Heat 9', 1, 7)
+    (asked,) = event.desk.questions()
+    assert 'Heat 9, kart 7' in asked
+    assert 'same roster' in asked
+
+
+def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.desk.feed(Missed(event.now, 'another run', 1, 5))
+    assert event.desk.questions() == []
+    event.desk.feed(Missed(event.now, event.run, 1, 5))
+    (asked,) = event.desk.questions()
+    assert asked.startswith('5 events of race control did not come')
 
 
 KARTS = st.sampled_from((1, 2, 3))
