@@ -126,6 +126,8 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
         number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
         return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
     if issubclass(kind, enum.Enum):
+        if slot != 'string':
+            raise TypeError(f'nobody has added the constants of {kind.__name__}')
         return lambda each, _: each.value, lambda each, _: kind(each)
     if optional and kind is float:
         return (

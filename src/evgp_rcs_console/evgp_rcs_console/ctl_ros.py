@@ -16,7 +16,7 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_node.official import said_by, tidy
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
-from evgp_node.results import Judged, Standings
+from evgp_node.results import Standings
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Answer, Availability, StampedEvent
@@ -366,14 +366,8 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
     if found.races:
         lines += ['', texts.RACES, *aligned(results.races(found))]
     if found.passings:
-        lines += ['', texts.PASSINGS, *aligned([_passing(each) for each in found.passings])]
+        lines += ['', texts.PASSINGS, *aligned(results.passings(found))]
     return _under_banner({'code': Exit.ACCEPTED, 'output': '\n'.join(lines)}, race)
-
-
-def _passing(judged: Judged) -> tuple[str, ...]:
-    """Return a passing with what names it in `strike-passing`."""
-    at, kart, _, mark = results.crossing(judged)
-    return at, kart, shlex.join(map(str, judged.passing.identity)), mark
 
 
 def _watch_events(

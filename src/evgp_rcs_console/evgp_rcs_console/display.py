@@ -592,12 +592,6 @@ class Display(QtCore.QObject):
         self.bottom.show()
 
     @property
-    def barred(self) -> str:
-        """Return why only stops can be pressed; empty if race control says what is possible."""
-        danger_now = self._danger(clock.now())
-        return danger_now.barred if danger_now is not None else ''
-
-    @property
     def unheard(self) -> str:
         """Return why a stop may reach nobody; empty if race control is heard."""
         danger_now = self._danger(clock.now())

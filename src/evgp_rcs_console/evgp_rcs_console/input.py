@@ -164,9 +164,7 @@ class Presses(QtCore.QObject):
 
     def _send(self, button: Button) -> None:
         claim = self._signature.claim
-        self._give_it(replace(button.given(), official=claim, waited=self._late.waited))
-
-    def _give_it(self, given: Given) -> None:
+        given = replace(button.given(), official=claim, waited=self._late.waited)
         self._give(given)
         if not CATALOGUE[given.command].stop:  # the client says which stops are not accepted yet
             self.display.unanswered.add(given)

@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+import shlex
 
-from evgp_node.results import Judged, KartResult, Mark, Standings, Status
+from evgp_node.results import KartResult, Mark, Standings, Status
 from evgp_rcs.words import lap_time, time_of_day
 from evgp_rcs_console import texts
 
@@ -99,10 +100,14 @@ def races(results: Standings) -> list[tuple[str, ...]]:
     ]
 
 
-def crossing(judged: Judged) -> tuple[str, str, str, str]:
-    """Return when a passing was, whose it is, who saw it, and what became of it."""
-    passing = judged.passing
-    kart = texts.FIELD_KART.format(number=judged.kart) if judged.kart else '?'
-    seen = f'{passing.identity} {passing.transponder}'.rstrip()
-    mark = f'{judged.mark.value}: {judged.struck}' if judged.struck else judged.mark.value
-    return lap_time(judged.at), kart, seen, mark
+def passings(results: Standings) -> list[tuple[str, ...]]:
+    """Return when each passing was, whose it is, what names it, and what became of it."""
+    return [
+        (
+            lap_time(each.at),
+            texts.FIELD_KART.format(number=each.kart) if each.kart else '?',
+            shlex.join(map(str, each.passing.identity)),
+            f'{each.mark.value}: {each.struck}' if each.struck else each.mark.value,
+        )
+        for each in results.passings
+    ]

@@ -671,10 +671,15 @@ class _Buttons:
 
     @property
     def shown(self) -> Standings | None:
-        """Return the results of this race, or of the last one while this one has no order."""
+        """
+        Return the results of this race, or of the last one while this one has no order.
+
+        None: there are none. A race in which no lap was timed has none.
+        """
         has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
         shown = self.timing if has_begun else self.results
-        return shown if shown is not None and shown.karts else None
+        is_timed = shown is not None and any(each.lap_times for each in shown.karts)
+        return shown if is_timed else None
 
     def place(self, kart: KartSnapshot) -> str:
         """Return its position and laps, or without timing its place in the order of FINISH."""

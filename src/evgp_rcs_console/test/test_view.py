@@ -342,6 +342,7 @@ def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_th
     karts = tuple(replace(KART, number=number, place=place) for number, place in ((1, 2), (2, 1)))
     first, second = driven(1, 6)._replace(place=1), driven(2, 6)._replace(place=2)
     known = timing(karts=(first, second))
+    unseen = timing(karts=(driven(1, 0), driven(2, 0)))
     others = timing(run='earlier', karts=(first, second))
 
     for state in RaceState:
@@ -349,6 +350,7 @@ def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_th
         for results, said, places in (
             (known, 'Results: 1. kart 1, 2. kart 2', ['P1 6/6', 'P2 6/6']),
             (others, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
+            (unseen, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
             (None, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
         ):
             screen = show(race, 0.0, {}, None, results)
@@ -575,9 +577,9 @@ def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None
     driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, place=1, flag_at=42.5)
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
         screen = show(replace(RACE, karts=(driving,)), age, {})
-        assert screen.rows[0].note.text == f'P1, flag in {seconds} s'
+        assert screen.rows[0].note.text == f'F1, flag in {seconds} s'
         assert screen.tally == '1 driving'
-        assert f'Purdue P1, flag in {seconds} s' in '\n'.join(table(screen, ()))
+        assert f'Purdue F1, flag in {seconds} s' in '\n'.join(table(screen, ()))
 
     not_due, without_link = replace(driving, flag_at=None), replace(driving, connected=False)
     for kart in (not_due, without_link, replace(driving, sent=RaceState.RED_RED)):
