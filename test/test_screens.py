@@ -14,9 +14,9 @@ import random
 import re
 
 from evgp_board import view as board
+from evgp_node.codec import message_of, value_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.ros.messages import message_of, value_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Recovered
 from evgp_rcs.rules.laps import Format

@@ -9,7 +9,8 @@ import dataclasses
 import random
 from typing import Any, get_type_hints
 
-from evgp_rcs.ros.messages import CONSTANTS, event_of, events_message, message_of, value_of
+from evgp_node.codec import CONSTANTS, message_of, value_of
+from evgp_rcs.ros.messages import event_of, events_message
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.laps import Judged, KartResult, Passing, Penalty
 from evgp_rcs.rules.link_quality import LinkQuality

@@ -369,7 +369,7 @@ HARMS: dict[str, Harm] = {
             'success': False,
             'command': rules.CommandKind.PENALISE,
             'state': RaceState.GREEN_GREEN,
-            'kind': EventKind.RESULTS,
+            'kind': EventKind.ORDER_OF_FINISH,
             'alert': rules.AlertKind.NOT_READY,
             'hold': RaceState.RED_FLAG,
             'race': 99,

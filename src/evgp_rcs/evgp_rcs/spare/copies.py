@@ -28,9 +28,9 @@ import sys
 import tarfile
 import time
 
+from evgp_node.folder import rcs_folder
+from evgp_node.roster import load_roster, RosterError
 from evgp_protocol import clock
-from evgp_rcs.files.folder import rcs_folder
-from evgp_rcs.files.roster import load_roster, RosterError
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.record.store import newest_first
