@@ -25,7 +25,7 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
-from evgp_rcs_console.catalogue import Kind, OF_RACE_CONTROL
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
