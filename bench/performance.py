@@ -276,9 +276,7 @@ def beside_corrections(folder: pathlib.Path, counts: Sequence[int], times: int) 
     )
 
 
-def beside_corrections_of(
-    folder: pathlib.Path, count: int, times: int
-) -> tuple[object, ...]:
+def beside_corrections_of(folder: pathlib.Path, count: int, times: int) -> tuple[object, ...]:
     """Return the row of one number of karts; stops with and without corrections alternate."""
     ended, lasted = threading.Event(), list[float]()
     own = pathlib.Path(tempfile.mkdtemp(dir=folder))

@@ -454,6 +454,7 @@ def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_rest
 
 
 def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None:
+    event.line.wait_for_more()
     second = event.start_timekeeper()
     assert second.wait() == IN_THE_WAY
     assert 'is the file of another timekeeper that is running' in second.output

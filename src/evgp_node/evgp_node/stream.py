@@ -22,6 +22,9 @@ from evgp_node.encoding import DAMAGED, reader, written
 
 _Entry = TypeVar('_Entry')
 
+SCHEMA_VERSION = 10
+"""The version of the files that have such streams, in their ``user_version``."""
+
 
 class DamagedError(ValueError):
     """An entry or a block is damaged; the text says what is wrong."""

@@ -20,15 +20,12 @@ import time
 from typing import get_args, IO
 
 from evgp_node.results import Standings
-from evgp_node.stream import Began, Block, Gap, Stream
+from evgp_node.stream import Began, Block, Gap, SCHEMA_VERSION, Stream
 from evgp_protocol import clock
 from evgp_timing import desk
 
 PROGRAM = 'timekeeper'
 """Who writes these streams."""
-
-SCHEMA_VERSION = 9
-"""As in the record of race control."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
 """Time after which a race belongs to another event, whose heats may have the same names, in

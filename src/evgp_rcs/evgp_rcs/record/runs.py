@@ -19,14 +19,13 @@ import sys
 import tempfile
 from typing import TypeVar
 
-from evgp_node.stream import Block, DamagedError, Gap
+from evgp_node.stream import Block, DamagedError, Gap, SCHEMA_VERSION
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.store import (
     blocks_of,
     default_path,
     is_being_written,
     open_read_only,
-    SCHEMA_VERSION,
     Session,
     sessions,
 )

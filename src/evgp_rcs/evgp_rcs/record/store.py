@@ -32,14 +32,12 @@ from typing import IO
 
 from evgp_node.encoding import read, written
 from evgp_node.folder import rcs_folder
-from evgp_node.stream import Began, Block, Gap, joined
+from evgp_node.stream import Began, Block, Gap, joined, SCHEMA_VERSION
 from evgp_protocol import clock, states
 from evgp_rcs.record.run_mark import claim
 from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
-
-SCHEMA_VERSION = 10
 
 PROGRAM = 'race control'
 """Who writes these streams; another program may write its own beside them (``Began``)."""

@@ -12,7 +12,8 @@ import sqlite3
 from typing import TypeAlias
 
 from evgp_node.results import Standings
-from evgp_node.stream import Gap, Stream
+from evgp_node.stream import Gap, SCHEMA_VERSION, Stream
+from evgp_rcs.record.runs import say
 from evgp_rcs.record.store import open_read_only
 
 BOOK = 'timing.sqlite3'
@@ -25,16 +26,24 @@ _STREAM: Stream[Standings] = Stream([Standings])
 
 
 def timing_of(record: pathlib.Path) -> Timing:
-    """Return what the book beside a record has; nothing, if there is none or it is damaged."""
+    """Return what the book beside a record has, and say what cannot be read of it."""
     found: dict[tuple[str, int], Standings] = {}
-    with (
-        contextlib.suppress(FileNotFoundError, sqlite3.Error),
-        contextlib.closing(open_read_only(record.with_name(BOOK))) as database,
-    ):
-        for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall():
-            query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
-            blocks = database.execute(query, (run,)).fetchall()
-            for entry in _STREAM.entries_of(blocks, only=Standings):
-                if not isinstance(entry, Gap):
-                    found[entry.run, entry.race] = entry
+    path = record.with_name(BOOK)
+    try:
+        with contextlib.closing(open_read_only(path)) as database:
+            (version,) = database.execute('PRAGMA user_version').fetchone()
+            if version != SCHEMA_VERSION:
+                raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
+            for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run'):
+                query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
+                blocks = database.execute(query, (run,)).fetchall()
+                for entry in _STREAM.entries_of(blocks, only=Standings):
+                    if isinstance(entry, Gap):
+                        say(f'{path}, stream {run}: {entry}; results may be missing')
+                    else:
+                        found[entry.run, entry.race] = entry
+    except FileNotFoundError:
+        say(f'there is no {path}: without timing, there is only the order of FINISH')
+    except (OSError, sqlite3.Error) as error:
+        say(f'{path} cannot be read ({error}): results of the timekeeper are missing')
     return found

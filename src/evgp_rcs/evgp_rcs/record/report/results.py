@@ -16,7 +16,7 @@ import io
 import pathlib
 import unicodedata
 
-from evgp_node.results import KartResult, Standings
+from evgp_node.results import KartResult, Standings, Status
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
@@ -180,12 +180,20 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
             _seconds(race, result),
             moment(race.green),
             moment(result.finished),
-            'FINISHED' if out is None else out.why.name,
-            '' if out is None else wording.why_out(out, clock),
+            *_became(result, timed, clock),
             '' if event is None else str(event.sequence),
             'yes' if complete else 'no',
             *_timed(timing, timed),
         )
+
+
+def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str, str]:
+    """Return what became of a kart, and why it did not finish."""
+    if timed is not None and timed.status is Status.DISQUALIFIED:
+        return Status.DISQUALIFIED.name, 'see its penalties'
+    if result.out is None:
+        return 'FINISHED', ''
+    return result.out.why.name, wording.why_out(result.out, clock)
 
 
 def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]:
