@@ -35,6 +35,7 @@ from evgp_protocol import clock
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.record.store import newest_first
+from evgp_rcs.record.timing import BOOK
 import yaml
 
 COPY_EVERY = 5.0
@@ -44,10 +45,7 @@ COPY_TIMEOUT = 20.0
 """Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
-"""The files of a copy."""
-
-BOOK = 'timing.sqlite3'
-"""A further file, if it is beside the record: the timekeeper's book."""
+"""The files of a copy; the timekeeper's book (`BOOK`) is there too, if it is beside the record."""
 
 ORIGIN = 'from'
 """A further file: the address of the machine that the copy is from; empty: it is this one."""
