@@ -29,7 +29,7 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Act
-from evgp_timing.timekeeper import EVENTS_QOS, PASSINGS_QOS
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
 import pytest
 
 KARTS = (1, 2)
@@ -55,7 +55,7 @@ class Line(RosSide):
         self._number = 0
         self._began_ns = time.time_ns()
         self._ahead = dict.fromkeys(KARTS, -LAP)
-        self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', PASSINGS_QOS)
+        self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
         subscribe = self.node.create_subscription
         subscribe(msg.Results, '/rcs/timekeeper/results', self._hear, latched(1))
         self._clients = {

@@ -39,7 +39,7 @@ from evgp_testing.ros_side import environment_kept, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
 from evgp_timing.desk import Act
-from evgp_timing.timekeeper import EVENTS_QOS, PASSINGS_QOS
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -71,7 +71,7 @@ class Event(RosSide):
         publisher = self.node.create_publisher
         self._events = publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
         self._race = publisher(msg.Race, '/rcs/race', latched(1))
-        self._passings = publisher(msg.Passing, '/rcs/passings', PASSINGS_QOS)
+        self._passings = publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
         self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
         self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
         self.asked: list[Any] = []

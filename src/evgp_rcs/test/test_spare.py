@@ -17,10 +17,11 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RunMark
 from evgp_rcs.record.store import events, Record
+from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.spare import copies as spare
-from evgp_rcs.spare.copies import BOOK, fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
+from evgp_rcs.spare.copies import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 from evgp_rcs.spare.neighbours import Found, Look, why_not
 import pytest
 

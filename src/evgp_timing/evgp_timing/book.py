@@ -24,7 +24,7 @@ from evgp_node.stream import Began, Block, Gap, SCHEMA_VERSION, Stream
 from evgp_protocol import clock
 from evgp_timing import desk
 
-PROGRAM = 'timekeeper'
+WRITER = 'timekeeper'
 """Who writes these streams."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
@@ -150,7 +150,7 @@ class Book:
             self._entries = self._blocks = 0
         if not self._entries:
             self._began_ns = now_ns
-            new.insert(0, Began(self._boot, PROGRAM, now_ns))
+            new.insert(0, Began(self._boot, WRITER, now_ns))
         block = Block(self._entries, b''.join(map(STREAM.encode, new))).compressed()
         try:
             row = self._run, self._blocks + 1, block

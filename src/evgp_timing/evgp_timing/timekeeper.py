@@ -70,13 +70,13 @@ RESULTS_QOS = latched(1)
 EVENTS_QOS = latched(200)
 """Of race control's events, as it publishes them."""
 
-PASSINGS_QOS = latched(1000)
+ARRIVING_QOS = latched(1000)
 """Of ``passings``: what a source said before it was found comes too."""
 
-LOOK = 0.2
+DUE_EVERY = 0.2
 """Time between two looks at what is due, in seconds."""
 
-BATCH = 0.05
+GATHERED = 0.05
 """Maximum time for which passings wait to be taken together, in seconds."""
 
 MOST_WAITING = 1000
@@ -208,10 +208,10 @@ class Timekeeper(StrictNode):
                 self._offer(name, service_class(entry.service_type), act)
         subscribe = self.create_subscription
         subscribe(msg.RaceEvents, 'events', self._alone(self._hear), EVENTS_QOS)
-        subscribe(msg.Passing, 'passings', self._alone(self._see), PASSINGS_QOS)
+        subscribe(msg.Passing, 'passings', self._alone(self._see), ARRIVING_QOS)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(LOOK, self._alone(self._look), clock=steady)
-        self.create_timer(BATCH, self._alone(self._take_waiting), clock=steady)
+        self.create_timer(DUE_EVERY, self._alone(self._look), clock=steady)
+        self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
         known = f'{len(self._desk.races)} races of this event are known'
         self.get_logger().info(f'The timekeeper keeps its book in {settings.book}; {known}')
         self.get_logger().info(where_reachable())
@@ -276,7 +276,7 @@ class Timekeeper(StrictNode):
             self._waiting[-1] = self._waiting[-1]._replace(dropped=self._waiting[-1].dropped + 1)
             return
         now, passing = clock.now(), passing_of(message)
-        if self._waiting and now - self._waiting[-1].at < BATCH:
+        if self._waiting and now - self._waiting[-1].at < GATHERED:
             together = *self._waiting[-1].passings, passing
             self._waiting[-1] = self._waiting[-1]._replace(passings=together)
         else:

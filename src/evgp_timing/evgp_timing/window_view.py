@@ -18,7 +18,7 @@ from evgp_node.results import BY_HAND, Judged, KartResult, Mark, Passing, Standi
 from evgp_node.roster import Format
 from evgp_timing.desk import Act
 
-COLUMNS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
+HEADINGS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
 """The headings of the results."""
 
 _STATUS = {
@@ -38,7 +38,7 @@ class Row(NamedTuple):
     """
     The result of one kart.
 
-    :param cells: the text of each of ``COLUMNS``.
+    :param cells: the text of each of ``HEADINGS``.
     :param penalised: an official took something from its result.
     """
 

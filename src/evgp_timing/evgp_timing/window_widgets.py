@@ -29,7 +29,7 @@ QtCore: Any = importlib.import_module(f'{_BINDING}.QtCore')
 QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
-STALE = 3.0
+OUT_OF_DATE = 3.0
 """Time without a word after which what is shown is out of date, in seconds."""
 
 NO_ANSWER = 5.0
@@ -47,7 +47,7 @@ Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], No
 """Sends a correction in an official's name, with the fields of its request, and returns at once.
 The function is called with the answer, in the window's thread."""
 
-LOOK = 50
+REFRESH = 50
 """Time between two looks at what was heard, in milliseconds."""
 
 ROW = 39
@@ -128,7 +128,7 @@ class TimekeeperWindow:
         self._buttons = [_button('COUNT', 'Lap by hand', self._count)]
         for act, text in _BUTTONS.items():
             self._buttons.append(_button(act.name, text, partial(self._ask, act)))
-        self._table = _table(view.COLUMNS, stretched='TEAM')
+        self._table = _table(view.HEADINGS, stretched='TEAM')
         self._passings = _table(('TIME', 'KART', NEWEST_FIRST, ''), stretched=NEWEST_FIRST)
         self._warnings = _card(self._warning)
         layout = QtWidgets.QVBoxLayout(self.widget)
@@ -141,7 +141,7 @@ class TimekeeperWindow:
         layout.addWidget(_card(_label('stops', STOPS_NOTHING), self._said, self._official))
         timer = QtCore.QTimer(self.widget)
         timer.timeout.connect(self._refresh)
-        timer.start(LOOK)
+        timer.start(REFRESH)
         self._refresh()
         self._lap.setFocus()
 
@@ -171,17 +171,17 @@ class TimekeeperWindow:
         """Take what was heard, and show how old everything is, and what was not answered."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
-        if now - self._race_heard <= STALE and self._since < math.inf:
+        if now - self._race_heard <= OUT_OF_DATE and self._since < math.inf:
             state = f'{self._state} {view.clock_time(now - self._since, 0)}'
         wrong, well = list(self._results.questions), []
         for name, (where, trouble, heard) in self._lines.items():
-            if now - heard > STALE:
+            if now - heard > OUT_OF_DATE:
                 trouble = LINE_SILENT.format(age=_age(heard))
             if trouble:
                 wrong.append(f'Timing line {name} ({where}): {trouble}')
             else:
                 well.append(f'{name}: {where}')
-        if now - self._heard > STALE:
+        if now - self._heard > OUT_OF_DATE:
             wrong.insert(0, NO_WORD.format(age=_age(self._heard)))
         self._title.setText(view.title(self._results))
         self._about.setText(' · '.join((view.about(self._results, state), *well)))
@@ -195,7 +195,7 @@ class TimekeeperWindow:
                 self._say(NOT_ANSWERED.format(label=label, age=_age(asked)), bad=True)
 
     def _is_fresh(self) -> bool:
-        return self._results.stamp > 0.0 and clock.now() - self._heard <= STALE
+        return self._results.stamp > 0.0 and clock.now() - self._heard <= OUT_OF_DATE
 
     def _say(self, text: str, bad: bool = False) -> None:
         """Show a sentence in the bottom line."""
@@ -210,7 +210,7 @@ class TimekeeperWindow:
         self._rows = rows
         self._table.setRowCount(len(self._rows))
         for place, row in enumerate(self._rows):
-            for column, (heading, text) in enumerate(zip(view.COLUMNS, row.cells, strict=True)):
+            for column, (heading, text) in enumerate(zip(view.HEADINGS, row.cells, strict=True)):
                 if heading == 'KART':
                     _badge(self._table, place, column, text)
                 else:

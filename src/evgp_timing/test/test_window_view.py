@@ -63,7 +63,7 @@ def race(*karts: KartResult, **fields: object) -> Standings:
 
 def cell(results: Standings, kart: int, heading: str) -> str:
     (row,) = (each for each in view.rows(results, TEAMS) if each.kart == kart)
-    return row.cells[view.COLUMNS.index(heading)]
+    return row.cells[view.HEADINGS.index(heading)]
 
 
 def seen(kart: int, number: int, mark: Mark = Mark.COUNTED, **fields: object) -> Judged:

@@ -6,8 +6,8 @@
 the timekeeper's book.
 
 It fetches them again and again, by ssh from race control's machine: record and book as SQLite's
-own backup, which is one moment of each, also while it is being written. A copy is whole before it takes
-the place of the last one. `latest` is what ``rcs_takeover`` begins with.
+own backup, which is one moment of each, also while it is being written. A copy is whole before it
+takes the place of the last one. `latest` is what ``rcs_takeover`` begins with.
 
 The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
 *began* before there is a copy: no start here proves anything, with whatever record.

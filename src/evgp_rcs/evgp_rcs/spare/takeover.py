@@ -5,10 +5,10 @@
 ``rcs_takeover``, or ``make takeover``: a spare machine becomes race control, with its address.
 
 It takes the address only if nobody answers on any network of the old one; then it starts race
-control and the timekeeper on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy proves nothing: the
-race comes back in RED_RED, as after a crash. Race control watches its address all the time. If
-another machine comes to have it, race control ends, does not start again, and the address is given
-back.
+control and the timekeeper on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy
+proves nothing: the race comes back in RED_RED, as after a crash. Race control watches its address
+all the time. If another machine comes to have it, race control ends, does not start again, and the
+address is given back.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from evgp_node.graph import bind_graph, fence_graph, GraphError, INTERFACE, inte
 from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.record.run_mark import leave_began, place
+from evgp_rcs.record.timing import BOOK
 from evgp_rcs.ros.rival import refuse_rivals, RivalError
 from evgp_rcs.spare.copies import (
-    BOOK,
     copies,
     latest,
     ORIGIN,
