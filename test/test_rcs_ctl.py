@@ -22,6 +22,7 @@ import time
 
 from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
+from evgp_node.results import Act
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -41,7 +42,6 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act
 import pytest
 import rclpy
 from rclpy.context import Context

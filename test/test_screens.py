@@ -17,7 +17,7 @@ import sqlite3
 
 from evgp_board import view as board
 from evgp_node.codec import message_of, value_of
-from evgp_node.results import Standings, Status
+from evgp_node.results import Act, Corrected, Correction, Standings, Status
 from evgp_node.roster import Format, Heat
 from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.states import RaceState
@@ -33,7 +33,7 @@ from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs_console import results
 from evgp_rcs_console.view import show, table
 from evgp_rcs_msgs import msg
-from evgp_timing.desk import Act, Corrected, Correction, Desk, Roster
+from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import told_of
 import pytest

@@ -15,6 +15,7 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
 from evgp_node.restarting import IN_THE_WAY, WRONG_SETTING
+from evgp_node.results import Act
 from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
@@ -28,7 +29,6 @@ from evgp_testing.race_control import address_of, RaceControl, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
 import pytest
 

@@ -26,7 +26,16 @@ from evgp_node.codec import message_of
 from evgp_node.graph import bind_graph
 from evgp_node.official import claim
 from evgp_node.qos import latched
-from evgp_node.results import Judged, KartResult, Mark, Passing, RaceOfEvent, Standings, Status
+from evgp_node.results import (
+    Act,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    RaceOfEvent,
+    Standings,
+    Status,
+)
 from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
@@ -38,7 +47,6 @@ from evgp_testing.race_control import write_roster
 from evgp_testing.ros_side import environment_kept, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act
 from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
 import pytest
 import rclpy

@@ -136,6 +136,63 @@ class Judged(NamedTuple):
     struck: str
 
 
+class Act(enum.Enum):
+    """What an official corrects."""
+
+    COUNT = 'count a passing'
+    STRIKE = 'strike a passing out'
+    RESTORE = 'put a passing back'
+    GIVE = 'give a transponder to a kart'
+    PENALISE = 'penalise a kart'
+    UNDO_PENALTY = 'take the last penalty of a kart back'
+    CHOOSE = 'have this race of its heat count'
+    PUBLISH = 'publish the results of a race'
+
+
+class Correction(NamedTuple):
+    """
+    A correction by an official.
+
+    :param race: which race, by its place among all races of the event from 1; 0: the newest.
+    :param passing: for STRIKE and RESTORE.
+    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
+    """
+
+    act: Act
+    official: str = ''
+    kart: int = 0
+    race: int = 0
+    passing: Identity = Identity('', '', 0)
+    transponder: str = ''
+    seconds: int = 0
+    laps: int = 0
+    disqualified: bool = False
+    reason: str = ''
+
+    def __str__(self) -> str:
+        """Return what is corrected, and why."""
+        what = [self.act.value, f'kart {self.kart}' * bool(self.kart)]
+        what.append(f'passing {self.passing}' * bool(self.passing.source))
+        what.append(f'transponder {self.transponder}' * bool(self.transponder))
+        what += [f'+{self.seconds} s' * bool(self.seconds), f'-{self.laps} laps' * bool(self.laps)]
+        what.append('disqualified' * self.disqualified)
+        return f'{", ".join(filter(None, what))}{f": {self.reason}" if self.reason else ""}'
+
+
+class Corrected(NamedTuple):
+    """
+    A correction that was accepted, and when it came.
+
+    :param run: with ``race``: the race that it corrects, by the id of the run of race control and
+        the number of the race in it; empty: none was known yet.
+    """
+
+    at: float
+    correction: Correction
+    run: str = ''
+    race: int = 0
+
+
 class HeatGrid(NamedTuple):
     """In which order the karts of a heat are to start; empty: nothing says one yet."""
 

@@ -130,14 +130,14 @@ class Stream(Generic[_Entry]):
         fields: Any = entry
         return f'{written([type(entry).__name__, *fields])}\n'.encode()
 
-    def decode(self, data: bytes, only: type[Any] | None = None) -> Iterator[_Entry]:
+    def decode(self, data: bytes, only: tuple[type[Any], ...] = ()) -> Iterator[_Entry]:
         """
         Yield the entries that were encoded, in order.
 
-        :param only: leave out all but those of this type.
+        :param only: leave out all but those of these types, if there are any here.
         :raises DamagedError: where they are damaged.
         """
-        begins = b'' if only is None else f'["{only.__name__}"'.encode()
+        begins = tuple(f'["{kind.__name__}"'.encode() for kind in only) or b''
         for number, line in enumerate(data.splitlines(), 1):
             if not line.startswith(begins):
                 continue
@@ -150,13 +150,13 @@ class Stream(Generic[_Entry]):
             yield entry
 
     def entries_of(
-        self, blocks: Iterable[tuple[int, bytes]], only: type[Any] | None = None
+        self, blocks: Iterable[tuple[int, bytes]], only: tuple[type[Any], ...] = ()
     ) -> Iterator[_Entry | Gap]:
         """
         Yield the entries of a stream, and where some are missing.
 
         :param blocks: each block with its number, in order and compressed.
-        :param only: leave out all but entries of this type.
+        :param only: leave out all but entries of these types, if there are any here.
         """
         expected = 0
         why, damaged = '', False

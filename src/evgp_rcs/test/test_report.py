@@ -15,7 +15,19 @@ import random
 import re
 import sqlite3
 
-from evgp_node.results import Judged, KartResult, Mark, Passing, Penalty, Standings, Status
+from evgp_node.results import (
+    Act,
+    Corrected,
+    Correction,
+    Identity,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    Penalty,
+    Standings,
+    Status,
+)
 from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -598,12 +610,12 @@ def table(page: str, kind: str) -> list[list[str]]:
     return [[' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in row] for row in rows]
 
 
-def timed(record: pathlib.Path, *standings: Standings) -> pathlib.Path:
-    """Write the timekeeper's book beside a record, with results of the races of its newest run."""
+def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
+    """Write the timekeeper's book beside a record, about the races of its newest run."""
     with open_runs(record) as runs:
         run = runs.choose(None).id
-    stream: Stream[Standings | Began] = Stream([Standings, Began])
-    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run) for each in standings)
+    stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
+    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run) for each in results)
     block = Block(0, b''.join(map(stream.encode, entries))).compressed()
     with contextlib.closing(sqlite3.connect(record.with_name(BOOK))) as database, database:
         database.execute('CREATE TABLE block (run, number, data)')
@@ -693,6 +705,23 @@ def test_a_disqualified_winner_has_no_place_in_the_table_either(
         '9': ('', '', 'RACE_STOPPED'),
     }
     assert rows['7']['penalties'] == 'disqualified: it was pushed (Grace)'
+
+
+def test_a_race_has_the_corrections_of_the_timekeeper_but_no_laps_by_hand(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    drive_and_stop(paper)
+    asked = (
+        Correction(Act.PENALISE, 'Grace', 8, seconds=5, reason='it cut the corner'),
+        Correction(Act.COUNT, 'Ben', 8),
+        Correction(Act.STRIKE, 'Ben', passing=Identity('line', 'today', 2), reason='it was 8'),
+    )
+    given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
+    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), LAPS, *given))
+    assert [cells[1:] for cells in table(page, 'of_timing')] == [
+        ['Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
+        ['Ben', 'strike a passing out, passing line 2: it was 8'],
+    ]
 
 
 def without(book: pathlib.Path) -> None:

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 from typing import TypeAlias
 
 from evgp_node.entries import Entry
+from evgp_node.results import Act
 from evgp_rcs.rules.catalogue import CATALOGUE as OF_RACE_CONTROL
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act
 
 Kind: TypeAlias = CommandKind | Act
 

@@ -13,14 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 import math
 
-from evgp_node.results import Standings
+from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Effects, Given
-from evgp_timing.desk import Act
 
 TITLE = 'EVGP race control'
 

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import string
 
-from evgp_node.results import Standings
+from evgp_node.results import Act, Standings
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -40,7 +40,6 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import effects, Given, is_so
 from evgp_rcs_console.notices import Notice
-from evgp_timing.desk import Act
 
 GONE_AFTER = 0.9
 """

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from evgp_node.results import (
+    Act,
     HeatGrid,
     Judged,
     KartResult,
@@ -43,7 +44,6 @@ from evgp_rcs_console.view import (
     TIMING_GONE,
     UNDONE_BY,
 )
-from evgp_timing.desk import Act
 from example_race import KART, offers, RACE, replace
 import pytest
 

@@ -25,6 +25,7 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
+from evgp_node.results import Act
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 from evgp_rcs.rules.race import (
     Alert,
@@ -53,7 +54,6 @@ from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import BARS, FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
 from evgp_rcs_console.window import ConsoleWindow, LOOK
-from evgp_timing.desk import Act
 from example_race import EVERYTHING, KART, offers, RACE, replace
 import pytest
 

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 import itertools
 from typing import NamedTuple
 
+from evgp_node.results import Act, Corrected
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act, Corrected
 
 LOSS = 'the loss of its connection'
 """By what a kart must stop that race control does not reach (§3.E)."""

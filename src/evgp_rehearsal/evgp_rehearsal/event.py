@@ -25,6 +25,7 @@ import time
 
 from evgp_node.codec import message_of
 from evgp_node.qos import latched
+from evgp_node.results import Corrected
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
@@ -48,7 +49,6 @@ from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.book import STREAM
-from evgp_timing.desk import Corrected
 import yaml
 
 BANNER = 'REHEARSAL'
@@ -474,10 +474,10 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
 
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:
-    """Return the corrections that officials asked the timekeeper for, of its book in a folder."""
+    """Return the corrections that the timekeeper has accepted, of its book in a folder."""
     with contextlib.closing(open_read_only(folder / 'timing.sqlite3')) as database:
         blocks = database.execute('SELECT number, data FROM block ORDER BY run, number').fetchall()
-    entries = STREAM.entries_of(blocks, only=Corrected)
+    entries = STREAM.entries_of(blocks, only=(Corrected,))
     return [each for each in entries if isinstance(each, Corrected)]
 
 

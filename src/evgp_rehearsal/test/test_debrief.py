@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from evgp_node.results import Identity
+from evgp_node.results import Act, Corrected, Correction, Identity
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.debrief import debrief, Occurrence, Truth
 from evgp_rehearsal.incidents import INCIDENTS
-from evgp_timing.desk import Act, Corrected, Correction
 
 
 def ticks(seconds: float) -> int:

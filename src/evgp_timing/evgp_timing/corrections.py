@@ -10,7 +10,7 @@ Pure.
 from __future__ import annotations
 
 from evgp_node.entries import Entry, OF_TIMEKEEPER
-from evgp_timing.desk import Act
+from evgp_node.results import Act
 
 CORRECTIONS: dict[Act, Entry] = {
     Act.COUNT: Entry(

@@ -26,7 +26,10 @@ import math
 from typing import NamedTuple
 
 from evgp_node.results import (
+    Act,
     BY_HAND,
+    Corrected,
+    Correction,
     HeatGrid,
     Identity,
     KartResult,
@@ -118,47 +121,6 @@ class Passed(NamedTuple):
     passings: tuple[Passing, ...]
     dropped: int = 0
     away: float = 0.0
-
-
-class Act(enum.Enum):
-    """What an official corrects."""
-
-    COUNT = 'count a passing'
-    STRIKE = 'strike a passing out'
-    RESTORE = 'put a passing back'
-    GIVE = 'give a transponder to a kart'
-    PENALISE = 'penalise a kart'
-    UNDO_PENALTY = 'take the last penalty of a kart back'
-    CHOOSE = 'have this race of its heat count'
-    PUBLISH = 'publish the results of a race'
-
-
-class Correction(NamedTuple):
-    """
-    A correction by an official.
-
-    :param race: which race, by its place among all races of the event from 1; 0: the newest.
-    :param passing: for STRIKE and RESTORE.
-    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
-    """
-
-    act: Act
-    official: str = ''
-    kart: int = 0
-    race: int = 0
-    passing: Identity = Identity('', '', 0)
-    transponder: str = ''
-    seconds: int = 0
-    laps: int = 0
-    disqualified: bool = False
-    reason: str = ''
-
-
-class Corrected(NamedTuple):
-    """A correction, and when it came."""
-
-    at: float
-    correction: Correction
 
 
 Input = Told | Heard | Missed | Passed | Corrected
@@ -356,6 +318,14 @@ class Desk:
                 yield Finish(race.run, race.number, kart, 0)
 
     # ----- corrections --------------------------------------------------------------------
+
+    def about(self, given: Corrected) -> Corrected:
+        """Return a correction with the race that it is about."""
+        number = given.correction.race
+        if not self.races or number > len(self.races):
+            return given
+        race = self.races[number - 1]
+        return given._replace(run=race.run, race=race.number)
 
     def _correct(self, asked: Correction, now: float) -> Answer:
         if not 0 <= asked.race <= len(self.races):

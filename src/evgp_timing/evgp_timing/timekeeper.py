@@ -34,7 +34,7 @@ from evgp_node.official import heard, tidy
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
-from evgp_node.results import BY_HAND, Identity, Passing, Standings
+from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
 from evgp_node.services import service_class
 from evgp_node.stream import Gap
@@ -43,21 +43,7 @@ from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import KartFinish
 from evgp_timing.book import Book, BookError
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import (
-    Act,
-    Answer,
-    Corrected,
-    Correction,
-    Desk,
-    Finish,
-    Heard,
-    Input,
-    Missed,
-    Passed,
-    Roster,
-    Told,
-    What,
-)
+from evgp_timing.desk import Answer, Desk, Finish, Heard, Input, Missed, Passed, Roster, Told, What
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
@@ -241,11 +227,14 @@ class Timekeeper(StrictNode):
 
     def _take(self, *given: Input) -> Answer | None:
         """Write what came into the book, and go by it; return the answer to the last of it."""
+        self._write(*given)
+        return [self._feed(each) for each in given][-1]
+
+    def _write(self, *given: Input) -> None:
         try:
             self._book.write(*given)
         except OSError as error:
             self.get_logger().error(f'{error}: a restart would not know it')
-        return [self._feed(each) for each in given][-1]
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, (Told, Heard)):
@@ -304,8 +293,12 @@ class Timekeeper(StrictNode):
     def _offer(self, name: str, kind: type[Any], act: Act) -> None:
         def serve(request: Any, response: Any) -> None:
             self._take_waiting()
-            answer = self._take(Corrected(clock.now(), _asked_for(act, request)))
+            asked = _asked_for(act, request)
+            given = self._desk.about(Corrected(clock.now(), asked))
+            answer = self._feed(given)
             assert answer is not None
+            if answer.success:
+                self._write(given)
             response.success, response.message = answer.success, answer.text
             self.get_logger().info(f'{answer.text} [{heard(request.official)}]')
 

@@ -14,9 +14,8 @@ import math
 import time
 from typing import NamedTuple
 
-from evgp_node.results import BY_HAND, Judged, KartResult, Mark, Passing, Standings, Status
+from evgp_node.results import Act, BY_HAND, Judged, KartResult, Mark, Passing, Standings, Status
 from evgp_node.roster import Format
-from evgp_timing.desk import Act
 
 HEADINGS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
 """The headings of the results."""

@@ -18,11 +18,11 @@ from typing import Any, TypeAlias
 
 from evgp_node.entries import Entry
 from evgp_node.official import MOST, MOST_OF_NAME
-from evgp_node.results import Passing, Standings
+from evgp_node.results import Act, Passing, Standings
 from evgp_protocol import clock
 from evgp_timing import window_view as view
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Act, Answer
+from evgp_timing.desk import Answer
 
 _BINDING = 'PySide6' if importlib.util.find_spec('PySide6') else 'PyQt6'
 QtCore: Any = importlib.import_module(f'{_BINDING}.QtCore')

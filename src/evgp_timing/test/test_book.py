@@ -11,21 +11,11 @@ import sqlite3
 import time
 import zlib
 
-from evgp_node.results import BY_HAND, Identity, Passing, Standings
+from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.stream import Began, Block, Gap
 from evgp_protocol import clock
 from evgp_timing.book import Book, BookError, EVENT_LASTS_NS, STREAM, STREAM_LASTS_NS
-from evgp_timing.desk import (
-    Act,
-    Corrected,
-    Correction,
-    Heard,
-    Input,
-    Missed,
-    Passed,
-    Told,
-    What,
-)
+from evgp_timing.desk import Heard, Input, Missed, Passed, Told, What
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest

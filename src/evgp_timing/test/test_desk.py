@@ -7,22 +7,9 @@ from __future__ import annotations
 
 import itertools
 
-from evgp_node.results import BY_HAND, Identity, Mark, Passing, Status
+from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import (
-    Act,
-    Answer,
-    Corrected,
-    Correction,
-    Desk,
-    Finish,
-    Input,
-    Missed,
-    Passed,
-    Roster,
-    Told,
-    What,
-)
+from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Told, What
 from evgp_timing.laps import LapSettings
 from hypothesis import given
 from hypothesis import strategies as st

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from evgp_node.results import Act
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import Act, Desk, Roster, What
+from evgp_timing.desk import Desk, Roster, What
 from evgp_timing.laps import LapSettings
 import pytest
 from test_desk import Event

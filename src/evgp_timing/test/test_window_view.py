@@ -10,6 +10,7 @@ import os
 import time
 
 from evgp_node.results import (
+    Act,
     BY_HAND,
     Judged,
     KartResult,
@@ -22,7 +23,6 @@ from evgp_node.results import (
 )
 from evgp_node.roster import Format
 from evgp_timing import window_view as view
-from evgp_timing.desk import Act
 import pytest
 
 TEAMS = {7: 'Purdue', 3: 'Georgia Tech'}

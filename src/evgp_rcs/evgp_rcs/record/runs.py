@@ -98,7 +98,7 @@ class Kept:
 
     def events(self) -> Iterator[StampedEvent | Gap]:
         """Yield its events, and what is missing."""
-        for entry in entries_of(self.blocks, only=StampedEvent):
+        for entry in entries_of(self.blocks, only=(StampedEvent,)):
             assert isinstance(entry, StampedEvent | Gap)
             yield entry
 

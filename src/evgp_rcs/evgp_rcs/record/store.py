@@ -446,7 +446,7 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
 
 def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
     """Yield the events of a block, whatever came before it."""
-    return entries_of([block], only=StampedEvent)
+    return entries_of([block], only=(StampedEvent,))
 
 
 def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
@@ -455,6 +455,6 @@ def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    for entry in entries_of(blocks_of(database, run), only=StampedEvent):
+    for entry in entries_of(blocks_of(database, run), only=(StampedEvent,)):
         if isinstance(entry, StampedEvent):
             yield entry
