@@ -257,19 +257,17 @@ class Account:
     :ivar outside: incidents outside any race.
     :ivar ended: the event that says that race control ends; None: there is none.
     :ivar timing: the timekeeper's results of each race, by its number.
-    :ivar corrections: which finishes officials undid, by the number of the race; ``of_timing``: the
-        timekeeper's corrections.
+    :ivar corrections: which finishes officials undid, by the number of the race; ``of_timing``:
+        what the timekeeper corrected.
     """
 
     def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
         self.kept = kept
         run = kept.run.id
         found = timing or Timing({}, {})
-        of_run = found.results.items()
-        self.timing = {race: each for (its, race), each in of_run if its == run and each.karts}
-        self.of_timing = {
-            race: each for (its, race), each in found.corrections.items() if its == run
-        }
+        results, corrections = found.results.items(), found.corrections.items()
+        self.timing = {race: each for (its, race), each in results if its == run and each.karts}
+        self.of_timing = {race: each for (its, race), each in corrections if its == run}
         self.replay = Replay(kept)
         self.events: list[StampedEvent] = []
         self.gaps: list[tuple[float, Gap]] = []
