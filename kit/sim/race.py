@@ -51,7 +51,7 @@ HEAT = 'sim'
 TOLD = {
     msg.RaceEvent.RACE_STATE,
     msg.RaceEvent.ACKNOWLEDGED,
-    msg.RaceEvent.RESULTS,
+    msg.RaceEvent.ORDER_OF_FINISH,
 }
 """The kinds of events that are printed."""
 

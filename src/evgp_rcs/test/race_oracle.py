@@ -1367,7 +1367,7 @@ def _check_heat(before: View, given: Input, outcome: Any, after: View) -> None:
 
 def _check_results(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
     """Check that the order of FINISH comes when it must, once, with every kart that started."""
-    told = [event.text for event in outcome.events if event.kind.name == 'RESULTS']
+    told = [event.text for event in outcome.events if event.kind.name == 'ORDER_OF_FINISH']
     ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
     due = bool(before.starters) and ends
     if len(told) != due or (due and after.starters):
