@@ -54,7 +54,7 @@ INPUTS: st.SearchStrategy[Input] = st.one_of(
     st.builds(Heard, TIMES, NAMES, NUMBERS),
     st.builds(Missed, TIMES, NAMES, NUMBERS, NUMBERS),
     st.builds(Passed, TIMES, st.lists(PASSINGS, max_size=3).map(tuple), NUMBERS, TIMES),
-    st.builds(Corrected, TIMES, CORRECTIONS),
+    st.builds(Corrected, TIMES, CORRECTIONS, NAMES, NUMBERS),
 )
 
 TOLD = Told(100.0, What.GREEN_GREEN, 'a run', 1, 'Heat 1', sequence=7)
