@@ -32,6 +32,7 @@ OPTIONAL = {
     'evgp_rcs': ['mcap'],  # no rosdep key; `rcs_record bag` says what to install
     'evgp_rcs_console': ['PySide6'],  # in place of PyQt6
     'evgp_testing': ['evgp_rcs_console'],
+    'evgp_timing': ['PySide6'],  # in place of PyQt6
 }
 """What a package imports only where it is installed, by the package."""
 

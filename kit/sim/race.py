@@ -39,7 +39,7 @@ from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 
 HERE = pathlib.Path(__file__).resolve().parent
 TRACK = HERE / 'track.csv'
@@ -51,8 +51,7 @@ HEAT = 'sim'
 PRINTED = {
     msg.RaceEvent.RACE_STATE,
     msg.RaceEvent.ACKNOWLEDGED,
-    msg.RaceEvent.LAP,
-    msg.RaceEvent.RESULTS,
+    msg.RaceEvent.ORDER_OF_FINISH,
 }
 """The kinds of events to print."""
 
@@ -169,10 +168,11 @@ class Line(Part):
         race = self._official.race
         assert race is not None
         sent = {kart.number: state_of(kart.sent) or RaceState.RED_RED for kart in race.karts}
-        laps = {kart.number: kart.laps for kart in race.karts}
+        results = self._official.results
+        laps = {each.kart: each.laps for each in results.karts} if results else {}
         state = state_of(race.state) or RaceState.RED_RED
         poses = {
-            number: (motion.x, motion.y, motion.heading, sent[number], laps[number])
+            number: (motion.x, motion.y, motion.heading, sent[number], laps.get(number, 0))
             for number, motion in now.items()
         }
         self.looks.append(Look(state, poses))
@@ -204,13 +204,15 @@ def begin(
         folder,
         parts.enter_context(Domain()).number,
         TEAMS,
-        parameters={'auto_finish': True, 'finish_delays': [3.0, 2.0, 1.0]},
+        parameters={'finish_delays': [3.0, 2.0, 1.0]},
         teams=TEAMS,
-        heats={HEAT: {'karts': list(TEAMS), 'laps': laps}},
+        heats={HEAT: {'karts': list(TEAMS), 'laps': laps, 'auto_finish': True}},
     )
     parts.enter_context(control)
+    parts.enter_context(Timekeeper(folder, control.domain))
     domain = parts.enter_context(Domain()).number
-    official = parts.enter_context(Official(control.domain))
+    hears = 'race', 'events', 'results'
+    official = parts.enter_context(Official(control.domain, hears=hears))
     base = parts.enter_context(SimulatedBase(domain, place=GRID[1]))
     bases: dict[int, Base] = {1: base}
     to_the_bridge = ('-r', '~/odom:=/odom')
@@ -225,9 +227,9 @@ def begin(
     return official, parts.enter_context(Line(official, bases, Centreline(TRACK)))
 
 
-def drive(official: Official, laps: int) -> msg.Race:
+def drive(official: Official, laps: int) -> msg.Results:
     """
-    Direct one race, from garage to garage; return its state at the end.
+    Direct one race, from garage to garage; return its results.
 
     :raises AssertionError: if a kart is too late.
     """
@@ -236,12 +238,12 @@ def drive(official: Official, laps: int) -> msg.Race:
     official.command('set_heat', heat=HEAT)
     official.bring_to(RaceState.GREEN_GREEN)
     official.timeout = laps * LONGEST
-    race = official.wait_for_race(
+    official.wait_for_race(
         lambda race: state_of(race.state) is RaceState.RED_RED, 'the race to be over'
     )
     official.wait_for_acks(RaceState.RED_RED, *TEAMS)
     official.bring_to(RaceState.IN_GARAGE)
-    return race
+    return official.wait_for_results(lambda results: results.karts, 'results')
 
 
 def print_event(event: msg.RaceEvent) -> None:
@@ -251,12 +253,14 @@ def print_event(event: msg.RaceEvent) -> None:
         print(f'{at:9.3f}  {event.text}', flush=True)
 
 
-def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
+def missing(results: msg.Results, line: Line, laps: int) -> list[str]:
     """Return the faults of the race."""
     wrong = []
-    for kart in race.karts:
+    found = {each.kart: each for each in results.karts}
+    for number in TEAMS:
+        kart = found.get(number, msg.KartResult())
         if kart.laps != laps or not kart.place:
-            wrong.append(f'kart {kart.number} has {kart.laps} laps and place {kart.place}')
+            wrong.append(f'kart {number} has {kart.laps} laps and place {kart.place}')
     half = line.track.width / 2
     wrong += [f'kart {number} left the track' for number, off in line.off.items() if off > half]
     return wrong
@@ -280,15 +284,15 @@ def main() -> int:
         folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
         official, line = begin(parts, folder, given.laps, shlex.split(given.stack))
         parts.enter_context(official.telling(print_event))
-        race = drive(official, given.laps)
+        results = drive(official, given.laps)
     given.picture.parent.mkdir(parents=True, exist_ok=True)
     picture = draw(line.track, line.looks, TEAMS, TURN * LOOKS)
     given.picture.write_text(picture, encoding='utf-8')
-    for kart in sorted(race.karts, key=lambda kart: kart.place):
-        best = f'{kart.laps} laps, the best in {kart.best_lap:.3f} s'
-        print(f'{kart.place}. kart {kart.number}, {kart.team}: {best}')
+    for kart in results.karts:
+        best = f'{kart.laps} laps, the best in {min(kart.lap_times, default=math.nan):.3f} s'
+        print(f'{kart.place}. kart {kart.kart}, {TEAMS[kart.kart]}: {best}')
     print(f'Animation of the race, for a browser: {given.picture}')
-    wrong = missing(race, line, given.laps)
+    wrong = missing(results, line, given.laps)
     print('\n'.join(f'FAULT: {each}' for each in wrong) or 'No faults.')
     return bool(wrong)
 

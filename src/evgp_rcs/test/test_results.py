@@ -6,19 +6,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import csv
 import io
 import pathlib
 import re
 import sqlite3
 
+from evgp_node.stream import Began
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.runs import Runs
 from evgp_rcs.record.store import Record, Session
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Began, Entry, Recovered, Rules
+from evgp_rcs.rules.inputs import Entry, Recovered, Rules
 from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import edit, PaperRace
@@ -267,8 +269,9 @@ def test_a_day_ends_with_hours_without_race_control_and_not_at_midnight(
     began = (0, 20, 23, 25, 40)  # hours; each run takes one
     times = [(at * 3600 * 10**9, (at + 1) * 3600 * 10**9) for at in began]
     listed = [Session(n, at, None, 1, end, str(n)) for n, (at, end) in enumerate(times)]
-    runs = Runs(tmp_path, sqlite3.connect(':memory:'), listed, None)
-    days = [[each.number for each in runs.day_of(run)] for run in listed]
+    with contextlib.closing(sqlite3.connect(':memory:')) as database:
+        runs = Runs(tmp_path, database, listed, None)
+        days = [[each.number for each in runs.day_of(run)] for run in listed]
     assert days == [[0], [1, 2, 3], [1, 2, 3], [1, 2, 3], [4]]
 
 
