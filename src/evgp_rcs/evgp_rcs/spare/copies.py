@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_spare``, or ``make spare``: a second machine keeps a copy of roster, parameters, record and
-the timekeeper's book.
+``rcs_spare``, or ``make spare``: a second machine keeps a copy of what a race is made of.
 
-It fetches them again and again, by ssh from race control's machine: record and book as SQLite's
+That is roster, parameters, record, and the timekeeper's book. It fetches them again and again, by ssh from race control's machine: record and book as SQLite's
 own backup, which is one moment of each, also while it is being written. A copy is whole before it
 takes the place of the last one. `latest` is what ``rcs_takeover`` begins with.
 
