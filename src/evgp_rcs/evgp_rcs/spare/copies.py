@@ -4,9 +4,10 @@
 """
 ``rcs_spare``, or ``make spare``: a second machine keeps a copy of what a race is made of.
 
-That is roster, parameters, record, and the timekeeper's book. It fetches them again and again, by ssh from race control's machine: record and book as SQLite's
-own backup, which is one moment of each, also while it is being written. A copy is whole before it
-takes the place of the last one. `latest` is what ``rcs_takeover`` begins with.
+That is roster, parameters, record, and the timekeeper's book. It fetches them again and again, by
+ssh from race control's machine: record and book as SQLite's own backup, which is one moment of
+each, also while it is being written. A copy is whole before it takes the place of the last one.
+`latest` is what ``rcs_takeover`` begins with.
 
 The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
 *began* before there is a copy: no start here proves anything, with whatever record.
