@@ -59,7 +59,7 @@ CREATE TABLE block ( -- the streams of all runs
     data BLOB NOT NULL, -- Block
     PRIMARY KEY (run, number)
 );
-CREATE TABLE memory ( -- what the next run must know; the last one only: laps make it long
+CREATE TABLE memory ( -- what the next run must know; the last one only
     run INTEGER PRIMARY KEY,
     data TEXT NOT NULL -- RaceMemory, as encoding writes it
 );
