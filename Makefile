@@ -5,7 +5,8 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
-#                       inspect-kart, record, rehearsal, soak, survey, test, test-long and timing
+#                       inspect-kart, record, rehearsal, soak, survey, test, test-long,
+#                       timekeeper and timing
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -14,14 +15,16 @@ IN_WORKSPACE := setup/in-workspace
 # What this make was told is not for the makes that its tests run.
 unexport ARGS MAKEFLAGS MFLAGS WORKERS
 
-# What `make run` starts race control with, and `make roster` checks; relative to where make was called.
+# What `make run` starts race control and the timekeeper with, and `make roster` checks; relative to
+# where make was called. PARAMS are those of race control, TIMING those of the timekeeper.
 ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
+TIMING := src/evgp_timing/config/timekeeper.yaml
 
 # This machine's own address on the officials' network; empty: the officials are at this machine
 # only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run board button console ctl takeover timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run board button console ctl takeover timekeeper timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
 # control must know it, so that karts never reach the officials' network.
@@ -56,7 +59,7 @@ KIND :=
 DEVICE :=
 
 .PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
-  spare takeover inspect-kart survey screenshots kit-size lines lint format clean
+  timekeeper spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
@@ -67,7 +70,7 @@ help:
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
-	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
+	@echo 'make run     start race control and the timekeeper for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make spare   keep a copy of race control            (FROM=anna@10.1.0.5:evgp ROSTER=karts.yaml PARAMS=rcs.yaml)'
 	@echo 'make takeover  take over from a dead race control    (ADDRESS=10.0.0.1 INTERFACE=eth0 OFFICIALS=10.1.0.6)'
@@ -78,6 +81,7 @@ help:
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
 	@echo 'make survey  is the WLAN good on the whole track? Needs no set-up'
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
+	@echo "make timekeeper  open the timekeeper's window         (OFFICIAL=Tina OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     command and watch in the terminal       (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make button  a button that sends ALL KILL; without DEVICE it shows what there is (DEVICE=/dev/input/by-id/...)'
 	@echo 'make kit-size  what the C code for karts takes of a Cortex-M0'
@@ -126,9 +130,13 @@ bench:
 fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
-# Race control that dies is started again; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
+# Whatever dies of the two is started again; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
+# The timekeeper ends with race control, which needs none; with SROS2 it has an enclave of its own.
 run:
-	$(IN_WORKSPACE) python -m evgp_node.restarting \
+	$(IN_WORKSPACE) sh -c 'ROS_SECURITY_ENCLAVE_OVERRIDE=$${ROS_SECURITY_ENCLAVE_OVERRIDE:+/timekeeper} \
+	  setpriv --pdeathsig TERM python -m evgp_node.restarting "$$1" --ros-args \
+	  --params-file "$$2" -p "$$3" & shift 3; exec python -m evgp_node.restarting "$$@"' run \
+	  install/evgp_timing/lib/evgp_timing/timekeeper '$(abspath $(TIMING))' 'roster:=$(abspath $(ROSTER))' \
 	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))' \
 	  $(if $(ADDRESS),-p 'address:=$(ADDRESS)')
@@ -149,6 +157,10 @@ record:
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS) \
+	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
+
+timekeeper:
+	$(IN_WORKSPACE) --console install/evgp_timing/lib/evgp_timing/timekeeper_window $(ARGS) \
 	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
 
 # How it was called, for the command lines that it prints.

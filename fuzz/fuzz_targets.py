@@ -17,9 +17,9 @@ import re
 import tempfile
 import zlib
 
+from evgp_node import roster
 from evgp_protocol import frames
 from evgp_protocol.states import RaceState
-from evgp_rcs.files import roster
 from evgp_timing.kinds import DECODERS
 from recorded_bytes import check_stream
 import yaml

@@ -41,10 +41,11 @@ COMMANDS = {
     'roster': ('roster', ''),
     'spare': ('spare', 'RECORD'),
     'takeover': ('takeover', ''),
+    'timekeeper': ('timekeeper', 'OFFICIAL'),
 }
 """The target behind each command `evgp-...`, and the variable that its recipe leaves out empty."""
 
-OPTIONLESS = ('roster', 'run', 'window')
+OPTIONLESS = ('roster', 'run', 'timekeeper', 'window')
 """The commands that take nothing but NAME=value."""
 
 SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
@@ -59,11 +60,13 @@ VARIABLES = {
     'PARAMS': 'the parameters, as a file; without it, those of the package',
     'RECORD': 'the record on the other machine, where it is not in its home folder',
     'ROSTER': 'the list of karts; without it, karts.yaml of this folder',
+    'TIMING': "the timekeeper's parameters, as a file; without it, those of the package",
 }
 """What a command takes as NAME=value in front of its arguments, as make does."""
 
 TAKES = {
-    'run': ('ROSTER', 'PARAMS', 'ADDRESS', 'OFFICIALS'),
+    'run': ('ROSTER', 'PARAMS', 'TIMING', 'ADDRESS', 'OFFICIALS'),
+    'timekeeper': ('OFFICIAL', 'OFFICIALS'),
     'window': ('OFFICIAL', 'OFFICIALS'),
     'ctl': ('OFFICIAL', 'OFFICIALS'),
     'roster': ('ROSTER',),
@@ -87,6 +90,7 @@ complete -F _{name} {command}
 MENU = {
     'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
     'window': ('Race window', 'Start, flag and stop the race', False),
+    'timekeeper': ('Timekeeper', 'Correct laps and publish results', False),
     'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, debrief', True),
 }
 """Name, comment, and whether it runs in a terminal."""
@@ -241,7 +245,7 @@ def script(command: str, about: str) -> str:
     target, optional = COMMANDS[command]
     marks = {name: f'@{name}@' for name in VARIABLES}
     # With a slash, these are no paths in the folder of make.
-    marks |= {'PARAMS': '/@PARAMS@', 'ROSTER': '/@ROSTER@'}
+    marks |= {name: f'/@{name}@' for name in ('PARAMS', 'ROSTER', 'TIMING')}
     marks['ARGS'] = '' if command in OPTIONLESS else '@ARGS@'
     runs = {}
     for empty in {'', optional}:
@@ -251,6 +255,7 @@ def script(command: str, about: str) -> str:
         '#!/bin/bash',
         f'# Made by `make deb` from the recipe of `make {target}`.',
         f'PARAMS={HOME}/install/evgp_rcs/share/evgp_rcs/config/rcs.yaml ROSTER=karts.yaml',
+        f'TIMING={HOME}/install/evgp_timing/share/evgp_timing/config/timekeeper.yaml',
         'OFFICIALS=${EVGP_GRAPH_INTERFACE-} ADDRESS= FROM= INTERFACE= OFFICIAL= RECORD=',
         f'while [[ ${{1-}} =~ ^({"|".join(VARIABLES)})= ]]; do declare "$1"; shift; done',
         f'export EVGP_CALLED=evgp-{command}',
@@ -262,7 +267,8 @@ def script(command: str, about: str) -> str:
         wrong = f'echo "{wrong}" >&2'
         lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
     if command != 'spare':  # its paths are those of the other machine
-        lines.append('PARAMS=$(realpath -m "$PARAMS") ROSTER=$(realpath -m "$ROSTER")')
+        paths = ('PARAMS', 'ROSTER', 'TIMING')
+        lines.append(' '.join(f'{name}=$(realpath -m "${name}")' for name in paths))
     lines += [
         'OFFICIAL=${OFFICIAL//\\"/}',
         'export EVGP_CTL="evgp-ctl ${OFFICIALS:+OFFICIALS=$OFFICIALS }%s"',

@@ -83,7 +83,7 @@ def graph(node: Any) -> list[tuple[str, str]]:
     return names
 
 
-@pytest.mark.parametrize('target', ['run', 'console'])
+@pytest.mark.parametrize('target', ['run', 'console', 'timekeeper'])
 @pytest.mark.parametrize(
     ('environment', 'arguments', 'is_used'),
     [
@@ -93,7 +93,7 @@ def graph(node: Any) -> list[tuple[str, str]]:
         ('10.1.0.5', ['OFFICIALS=10.1.0.6'], '10.1.0.6'),
     ],
 )
-def test_make_run_and_console_stay_on_the_machine_unless_officials_are_named(
+def test_what_make_starts_stays_on_the_machine_unless_officials_are_named(
     target: str, environment: str, arguments: list[str], is_used: str
 ) -> None:
     printed = subprocess.run(
@@ -153,34 +153,49 @@ def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
         for entity in entities
         if entity.kind == 'DeclareLaunchArgument'
     }
-    (node,) = (entity for entity in entities if entity.kind == 'Node')
-    used = {}
-    for name, value in node.named['additional_env'].items():
-        default = declared[value.positional[0]]
-        used[name] = arguments.get(value.positional[0]) or os.environ.get(
-            default.positional[0], default.named['default_value']
-        )
     assert argument in declared
-    assert used == {INTERFACE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
+    nodes = [entity for entity in entities if entity.kind == 'Node']
+    assert nodes
+    for node in nodes:
+        used = {}
+        for name, value in node.named['additional_env'].items():
+            default = declared[value.positional[0]]
+            used[name] = arguments.get(value.positional[0]) or os.environ.get(
+                default.positional[0], default.named['default_value']
+            )
+        assert used == {INTERFACE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
 
 
 @pytest.mark.parametrize(
-    'path',
-    ['src/evgp_rcs/launch/rcs.launch.py', 'src/evgp_kart_bridge/launch/kart_bridge.launch.py'],
+    ('path', 'end_with'),
+    [
+        # The timekeeper ends with race control, and not the other way round.
+        ('src/evgp_rcs/launch/rcs.launch.py', {'rcs': ['rcs', 'timekeeper']}),
+        ('src/evgp_kart_bridge/launch/kart_bridge.launch.py', {}),
+    ],
 )
 def test_a_launch_file_starts_a_node_again_unless_a_setting_is_wrong(
-    path: str, monkeypatch: pytest.MonkeyPatch
+    path: str, end_with: dict[str, list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     put_stand_ins_for_launch(monkeypatch)
     description = runpy.run_path(str(ROOT / path))['generate_launch_description']()
-    (node,) = (each for each in description.positional[0] if each.kind == 'Node')
+    nodes = [each for each in description.positional[0] if each.kind == 'Node']
+    assert {*end_with} <= {each.named['name'] for each in nodes}
+    for node in nodes:
+        check_restarts(node, end_with.get(node.named['name'], [node.named['name']]))
+
+
+def check_restarts(node: StandIn, end: list[str]) -> None:
+    """Check that a node of a launch file comes back, and which end where a setting is wrong."""
     assert node.named['respawn'] is True
     on_exit = node.named['on_exit']
     assert on_exit(SimpleNamespace(returncode=IN_THE_WAY, action=node), None) is None
-    (ended,) = on_exit(SimpleNamespace(returncode=WRONG_SETTING, action=node), None)
-    shutdown = ended.named['event']
-    assert (ended.kind, shutdown.kind) == ('EmitEvent', 'ShutdownProcess')
-    assert shutdown.named['process_matcher'].positional == (node,)
+    events = on_exit(SimpleNamespace(returncode=WRONG_SETTING, action=node), None)
+    assert {each.kind for each in events} == {'EmitEvent'}
+    shutdowns = [each.named['event'] for each in events]
+    assert {each.kind for each in shutdowns} == {'ShutdownProcess'}
+    ended = [each.named['process_matcher'].positional[0].named['name'] for each in shutdowns]
+    assert ended == end
     # Once it was up, nothing is final: what is wrong now may be put right.
     for code in (0, 1, -9, WRONG_SETTING, IN_THE_WAY):
         assert on_exit(SimpleNamespace(returncode=code, action=node), None) is None
@@ -203,7 +218,7 @@ def test_foxglove_reaches_topics_only_and_only_from_this_machine(
     (nothing,) = {*(given[f'{kind}_whitelist'][0] for kind in closed)}
     names = ('/rcs/all_kill', '/rcs/green_green', '/x', '')
     assert not any(re.fullmatch(nothing, name) for name in names)
-    topics = ['/rcs/race', '/rcs/events', '/rcs/results', '/diagnostics']
+    topics = ['/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics']
     shown = [
         name
         for name in (*topics, '/rosout', '/kart_bridge/stop')

@@ -13,18 +13,21 @@ import sqlite3
 import sys
 from typing import Any
 
+from evgp_node.stream import Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.store import blocks_of, events, open_read_only, sessions
-from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS, RESULTS_QOS
-from evgp_rcs.rules.inputs import Block, Entry
+from evgp_rcs.ros.publisher import EVENTS_QOS, RACE_QOS
+from evgp_rcs.rules.inputs import Entry
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.process import Process
+from evgp_testing.race_control import address_of, RaceControl, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_timing.timekeeper import RESULTS_QOS
 import pytest
 from rclpy.qos import (
     DurabilityPolicy,
@@ -202,11 +205,20 @@ def overrides() -> dict[str, QoSProfile]:
     }
 
 
-def test_rosbag2_is_told_of_every_latched_topic_of_race_control(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+def test_rosbag2_is_told_of_every_latched_topic_of_race_control_and_timekeeper(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
 ) -> None:
-    official = join_official(start_race_control())
+    control = start_race_control()
+    given = {'roster': write_roster(tmp_path, [1, 2]), 'book': tmp_path / 'timing.sqlite3'}
+    parts.enter_context(Process('evgp_timing', 'timekeeper', control.domain, given))
+    official = join_official(control)
     official.wait_for_race(lambda race: race.karts, 'a race')
+    official.wait_until_polled(
+        lambda: official.node.count_publishers('/rcs/timekeeper/results') == 1, 'the timekeeper'
+    )
     latched = {
         topic
         for topic, _ in official.node.get_topic_names_and_types()
@@ -218,7 +230,11 @@ def test_rosbag2_is_told_of_every_latched_topic_of_race_control(
 
 @pytest.mark.parametrize(
     ('topic', 'published'),
-    [('/rcs/race', RACE_QOS), ('/rcs/events', EVENTS_QOS), ('/rcs/results', RESULTS_QOS)],
+    [
+        ('/rcs/race', RACE_QOS),
+        ('/rcs/events', EVENTS_QOS),
+        ('/rcs/timekeeper/results', RESULTS_QOS),
+    ],
 )
 def test_rosbag2_gets_all_that_a_latched_topic_keeps(topic: str, published: QoSProfile) -> None:
     listens = overrides()[topic]

@@ -18,14 +18,14 @@ from typing import Any
 from evgp_board import node
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard, Line
+from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.rules.laps import KartResult, Status
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Kart, Race
-from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of, Standings
+from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
@@ -81,7 +81,7 @@ def test_the_board_has_no_way_back(
             return set()
         return {name for name, _ in names_and_types(*named)}
 
-    heard = {'/rcs/race', '/rcs/results', '/rcs/events'}
+    heard = {'/rcs/race', '/rcs/timekeeper/results', '/rcs/events'}
     official.wait_until_polled(
         lambda: of(looking.get_subscriber_names_and_types_by_node) >= heard, 'the board'
     )
@@ -215,23 +215,20 @@ def made_up(count: int) -> Heard:
             acknowledged_after=0.31,
             link=link,
             place=int(number == 7),
-            laps=5,
-            last_lap=44.9,
-            best_lap=43.66,
         )._replace(connected=number != 23)
         for number, team in zip(numbers, teams, strict=True)
     )
     heats = (
-        HeatSnapshot('Heat 2', tuple(numbers), laps=6),
-        HeatSnapshot('Heat 3', (5, 8, 42, 64), laps=6),
+        HeatSnapshot('Heat 2', tuple(numbers)),
+        HeatSnapshot('Heat 3', (5, 8, 42, 64)),
     )
     race = NOTHING._replace(
         stamp=now,
         state=S.GREEN_GREEN,
         state_since=now - 252,
         karts=karts,
-        laps=6,
         heats=heats,
+        heat='Heat 2',
     )
     results = Standings(
         heat='Heat 2',

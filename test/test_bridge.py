@@ -246,7 +246,7 @@ def test_what_is_not_commanded_or_no_race_state_cannot_be_acknowledged(
     team = start_race().team
     for state, said in (
         (GREEN_GREEN, 'race control commands IN_GARAGE, not GREEN_GREEN'),
-        (None, '0 is no race state'),
+        (None, '0 is not a race state'),
     ):
         answer = team.acknowledge(state)
         assert not answer.success
@@ -265,7 +265,7 @@ def test_an_acknowledgement_typed_without_a_number_is_answered_with_what_to_past
         answer = race.team.acknowledge(None, 0)
         assert not answer.success
         said = f'order: {told.order}, reached: {{state: {told.reached.state}}}'
-        assert answer.message == f'name what the kart has done: {{{said}}}'
+        assert answer.message == f'once the kart has reached that state, send {{{said}}}'
         assert race.team.acknowledge(state_of(told.reached), told.order).success
         race.official.command('all_kill')
         race.team.wait_for_state(RED_RED)
@@ -342,7 +342,7 @@ def test_green_green_is_not_acknowledged_before_odometry_shows_that_the_kart_dri
 @pytest.mark.parametrize(
     ('is_read', 'missing'),
     [
-        (True, 'its stack gives the motors no speed'),
+        (True, 'its stack sends the motors no speed'),
         (False, 'no stack drives it: nobody reads /kart_bridge/race_state'),
     ],
 )
@@ -362,10 +362,7 @@ def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told_what_is_mis
     if not is_read:  # in the executor's thread, which else would wait for what is gone
         timer = node.create_timer(0.01, look_away)
     race.team.drive_at(0.0)
-    race.bridge.wait_for_line(
-        'GREEN_GREEN for 5 s, and odometry .* '
-        f'If the kart stands, {missing}. If it drives, the twist'
-    )
+    race.bridge.wait_for_line(f'GREEN_GREEN for 5 s, and odometry .* {missing}')
 
 
 @pytest.mark.parametrize(
@@ -446,7 +443,7 @@ def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBrid
     with socket.create_server(('127.0.0.1', free_port())) as silent:
         bridge = start_bridge(silent.getsockname()[1])
         bridge.wait_for_line(
-            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} .*{INTERFACE}'
+            f'Nobody has read /kart_bridge/race_state in ROS domain {bridge.domain} .*{INTERFACE}'
         )
 
 
@@ -506,9 +503,9 @@ def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
         read.append((bridge, side, reader))
     time.sleep(UNREAD + 1.0)  # that time passes is itself what is awaited
     for bridge, side, reader in read:
-        assert 'Nobody reads' not in bridge.output
+        assert 'Nobody has read' not in bridge.output
         side.node.destroy_subscription(reader)
-        bridge.wait_for_line('Nobody reads')
+        bridge.wait_for_line('Nobody has read')
 
 
 def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
@@ -559,15 +556,8 @@ def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> Non
     race = start_race()
     race.green()
     stopped = race.team.team_stop(True)
-    assert (
-        stopped.message
-        == 'The kart obeys RED_RED: the kart stops itself: asked for by service'
-        + (
-            '; GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
-            'the team stop was engaged since'
-        )
-    )
     told = race.team.wait_for_state(RED_RED)
+    assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
     assert told.team_stop
     race.team.wait_for_stop(True)
     released = race.team.team_stop(False)
@@ -859,7 +849,7 @@ def test_a_kart_that_has_stopped_itself_says_so_once_and_stands_until_a_new_grid
         team.team_stop(engaged)
     told = team.wait_for(lambda each: not each.team_stop, 'the release')
     assert state_of(told.state) is RED_RED
-    assert 'has stopped itself since it acknowledged GRID_ACTIVE' in told.reason
+    assert 'stopped itself after it acknowledged GRID_ACTIVE' in told.reason
     assert not team.acknowledge(GRID_ACTIVE).success
     order(GREEN_GREEN, RED_RED)
     assert team.acknowledge(RED_RED).success
@@ -964,7 +954,7 @@ def test_a_bridge_that_does_not_hear_its_team_stops_the_kart(
     with ExampleStack(race.bridge.domain) as stack:
         race.drive(stack)
         told = race.team.wait_for_state(RED_RED)
-        assert 'the bridge has not heard its own team for 1 s' in told.reason
+        assert "the bridge has not received its team's messages for 1 s" in told.reason
         race.team.wait_for_stop(True)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
         race.bridge.kill()
@@ -1065,7 +1055,7 @@ def test_diagnostics_say_what_the_kart_obeys_and_why(start_race: StartRace) -> N
     race.team.wait_for_diagnostic(
         lambda status: (
             status.name == 'kart_bridge: race state'
-            and status.message == 'the kart stops itself: asked for by service'
+            and status.message == 'the kart stops itself: requested by service'
         )
     )
 
@@ -1151,7 +1141,7 @@ def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(
     driven.base.wait_for_speed(lambda speed: speed == 0.0)
     domain = driven.race.bridge.domain
     again = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', domain))
-    again.wait_for_line('GREEN_GREEN: stands until the next GRID_ACTIVE')
+    again.wait_for_line('GREEN_GREEN: waiting for the next GRID_ACTIVE')
     told = hear(driven.race.team, Twist, '/cmd_vel')
     driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
     assert {command.linear.x for command in told} == {0.0}
@@ -1162,11 +1152,11 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_i
 ) -> None:
     driven.go()
     driven.race.bridge.signal(signal.SIGSTOP)
-    driven.driver.wait_for_line('nothing on kart_bridge/state for 0.5 s: stops')
+    driven.driver.wait_for_line('nothing on kart_bridge/state for 0.5 s: stopping')
     driven.base.wait_for_speed(lambda speed: speed == 0.0)
     driven.race.bridge.signal(signal.SIGCONT)
     # After 1 s of silence the bridge itself goes to RED_RED; it may have been frozen for less.
-    driven.driver.wait_for_line(r'stands until the next GRID_ACTIVE|: RED_RED$')
+    driven.driver.wait_for_line(r'waiting for the next GRID_ACTIVE|: RED_RED$')
     told = hear(driven.race.team, Twist, '/cmd_vel')
     driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
     assert {command.linear.x for command in told} == {0.0}

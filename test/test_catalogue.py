@@ -41,6 +41,8 @@ def fields_of(entry: Entry) -> dict[str, str]:
     of_command = {str: 'string', bool: 'boolean', int: 'uint32'}
     hints = get_type_hints(Command)
     fields |= {name: of_command[hints[name]] for name in entry.takes}
+    if 'attempt' in entry.takes:
+        fields['attempt'] = 'uint16'  # as `KartStatus` has it
     return fields
 
 

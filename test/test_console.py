@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
+import functools
 import os
 import pathlib
 import signal
@@ -20,20 +21,20 @@ import sys
 import time
 from typing import Any
 
+from evgp_node.official import UNNAMED
 from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import message_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.official import UNNAMED
 from evgp_rcs.rules.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process
+from evgp_testing.process import freeze, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -131,6 +132,19 @@ def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
     return start
 
 
+def start_timekeeper(
+    parts: contextlib.ExitStack, control: RaceControl, roster: pathlib.Path
+) -> Process:
+    """Start the timekeeper of a race control."""
+    given = {'roster': roster, 'book': roster.parent / 'timing.sqlite3', 'min_lap_time': 1.0}
+    return parts.enter_context(Process('evgp_timing', 'timekeeper', control.domain, given))
+
+
+def is_past(at: float) -> bool:
+    """Return whether this time has come, in seconds."""
+    return time.monotonic() > at
+
+
 def hold_down(console: Console, button: str) -> None:
     """
     Press the mouse on a button and keep it down.
@@ -177,7 +191,7 @@ def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
     console.press_on('yes', see='green_green', barred='false')
     console.press_on('green_green', see='yes', barred='false')
     console.press_on('yes', see='kart_finish_2', barred='false')
-    console.press_on('kart_finish_2', see='kart_2', text='P1')
+    console.press_on('kart_finish_2', see='kart_2', text='F1')
     console.wait_for('kart_finish_1', barred='false')
     console.press_on('kart_finish_1', see='state', text='RED RED')
     console.wait_for('state_since', text='race over')
@@ -201,7 +215,7 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.press('F3', see='no', focus=True)
     console.press('Tab', see='yes', focus=True)
     console.press('Return', see='kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='P1')
+    console.press('b', see='kart_2', text='F1')
     console.press('a', see='state', text='RED RED')
     console.wait_for('in_garage', barred='false')
     console.ask('F6')
@@ -608,6 +622,7 @@ def test_screenshots_of_every_state(
     domain = parts.enter_context(Domain()).number
     control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
     parts.callback(control.close)
+    start_timekeeper(parts, control, tmp_path / 'karts.yaml')
     console = open_console(control)
 
     def shoot(name: str) -> None:
@@ -640,7 +655,7 @@ def test_screenshots_of_every_state(
     karts[3].wait_for_state(GREEN_GREEN)
     karts[3].say(GREEN_GREEN)
     console.wait_for('kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ stopped(.|\n)*P1')
+    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ stopped(.|\n)*F1')
     console.hover('log')
     shoot('race')
     karts[3].close()
@@ -677,40 +692,55 @@ def test_screenshots_of_every_state(
     assert len(list(folder.glob('*.png'))) >= 9
 
 
-@pytest.mark.long
-def test_screenshots_of_laps_which_a_letter_counts_until_the_last_one_is_done(
-    open_console: OpenConsole,
+# ----- timing -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('frozen', [False, True], ids=['no timekeeper', 'one that is frozen'])
+def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_sends_nothing(
+    frozen: bool,
+    start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
+    open_console: OpenConsole,
     parts: contextlib.ExitStack,
     tmp_path: pathlib.Path,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
-    parameters = {'min_lap_time': 0.1}
-    heats = {'Final': {'karts': [1, 2], 'laps': 2}}
-    control = RaceControl(tmp_path, domain, (1, 2), (), parameters, TEAMS, heats=heats)
-    parts.callback(control.close)
-    for number in (1, 2):
-        connect_kart(control, number, EACH_CHANGE)
+    heats: dict[str, Any] = {'Final': {'karts': [1, 2, 3], 'laps': 2}}
+    control = start_race_control(in_race=(1, 2, 3), heats=heats)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
     official = join_official(control)
-    official.wait_for_connected(1, 2)
+    official.wait_for_connected(1, 2, 3)
+    console = open_console(control)
+    if frozen:
+        roster = tmp_path / f'domain_{control.domain}' / 'karts.yaml'
+        timekeeper = start_timekeeper(parts, control, roster)
+        console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
     official.command('set_heat', heat='Final')
     official.bring_to(GREEN_GREEN)
-    console = open_console(control)
+    console.wait_for('kart_3', text='driving')
+    if frozen:
+        console.press('a', see='status', text='kart 1 crossed the line: counted')
+        # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
+        for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
+            crosses = time.monotonic() + 1.2
+            official.wait_until_polled(functools.partial(is_past, crosses), 'a lap')
+            console.press('a', see=button)
+            console.wait_for('kart_1', text=f'{lap}/2')
+        official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+        freeze(timekeeper.pid)
+        console.press('b', see='status', text='LAP kart 2: no answer yet')
+    console.wait_for('strip', text='no timing')
+    console.press('c', see='status', text='no timing, so nobody knows')
+    assert karts[2].state is GREEN_GREEN
 
-    console.wait_for('kart_1', text='driving')
-    console.press('a', see='status', text='crossed the line')
-    console.press('b', see='status', text='Kart 2 .*crossed the line')
-    console.press('a', see='kart_1', text='lap 1 of 2')
-    console.press('b', see='kart_2', text='lap 1 of 2')
-    console.press('a', see='kart_1', text='last lap done')
-    console.press('ctrl+t', see='results')
-    console.press_on('results_view', see='crossing_1')
-    console.screenshot(pictures(tmp_path) / 'results.png')
-    console.press('Escape', see='results', visible=False)
-    console.press('a', see='kart_1', text='P1')
+    console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
+    console.key('2', 'ctrl+f')
+    karts[1].wait_for_state(RED_FLAG)
+    console.key('space')
 
-    assert official.wait_for_race(lambda race: race.karts[0].place == 1, 'a place').laps == 2
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+    console.wait_for('state', text='RED RED')
 
 
 # ----- old keys and clicks ----------------------------------------------------------------

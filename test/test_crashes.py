@@ -14,10 +14,10 @@ import threading
 import time
 from typing import Any
 
+from evgp_node.encoding import read
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
-from evgp_rcs.rules.encoding import read
 from evgp_rcs.rules.race import RaceMemory
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain

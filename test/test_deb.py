@@ -41,6 +41,8 @@ def deb(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         ('run OFFICIALS=10.1.0.5', 'run', ['OFFICIALS=10.1.0.5']),
         ('roster', 'roster', []),
         ('window', 'console', []),
+        ('timekeeper', 'timekeeper', []),
+        ('timekeeper OFFICIAL=Tina', 'timekeeper', ['OFFICIAL=Tina']),
         ("window OFFICIAL=Anna\\ O\\'Neill", 'console', ["OFFICIAL=Anna O'Neill"]),
         ('ctl OFFICIAL=Anna red-flag', 'ctl', ['OFFICIAL=Anna', 'ARGS=red-flag']),
         ('record report -o "a b.html"', 'record', ['ARGS=report -o "a b.html"']),
@@ -60,7 +62,7 @@ def test_a_command_of_the_package_runs_what_make_runs(
     shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
     shown.chmod(0o755)
     command, _, rest = line.partition(' ')
-    paths = ['ROSTER=/x/karts.yaml', 'PARAMS=/x/rcs.yaml']
+    paths = ['ROSTER=/x/karts.yaml', 'PARAMS=/x/rcs.yaml', 'TIMING=/x/timekeeper.yaml']
     text = deb.script(command, '').replace(f'{deb.HOME}/setup/in-workspace', str(shown))
     text = f'set -- {" ".join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'
     make = ['make', '-s', target, f'IN_WORKSPACE={shown}', *paths, *words]

@@ -49,7 +49,7 @@ def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) ->
         'ALL_KILL: from the call to the last kart that saw RED_RED',
         'the debrief has ALL_KILL, and every kart standing after it',
         'judged: none was against the rules',
-        'all 7 processes ended in good order; none is left',
+        'all 8 processes ended in good order; none is left',
         'Nothing is missing',
     ):
         assert line in done.stdout

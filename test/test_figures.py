@@ -151,8 +151,6 @@ SILENCE_OF_RACE_CONTROL = bridge.defaults['frame_timeout']
 PORT = race_control.defaults['port']
 
 WRITTEN = [
-    ('docs/teams.md', r'TCP port (\d+)', PORT),
-    ('docs/teams.md', r'(\d+) times a second', RATE),
     (
         'docs/teams.md',
         r'follows after ([\d.]+) s for the first place',

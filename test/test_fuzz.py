@@ -13,8 +13,8 @@ import subprocess
 import sys
 from typing import Any
 
+from evgp_node import roster
 from evgp_protocol import frames
-from evgp_rcs.files import roster
 from evgp_timing import framing
 from evgp_timing.passings import Sign
 import fuzz_targets

@@ -11,8 +11,8 @@ import ctypes
 import random
 from typing import Any
 
+from evgp_node.official import MOST
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.official import MOST
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl

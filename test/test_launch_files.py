@@ -93,9 +93,9 @@ class Launch(Program):
         command = [sys.executable, '-c', LAUNCH, str(path), *words]
         super().__init__(path.name, command, environment=environment, end='INT')
 
-    def wait_for_start(self, count: int = 1) -> int:
+    def wait_for_start(self, count: int = 1, program: str = r'\S+') -> int:
         """Return the process number of what was started as the first, second, ... in a row."""
-        pattern = r'process started with pid \[(\d+)\]'
+        pattern = rf'\[{program}-\d+\]: process started with pid \[(\d+)\]'
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or len(re.findall(pattern, '\n'.join(self.lines))) >= count,
@@ -171,6 +171,13 @@ def race_control(folder: pathlib.Path, domain: int) -> dict[str, object]:
     return {'roster': roster, 'params_file': params_file, 'domain_id': domain}
 
 
+def wait_for_timekeeper(official: Official) -> None:
+    """Return once the timekeeper is there."""
+    official.wait_until_polled(
+        lambda: official.node.count_publishers('/rcs/timekeeper/results') == 1, 'the timekeeper'
+    )
+
+
 def test_race_control_is_there_comes_back_and_ends_in_order(
     launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
 ) -> None:
@@ -184,25 +191,45 @@ def test_race_control_is_there_comes_back_and_ends_in_order(
     )
     official.command('set_track_open', open=False)
 
-    first = launched.wait_for_start(1)
+    wait_for_timekeeper(official)
+
+    first = launched.wait_for_start(1, 'rcs_node')
     os.kill(first, signal.SIGKILL)
-    second = launched.wait_for_start(2)
+    second = launched.wait_for_start(2, 'rcs_node')
     official.wait_for_race(
         lambda race: state_of(race.state) is RaceState.RED_RED, 'race control again'
     )
     official.command('all_kill')
 
+    timekeeper = launched.wait_for_start(1, 'timekeeper')
     assert launched.end() == 0, launched.output
     wait_until_ended(second)
+    wait_until_ended(timekeeper)
     assert launched.failures == [-signal.SIGKILL]
 
 
 def test_a_launch_ends_where_a_setting_of_race_control_is_wrong(
     launch: Start, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    wrong = {**race_control(tmp_path, domain), 'roster': tmp_path / 'none.yaml'}
+    given = race_control(tmp_path, domain)
+    wrong = {**given, 'params_file': parameter_file(tmp_path, {'pause': 99.0})}
     launched = launch('evgp_rcs', 'rcs.launch.py', **wrong)
     launched.wait()
+    assert launched.failures == [WRONG_SETTING]
+
+
+def test_a_wrong_setting_of_the_timekeeper_keeps_no_race_control_from_starting(
+    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    wrong = tmp_path / 'timekeeper.yaml'
+    wrong.write_text('/**:\n  ros__parameters: {min_lap_time: 0.0}\n', encoding='utf-8')
+    given = race_control(tmp_path, domain)
+    launched = launch('evgp_rcs', 'rcs.launch.py', **given, timing_params_file=wrong)
+    official = parts.enter_context(Official(domain))
+    official.wait_for_race(lambda race: race.karts, 'a race')
+    launched.wait_for_line('parameter min_lap_time')
+    official.command('all_kill')
+    assert launched.end() == 0, launched.output
     assert launched.failures == [WRONG_SETTING]
 
 
@@ -368,7 +395,7 @@ def test_a_race_is_recorded_with_what_the_latched_topics_keep(
     words = was['arguments']
     assert words[:2] == ['bag', 'record']
     assert words[words.index('--output') + 1] == 'race1'
-    topics = ['/rcs/race', '/rcs/events', '/rcs/results', '/diagnostics']
+    topics = ['/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics']
     assert words[-5:] == ['--topics', *topics]
     file = pathlib.Path(words[words.index('--qos-profile-overrides-path') + 1])
     assert file.read_bytes() == (ROOT / 'src/evgp_rcs/config/bag_qos.yaml').read_bytes()

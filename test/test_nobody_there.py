@@ -102,6 +102,26 @@ def test_a_race_is_stopped_once_nobody_is_heard_any_more_and_only_if_somebody_wa
     assert race.karts[0].state is RaceState.RED_FLAG
 
 
+def test_the_timekeeper_gives_finish_and_never_counts_as_somebody_there(
+    race: WireRace, programs: Programs
+) -> None:
+    programs.say('rcs_gui', official='Anna')
+    programs.say('timekeeper')
+    programs.say('some program', official='timekeeper')
+    race.bring_to(GREEN_GREEN)
+    seen = wait_for(race, lambda seen: seen.able_to_stop, 'the window')
+    assert seen.who_can_stop == 'Anna (window)'
+    del programs.words['rcs_gui 1']
+
+    race.official.call('kart/finish', kart=1, official='timekeeper')
+
+    race.karts[0].wait_for_state(RaceState.RED_FLAG)
+    raised = race.official.wait_for_event(
+        lambda event: event.kind == event.ALERT_RAISED and event.alert == NOBODY_THERE, 'the alert'
+    )
+    assert raised.text.startswith('Open a window')
+
+
 def test_a_button_that_is_gone_in_a_race_is_told_and_stops_nothing(
     race: WireRace, programs: Programs
 ) -> None:

@@ -9,12 +9,12 @@ import contextlib
 import math
 import pathlib
 
+from evgp_node.official import UNNAMED
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.ros.node import ANSWER_TIMEOUT
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.official import UNNAMED
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
@@ -79,7 +79,7 @@ def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_g
     race = in_the_race(official, 2, 3)
     assert [kart.place for kart in race.karts] == [0, 1, 0]
     told = [event.kind for event in official.events]
-    assert told.count(msg.RaceEvent.RESULTS) == 1
+    assert told.count(msg.RaceEvent.ORDER_OF_FINISH) == 1
     official.command('grid_active', track_clear=True)
     official.wait_for_race(
         lambda race: not any(kart.place for kart in race.karts), 'no places of the last race'
@@ -182,7 +182,7 @@ def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
     now = race.official.wait_for_race(lambda each: each.state_cause, 'the stop')
     assert now.state_cause.endswith(', pressed 65 s ago')
     # What is no stop has no age: it shares the type of its request.
-    assert 'pressed' not in race.official.call('kart/finish', kart=1, age=65.0).message
+    assert 'pressed' not in race.official.call('kart/undo_finish', kart=1, age=65.0).message
 
 
 def test_every_command_tells_who_gave_it_accepted_or_refused(

@@ -32,6 +32,7 @@ OPTIONAL = {
     'evgp_rcs': ['mcap'],  # no rosdep key; `rcs_record bag` says what to install
     'evgp_rcs_console': ['PySide6'],  # in place of PyQt6
     'evgp_testing': ['evgp_rcs_console'],
+    'evgp_timing': ['PySide6'],  # in place of PyQt6
 }
 """What a package imports only where it is installed, by the package."""
 
@@ -103,7 +104,8 @@ def test_the_change_log_can_be_read_and_is_of_this_version(path: pathlib.Path) -
 def test_the_readme_begins_with_the_name_and_its_links_lead_somewhere(path: pathlib.Path) -> None:
     text = (path / 'README.md').read_text(encoding='utf-8')
     assert text.splitlines()[0] == f'# {path.name}'
-    links = [part.partition(')')[0] for part in text.split('](')[1:]]
+    prose = re.sub(r'^```.*?^```', '', text, flags=re.MULTILINE | re.DOTALL)
+    links = [part.partition(')')[0] for part in prose.split('](')[1:]]
     for link in links:
         file, _, anchor = link.partition('#')
         if '://' not in link:

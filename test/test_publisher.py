@@ -10,8 +10,8 @@ import dataclasses
 import threading
 import time
 
+from evgp_node.roster import Roster, RosterEntry
 from evgp_protocol import clock
-from evgp_rcs.files.roster import Roster, RosterEntry
 from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.rules.race import Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of

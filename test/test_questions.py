@@ -15,9 +15,9 @@ import copy
 import random
 from typing import NamedTuple
 
+from evgp_node.codec import message_of, value_of
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import message_of, value_of
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (

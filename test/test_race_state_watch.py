@@ -563,7 +563,7 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     second = start_bare('second')
     stack.wait_for_message(GRID_ACTIVE)
-    stack.wait_for_reason('2 bridges speak; there must be one')
+    stack.wait_for_reason('2 bridges are running; there must be one')
     second.close()
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     assert GREEN_GREEN not in stack.told

@@ -21,13 +21,13 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
+from evgp_node.official import UNNAMED
+from evgp_node.results import Act
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import BY_HAND
-from evgp_rcs.rules.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
-from evgp_rcs_console.command_line import COMMANDS, STARTING
+from evgp_rcs_console.command_line import COMMANDS, STARTING, TAKEN
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
@@ -37,12 +37,15 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
 from evgp_testing.part import PATIENCE
+from evgp_testing.process import freeze
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
+from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
 from rclpy.context import Context
+from test_timekeeper import Event
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
@@ -561,29 +564,44 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
         assert 'ROS domain' in done.stdout + done.stderr
 
 
-def test_a_crossing_is_counted_and_struck_out_by_what_the_results_show(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_frozen(
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.bring_to(RaceState.GREEN_GREEN)
+    event = parts.enter_context(Event(tmp_path))
+    event.race(1)
 
-    assert run(control.domain, 'count-passing', '1').returncode == ACCEPTED
-    which: list[str] = []
+    def ends(code: int, *words: str) -> str:
+        done = run(event.domain, *words)
+        assert done.returncode == code, done
+        return done.stdout + done.stderr
 
-    def is_listed() -> bool:
-        shown = run(control.domain, 'results', '--wait', str(PATIENCE))
-        assert shown.returncode == ACCEPTED
-        which[:] = shown.stdout.splitlines()[-1].split()[3:6]
-        return which[:1] == [BY_HAND]
+    ends(ACCEPTED, 'count-passing', '1')
+    event.line.wait_for(lambda seen: seen.passings, 'the crossing')
+    shown = ends(ACCEPTED, 'results')
+    which = shown.splitlines()[-1].split(maxsplit=3)[3].removesuffix('counted')
+    strike = 'strike-passing', *shlex.split(which), '--reason', 'a marshal crossed'
+    ends(ACCEPTED, *strike)
+    assert 'is struck out' in ends(REFUSED, *strike)
+    ends(ACCEPTED, 'restore-passing', *shlex.split(which))
+    assert 'say why' in ends(REFUSED, 'penalise', '2', '--seconds', '5')
+    ends(ACCEPTED, 'penalise', '2', '--seconds', '5', '--reason', 'a short cut')
+    event.line.wait_for(lambda seen: any(each.penalties for each in seen.karts), 'the penalty')
+    assert '+5 s: a short cut' in ends(ACCEPTED, 'results')
+    ends(ACCEPTED, 'undo-penalty', '2', '--race', '1')
+    assert 'under way' in ends(REFUSED, 'publish-results')
+    assert 'no lap' in ends(REFUSED, 'choose-race', '--race', '1')
+    assert 'no timing' not in ends(ACCEPTED, 'watch', '--once')
 
-    official.wait_until_polled(is_listed, 'the crossing among the passings')
-    why = '--reason', 'a marshal crossed'
-    struck = run(control.domain, 'strike-passing', *which, *why)
-    again = run(control.domain, 'strike-passing', *which, *why)
-
-    assert (struck.returncode, again.returncode) == (ACCEPTED, REFUSED)
+    freeze(event.timekeeper.pid)
+    ends(NOT_THERE, 'count-passing', '1')
+    ends(ACCEPTED, 'kart-red-flag', '1')
+    event.karts[0].wait_for_state(RaceState.RED_FLAG)
+    ends(ACCEPTED, 'all-kill')
+    event.karts[1].wait_for_state(RaceState.RED_RED)
+    assert 'no timing' in ends(NOT_THERE, 'results')
+    event.timekeeper.kill()
+    assert 'the timekeeper is not there' in ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
+    assert 'no timing' in ends(ACCEPTED, 'watch', '--once')
 
 
 def test_watch_shows_the_race_and_what_happens(
@@ -819,9 +837,12 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
 
 
 def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:
-    assert sorted(COMMANDS.values(), key=list(CommandKind).index) == list(CommandKind)
-    for command in CommandKind:
-        request_message(Given(command, 1, stated=True, karts=(1, 2)))
+    assert len(COMMANDS) == len({*COMMANDS.values()})
+    assert {*COMMANDS.values()} == {*CommandKind, *CORRECTIONS}
+    for command in COMMANDS.values():
+        takes = CORRECTIONS[command].takes if isinstance(command, Act) else ()
+        taken = {name: TAKEN[name][0](1) for name in takes}
+        request_message(Given(command, 1, stated=True, karts=(1, 2), taken=taken))
 
 
 def test_every_statement_that_a_request_takes_has_a_flag() -> None:

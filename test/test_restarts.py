@@ -203,8 +203,8 @@ def test_race_control_ends_when_the_one_that_keeps_it_running_is_killed(
 class Terminal:
     """`make run` in a terminal of its own."""
 
-    def __init__(self, folder: pathlib.Path, domain: int) -> None:
-        """Start it."""
+    def __init__(self, folder: pathlib.Path, domain: int, *settings: str) -> None:
+        """Start it, with settings of make beside its own."""
         self.port = new_port()
         roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
         own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
@@ -212,12 +212,15 @@ class Terminal:
         self.screen, inside = pty.openpty()
         self.process = subprocess.Popen(
             # It is the terminal's, and in its foreground, as from a shell.
-            ['setsid', '--ctty', 'make', 'run', f'ROSTER={roster}', f'PARAMS={parameters}'],
+            [
+                *('setsid', '--ctty', 'make', 'run'),
+                *(f'ROSTER={roster}', f'PARAMS={parameters}', *settings),
+            ],
             stdin=inside,
             stdout=inside,
             stderr=inside,
             cwd=ROOT,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)},
         )
         os.close(inside)
         self.shown = ''
@@ -250,26 +253,68 @@ def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[Te
     opened.close()
 
 
-def test_under_make_run_race_control_comes_back_and_ctrl_c_ends_all(terminal: Terminal) -> None:
-    terminal.wait_for('listens for 1 kart')
-    ros_half = next(
+STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
+"""What each program that `make run` starts says then."""
+
+
+@pytest.mark.parametrize('program', STARTED)
+def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(
+    program: str, terminal: Terminal
+) -> None:
+    for said in STARTED.values():
+        terminal.wait_for(said)
+    killed = next(
         pid
         for pid in sorted(terminal.inside, reverse=True)
-        if 'rcs_node' in pathlib.Path(f'/proc/{pid}/cmdline').read_text().split('\0')[1]
+        if program in pathlib.Path(f'/proc/{pid}/cmdline').read_text().split('\0')[1]
     )
 
-    os.kill(ros_half, signal.SIGKILL)
+    os.kill(killed, signal.SIGKILL)
     terminal.wait_for('started again')
     terminal.shown = ''
-    terminal.wait_for('listens for 1 kart')
+    terminal.wait_for(STARTED[program])
     os.write(terminal.screen, b'\x03')
 
     for pid in terminal.inside:
         wait_until_ended(pid)
 
 
-def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
+def test_the_timekeeper_ends_with_race_control_under_make_run(terminal: Terminal) -> None:
+    for said in STARTED.values():
+        terminal.wait_for(said)
+    loop = next(
+        pid
+        for pid in sorted(terminal.inside)
+        if {'-m', 'evgp_node.restarting'} <= {*command_of(pid)}
+        and 'rcs_node' in command_of(pid)[3]
+    )
+    os.kill(loop, signal.SIGKILL)
+    for pid in terminal.inside:
+        wait_until_ended(pid)
+
+
+def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    wrong = tmp_path / 'timekeeper.yaml'
+    wrong.write_text('/**:\n  ros__parameters: {min_lap_time: 0.0}\n', encoding='utf-8')
+    domain = parts.enter_context(Domain()).number
+    terminal = Terminal(tmp_path, domain, f'TIMING={wrong}')
+    parts.callback(terminal.close)
+    terminal.wait_for('parameter min_lap_time')
     terminal.wait_for('listens for 1 kart')
+    (first, *_) = (pid for pid in terminal.inside if 'rcs_node' in ' '.join(command_of(pid)))
+    assert is_there(first)
+
+
+def command_of(pid: int) -> list[str]:
+    """Return the words of a process's command."""
+    return pathlib.Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8').split('\0')
+
+
+def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
+    for said in STARTED.values():
+        terminal.wait_for(said)
 
     terminal.close()
 

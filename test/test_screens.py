@@ -6,25 +6,36 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import contextlib
 import csv
 import io
 import itertools
 import pathlib
 import random
 import re
+import sqlite3
 
 from evgp_board import view as board
+from evgp_node.codec import message_of, value_of
+from evgp_node.results import Act, Corrected, Correction, Standings, Status
+from evgp_node.roster import Format, Heat
+from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.record.runs import open_runs
+from evgp_rcs.record.timing import BOOK
+from evgp_rcs.ros.messages import events_message
+from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Recovered
-from evgp_rcs.rules.laps import Format
-from evgp_rcs.rules.race import Heat, LastRun
-from evgp_rcs.rules.snapshot import Snapshot, snapshot_of, Standings, standings_of
+from evgp_rcs.rules.race import LastRun
+from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 from evgp_rcs_console import results
 from evgp_rcs_console.view import show, table
 from evgp_rcs_msgs import msg
+from evgp_timing.desk import Desk, Roster
+from evgp_timing.laps import LapSettings
+from evgp_timing.timekeeper import told_of
 import pytest
 from recorded_races import PaperRace
 
@@ -41,24 +52,65 @@ LIKELY = {
         CommandKind.GRID_ACTIVE,
     ),
     RaceState.GRID_ACTIVE: (CommandKind.GREEN_GREEN,),
-    RaceState.GREEN_GREEN: (CommandKind.KART_FINISH, *[CommandKind.COUNT_PASSING] * 9),
+    RaceState.GREEN_GREEN: (CommandKind.KART_FINISH, *[None] * 6),
     RaceState.RED_FLAG: (CommandKind.RACE_OVER,),
     RaceState.RED_RED: (CommandKind.IN_GARAGE,),
 }
+"""What officials are likely to do; None: they count a lap."""
 
 
-def moments(chance: random.Random, steps: int) -> Iterator[tuple[PaperRace, bool]]:
+class Timed:
+    """
+    A run of race control beside the timekeeper, who hears all that it says.
+
+    :ivar said: the last results of each race of this run, by its number.
+    """
+
+    def __init__(self, desk: Desk, run: str) -> None:
+        self.paper = PaperRace(TEAMS, [rules.Heat(heat.name, heat.karts) for heat in HEATS])
+        self.paper.race.run = run
+        self.desk = desk
+        self.said: dict[int, Standings] = {}
+        self._heard = 0
+
+    def correct(self, act: Act, kart: int, **terms: int | bool | str) -> None:
+        """Have the timekeeper correct something."""
+        self.hear()
+        asked = Correction(act, 'Ben', kart, reason='it was seen', **terms)  # type: ignore[arg-type]
+        self.desk.feed(Corrected(self.paper.now, asked))
+
+    def hear(self) -> Standings:
+        """Have the timekeeper hear what is new, and return the results."""
+        new = self.paper.stamped[self._heard :]
+        self._heard += len(new)
+        for event in events_message(new, self.paper.race.run).events:
+            if (told := told_of(event, self.paper.race.run)) is not None:
+                self.desk.feed(told)
+        found = self.desk.standings(self.paper.now)
+        if found.run == self.paper.race.run:
+            self.said[found.race] = found
+        return found
+
+    @property
+    def shown(self) -> Snapshot:
+        """Return what race control says."""
+        return snapshot_of(self.paper.race, self.paper.now)
+
+
+def moments(chance: random.Random, steps: int) -> Iterator[tuple[Timed, bool]]:
     """Yield a race at moments of it, and whether race control ends there; it starts again."""
-    paper = PaperRace(TEAMS, HEATS)
-    for _ in range(steps):
-        race, number = paper.race, chance.choice([*TEAMS])
+    desk = Desk(Roster((*TEAMS,), {}, HEATS), LapSettings())
+    timed = Timed(desk, 'run 1')
+    for step in range(steps):
+        paper, number = timed.paper, chance.choice([*TEAMS])
+        race, heat = paper.race, chance.choice(HEATS).name
         what = chance.random()
         if what < 0.01:
             now, memory = paper.now + 5.0, race.memory()
-            yield paper, True
-            paper = PaperRace(TEAMS, HEATS)
-            paper.now = now
-            paper.feed(Recovered(now, memory, chance.choice([*LastRun])))
+            yield timed, True
+            timed = Timed(desk, f'run {step}')
+            timed.paper.now = now
+            timed.paper.feed(Recovered(now, memory, chance.choice([*LastRun])))
         elif what < 0.1:
             paper.connect(number)
         elif what < 0.11:
@@ -66,31 +118,33 @@ def moments(chance: random.Random, steps: int) -> Iterator[tuple[PaperRace, bool
         elif what < 0.4:
             paper.acknowledge()
         elif what < 0.55:
-            paper.cross(number)
+            timed.correct(Act.COUNT, number)
+        elif what < 0.56:
+            timed.correct(Act.PENALISE, number, seconds=5, disqualified=chance.random() < 0.5)
         elif what < 0.65:
             paper.wait(chance.choice((0.3, 4.0)))
         elif what < 0.67:
-            paper.command(chance.choice([*CATALOGUE]), number, heat=chance.choice(HEATS).name)
+            paper.command(chance.choice([*CATALOGUE]), number, heat=heat)
+        elif (kind := chance.choice(LIKELY[race.state])) is not None:
+            paper.command(kind, number, heat=heat)
         else:
-            paper.command(
-                chance.choice(LIKELY[race.state]), number, heat=chance.choice(HEATS).name
-            )
-        yield paper, False
-    yield paper, True
+            timed.correct(Act.COUNT, number)
+        yield timed, False
+    yield timed, True
 
 
 def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None:
     seen = set()
-    for paper, _ in itertools.chain(*(moments(random.Random(seed), 300) for seed in range(12))):
-        race, now = paper.race, paper.now
+    for timed, _ in itertools.chain(*(moments(random.Random(seed), 300) for seed in range(12))):
+        race, now = timed.paper.race, timed.paper.now
         message = message_of(snapshot_of(race, now), msg.Race)
-        said = message_of(standings_of(race, now), msg.Results)
+        said = message_of(timed.hear(), msg.Results)
         shown, found = value_of(message, Snapshot), value_of(said, Standings)
-        screen = show(shown, 0.0, {})
+        screen = show(shown, 0.0, {}, results=found)
         lines = table(screen, shown.alerts)
         page = board.board(board.Heard(shown, found))
         sheet = board.results(board.Heard(shown, found))
-        seen |= {message.heat, race.state.value}
+        seen |= {message.heat, race.state.value, *(each.status for each in found.karts)}
 
         assert f'Race: {page["head"]}  ({screen.since})' in lines
         assert screen.state.text == page['head']
@@ -103,12 +157,12 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
             assert label.startswith(message.heat)
         rows = {row['kart']: row for row in page['rows']}
         for kart, row in zip(message.karts, screen.rows, strict=True):
-            assert row.place == (f'P{kart.place}' if kart.place else '')
             if kart.number in rows and kart.connected:
                 assert rows[kart.number]['symbol'] == row.sent.text[0]
-            if kart.number in rows and not any(each.place for each in found.karts):
-                assert rows[kart.number]['place'] == (kart.place or '')
-        written = results.table(found, TEAMS)[: len(found.karts)]
+            if kart.number in rows:
+                place = re.match(r'[PF](\d+)', row.place)
+                assert rows[kart.number]['place'] == (int(place[1]) if place else '')
+        written = results.table(found, TEAMS)[1 : len(found.karts) + 1]
         assert [(row['place'], row['kart'], *row['cells']) for row in sheet['rows']] == [
             (int(place.rstrip('.') or 0) or '', int(kart), int(laps), total, best)
             for place, kart, _, laps, total, _, best, _ in written
@@ -117,46 +171,57 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
             (int(kart), int(place.rstrip('.') or 0), int(laps))
             for place, kart, _, laps, *_ in written
         ]
-    assert seen >= {*(heat.name for heat in HEATS), *(state.value for state in RaceState)}
+    assert seen >= {*(heat.name for heat in HEATS), *(state.value for state in RaceState), *Status}
+
+
+def keep(book: pathlib.Path, run: int, said: Iterator[Standings]) -> None:
+    """Write the last results of the races of a run into a book, as the timekeeper does."""
+    stream: Stream[Standings | Began] = Stream([Standings, Began])
+    block = Block(0, b''.join(map(stream.encode, (Began('boot', 'timekeeper', 0), *said))))
+    with contextlib.closing(sqlite3.connect(book)) as database, database:
+        database.execute('CREATE TABLE IF NOT EXISTS block (run, number, data)')
+        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
+        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, block.compressed()))
 
 
 @pytest.mark.parametrize('seed', range(12))
-def test_report_and_tables_say_of_a_race_what_the_screens_said_of_it_last(
+def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
     seed: int, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record, page = tmp_path / 'record.sqlite3', tmp_path / 'report.html'
-    last: list[tuple[Snapshot, Standings]] = []
-    for paper, ends in moments(random.Random(seed), 300):
+    last: list[Timed] = []
+    for timed, ends in moments(random.Random(seed), 300):
+        timed.hear()
         if ends:
-            paper.write(record)
-            last.append((snapshot_of(paper.race, paper.now), standings_of(paper.race, paper.now)))
+            timed.paper.write(record)
+            last.append(timed)
+            with open_runs(record) as runs:
+                run = runs.choose(None)
+            found = (each._replace(run=run.id) for each in timed.said.values())
+            keep(record.with_name(BOOK), run.number, found)
 
-    def table_of(what: str) -> list[dict[str, str]]:
-        assert rcs_record([what, '--all', str(record)]) == 0
-        return [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
-
-    finishes, laps = table_of('results'), table_of('laps')
-    for run, (shown, found) in enumerate(last, 1):
-        races = [row for row in finishes if row['run'] == str(run)]
-        newest = max((int(row['race']) for row in races), default=0)
-        if newest or shown.state is not RaceState.IN_GARAGE:
-            order = {kart.number: kart.place for kart in shown.karts if kart.place}
-            assert order == {
-                int(row['kart']): int(row['place'])
-                for row in races
-                if row['race'] == str(newest) and row['place']
+    assert rcs_record(['results', '--all', str(record)]) == 0
+    written = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
+    for run_number, timed in enumerate(last, 1):
+        rows = [row for row in written if row['run'] == str(run_number)]
+        newest = max((int(row['race']) for row in rows), default=0)
+        if newest:
+            assert {kart.number: kart.place for kart in timed.shown.karts if kart.place} == {
+                int(row['kart']): int(row['finish'])
+                for row in rows
+                if row['race'] == str(newest) and row['finish']
             }
-        counted = [row for row in laps if row['run'] == str(run)]
-        if counted and found.karts:
-            number = max(int(row['race'] or 0) for row in counted)
-            told = [row for row in counted if int(row['race'] or 0) == number]
-            assert [(each.kart, each.place, each.laps) for each in found.karts] == [
-                (int(row['kart']), int(row['place'] or 0), int(row['laps'] or 0)) for row in told
-            ]
-            assert {row['heat'] for row in told} == {found.heat}
-        assert rcs_record(['report', '--run', str(run), '-o', str(page), str(record)]) == 0
+        for number, found in timed.said.items():
+            told = {int(row['kart']): row for row in rows if row['race'] == str(number)}
+            for kart in found.karts:
+                row = told[kart.kart]
+                assert row['status'] == kart.status.name
+                assert int(row['place'] or 0) == kart.place
+                assert int(row['laps'] or 0) == kart.laps
+                assert row['heat'] == found.heat
+        assert rcs_record(['report', '--run', str(run_number), '-o', str(page), str(record)]) == 0
         capsys.readouterr()
         text = re.sub('<[^>]*>', '', page.read_text())
-        for row in races:
+        for row in rows:
             heat = f' ({row["heat"]})' if row['heat'] else ''
             assert f'Race {row["race"]}{heat}: ' in text

@@ -19,8 +19,9 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
-from evgp_testing.race_control import new_port
+from evgp_testing.race_control import new_port, write_roster
 from evgp_testing.ros_side import RosSide
+from evgp_timing.corrections import CORRECTIONS
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -48,9 +49,10 @@ def allowed(enclave: str, kind: str, what: str) -> set[str]:
     names: set[str] = set()
     policy = ElementTree.parse(POLICY)  # noqa: S314 - our own file
     for profile in policy.iterfind(f".//enclave[@path='{enclave}']//profile"):
+        own = f'{profile.get("ns", "").rstrip("/")}/{profile.get("node")}'
         for rule in profile.iterfind(kind):
             if rule.get(what) == 'ALLOW':
-                names |= {(name.text or '').replace('~', '/rcs') for name in rule}
+                names |= {(name.text or '').replace('~', own) for name in rule}
     return names
 
 
@@ -86,6 +88,7 @@ def test_race_control_is_allowed_what_it_does_and_nothing_else(
 
 def test_officials_may_give_every_command_and_publish_nothing_of_race_controls() -> None:
     commands = {f'/rcs/{service}' for service in SERVICES}
+    commands |= {f'/rcs/{entry.service}' for entry in CORRECTIONS.values()}
 
     check_fits(allowed('/officials', 'services', 'request') - TO_LOOK, commands)
     assert allowed('/officials', 'topics', 'publish') == {*OF_RCLPY, '/rcs/presence'}
@@ -152,6 +155,37 @@ def test_a_timing_source_does_no_more_than_it_is_allowed(
     assert subscribed <= allowed('/timing', 'topics', 'subscribe')
     assert {name for name, _ in node.get_client_names_and_types_by_node(*named)} == set()
     assert allowed('/timing', 'services', 'request') == set()
+
+
+def test_the_timekeeper_does_no_more_than_it_is_allowed_and_gives_finish_alone(
+    domain: int, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    looking = parts.enter_context(RosSide('looking', domain))
+    node, named = looking.node, ('timekeeper', '/rcs')
+    given = {'roster': write_roster(tmp_path, [1]), 'book': tmp_path / 'timing.sqlite3'}
+    parts.enter_context(Process('evgp_timing', 'timekeeper', domain, given))
+    wanted = {f'/rcs/{entry.service}' for entry in CORRECTIONS.values()}
+
+    def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
+        if named not in node.get_node_names_and_namespaces():
+            return set()
+        return {name for name, _ in names_and_types(*named)}
+
+    looking.wait_until_polled(
+        lambda: (
+            wanted <= of(node.get_service_names_and_types_by_node)
+            and of(node.get_subscriber_names_and_types_by_node) >= {'/rcs/events', '/rcs/passings'}
+        ),
+        'the timekeeper in the graph',
+    )
+    services = of(node.get_service_names_and_types_by_node)
+    check_fits(allowed('/timekeeper', 'services', 'reply'), services)
+    published = of(node.get_publisher_names_and_types_by_node)
+    assert published == allowed('/timekeeper', 'topics', 'publish')
+    subscribed = of(node.get_subscriber_names_and_types_by_node)
+    assert subscribed <= allowed('/timekeeper', 'topics', 'subscribe')
+    asked = of(node.get_client_names_and_types_by_node)
+    assert asked == allowed('/timekeeper', 'services', 'request') == {'/rcs/kart/finish'}
 
 
 @pytest.fixture

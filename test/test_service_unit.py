@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Race control as a service of systemd, by the unit that is shipped."""
+"""Race control and the timekeeper as services of systemd, by the units that are shipped."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 UNIT = ROOT / 'src/evgp_rcs/config/evgp-rcs.service'
+TIMEKEEPER = ROOT / 'src/evgp_timing/config/evgp-timekeeper.service'
 BUTTON = ROOT / 'src/evgp_rcs_console/config/evgp-button.service'
 
-Start = Callable[[], Program]
+Start = Callable[..., Program]
 
 
 def unit(folder: pathlib.Path, path: pathlib.Path = UNIT) -> str:
@@ -33,16 +34,16 @@ def unit(folder: pathlib.Path, path: pathlib.Path = UNIT) -> str:
     return text.replace('/opt/evgp', str(ROOT)).replace('/etc/evgp', str(folder))
 
 
-def service(folder: pathlib.Path) -> dict[str, str]:
+def service(folder: pathlib.Path, path: pathlib.Path = UNIT) -> dict[str, str]:
     """Return the last value of each setting of the service."""
     parser = configparser.RawConfigParser(strict=False)
     parser.optionxform = str  # type: ignore[assignment, method-assign]
-    parser.read_string(unit(folder))
+    parser.read_string(unit(folder, path))
     return dict(parser['Service'])
 
 
 @pytest.mark.skipif(not shutil.which('systemd-analyze'), reason='there is no systemd here')
-@pytest.mark.parametrize('path', [UNIT, BUTTON], ids=lambda path: path.stem)
+@pytest.mark.parametrize('path', [UNIT, TIMEKEEPER, BUTTON], ids=lambda path: path.stem)
 def test_systemd_finds_nothing_wrong_with_a_unit(
     path: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
@@ -57,11 +58,11 @@ def test_systemd_finds_nothing_wrong_with_a_unit(
 
 @pytest.fixture
 def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
-    """Return a function that runs the service's command, in its folder's place."""
+    """Return a function that runs a service's command, in its folder's place."""
 
-    def run() -> Program:
+    def run(path: pathlib.Path = UNIT) -> Program:
         domain = parts.enter_context(Domain())
-        words = shlex.split(service(tmp_path)['ExecStart'])
+        words = shlex.split(service(tmp_path, path)['ExecStart'])
         given = {'ROS_HOME': str(tmp_path)}
         command = ['env', '-C', str(ROOT), *words]
         return parts.enter_context(Program('service', command, domain.number, given, end='TERM'))
@@ -77,6 +78,7 @@ def configure(folder: pathlib.Path) -> None:
     given = {'address': parameters['address'], 'port': parameters['port']}
     text = yaml.safe_dump({'/**': {'ros__parameters': given}})
     (folder / 'rcs.yaml').write_text(text, encoding='utf-8')
+    shutil.copy(TIMEKEEPER.with_name('timekeeper.yaml'), folder)
 
 
 def test_the_service_starts_race_control_and_ends_it_in_order(
@@ -89,12 +91,26 @@ def test_the_service_starts_race_control_and_ends_it_in_order(
     assert (tmp_path / 'evgp_rcs/record.sqlite3').exists()
 
 
-def test_a_wrong_setting_is_an_end_after_which_systemd_does_not_start_it_again(
+def test_the_service_of_the_timekeeper_starts_it_with_the_roster_of_race_control(
     start: Start, tmp_path: pathlib.Path
 ) -> None:
     configure(tmp_path)
+    running = start(TIMEKEEPER)
+    running.wait_for_line('keeps its book in')
+    assert running.close() == 0
+    assert (tmp_path / 'evgp_rcs/timing.sqlite3').exists()
+    words = [service(tmp_path, path)['ExecStart'].split() for path in (UNIT, TIMEKEEPER)]
+    rosters = {word for each in words for word in each if word.startswith('roster:=')}
+    assert rosters == {f'roster:={tmp_path}/karts.yaml'}
+
+
+@pytest.mark.parametrize('path', [UNIT, TIMEKEEPER], ids=lambda path: path.stem)
+def test_a_wrong_setting_is_an_end_after_which_systemd_does_not_start_it_again(
+    path: pathlib.Path, start: Start, tmp_path: pathlib.Path
+) -> None:
+    configure(tmp_path)
     (tmp_path / 'karts.yaml').write_text('karts: 3', encoding='utf-8')
-    code = start().wait()
+    code = start(path).wait()
     assert code == WRONG_SETTING
-    final = {int(each) for each in service(tmp_path)['RestartPreventExitStatus'].split()}
+    final = {int(each) for each in service(tmp_path, path)['RestartPreventExitStatus'].split()}
     assert final == {WRONG_SETTING}

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A team's own packages beside the clone: built by colcon, and run, as docs/teams.md says."""
+"""A team's own packages beside the clone: built by colcon, and run, as its documents say."""
 
 from __future__ import annotations
 
@@ -81,8 +81,9 @@ def blocks(document: str, language: str) -> list[str]:
 
 
 def block(language: str, containing: str) -> str:
-    """Return the one code block of docs/teams.md that has this in it."""
-    (found,) = [each for each in blocks('docs/teams.md', language) if containing in each]
+    """Return the one code block of evgp_testing's README that contains this."""
+    readme = 'src/evgp_testing/README.md'
+    (found,) = [each for each in blocks(readme, language) if containing in each]
     return found
 
 
@@ -160,8 +161,7 @@ def test_the_template_with_messages_of_a_team_builds_beside_the_clone_and_passes
         encoding='utf-8',
     )
     building, testing = (steps()[name] for name in ('Build', 'Test'))
-    for document in ('docs/teams.md', 'kit/template/README.md'):
-        assert any(building in each for each in blocks(document, 'sh')), document
+    assert any(building in each for each in blocks('kit/template/README.md', 'sh'))
     lap = 'python -c "import team_msgs.msg as its; print(its.Lap().state.RED_RED)"'
     using = f'source install/setup.bash\n$EVGP/setup/in-workspace {lap}'
     said = run(f'{building}\n{using}\n{testing}', workspace)

@@ -15,18 +15,19 @@ import socket
 import tty
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from evgp_node.process import WRONG_SETTING
+from evgp_node.restarting import WRONG_SETTING
+from evgp_node.roster import Format
 from evgp_node.stamps import stamp_of
-from evgp_rcs.ros.messages import passing_of
-from evgp_rcs.rules.laps import Format, Laps, LapSettings
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
 from evgp_timing.kinds import DECODERS
+from evgp_timing.laps import Laps, LapSettings
 from evgp_timing.p3_emulator import passing, STATUS_RECORD
 from evgp_timing.passings import Passing
+from evgp_timing.timekeeper import passing_of
 import pytest
 from rclpy.parameter import Parameter
 from recorded_bytes import P3_LIVE, RECORDED
@@ -36,7 +37,7 @@ Start = Callable[..., Process]
 
 
 class Listener(RosSide):
-    """Race control's ear, and that of whoever looks at diagnostics."""
+    """The timekeeper's ear, and that of whoever looks at diagnostics."""
 
     def __init__(self, domain: int, name: str = 'listener') -> None:
         """Subscribe."""

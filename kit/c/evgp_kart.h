@@ -2,44 +2,45 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * What a kart must obey, for karts without ROS: EVGP race control's wire (docs/wire.md), in C.
+ * What a kart must obey, for karts without ROS: EVGP race control's protocol (docs/wire.md), in C.
  *
  * SPDX-License-Identifier: Apache-2.0
  *
- * One header, C99 or C++. It allocates nothing, opens nothing and keeps nothing outside the struct
- * that you give it. You feed it the bytes that came and the time; it says what the kart must obey,
+ * One header, C99 or C++. It allocates nothing, opens nothing and keeps all its state in the struct
+ * that you give it. You pass it the received bytes and the time; it returns what the kart must obey
  * and what to send. In each turn of your loop, at least 20 times a second:
  *
- *     evgp_kart_tick(&kart, now);                       first of all: is race control silent?
- *     evgp_kart_received(&kart, bytes, count, now);     all that has come
+ *     evgp_kart_tick(&kart, now);                       first: is race control silent?
+ *     evgp_kart_received(&kart, bytes, count, now);     everything that has arrived
  *     evgp_verdict verdict = evgp_kart_verdict(&kart);
- *     if (!verdict.open) ... close the socket, if there is one, and connect again later
+ *     if (!verdict.open) ... close the socket, if any, and reconnect later
  *     int reached = drive(verdict.obey, verdict.may_drive);
  *     if (reached) {
  *         const char *say = evgp_kart_acknowledge(&kart, verdict.order, now);
  *         if (say) ... send these characters
  *     }
  *
- * and, when they happen, evgp_kart_connected() and evgp_kart_closed(). drive() must not wait. It
+ * Call evgp_kart_connected() and evgp_kart_closed() when that happens. drive() must not wait. It
  * returns whether the kart HAS reached what it obeys: ready in GRID_ACTIVE, driving in GREEN_GREEN,
- * standing in the reds. On an acknowledged stop people walk onto the track: say only what is true.
+ * standing still in the reds. People walk onto the track because of an acknowledged stop: report
+ * only what is true.
  *
- * The rules are those of evgp_protocol/arbiter.py, where they are explained and proven. The test
- * test_kart_kit.py gives both the same inputs and wants the same answers.
+ * The rules are those of evgp_protocol/arbiter.py, which explains them. The test test_kart_kit.py
+ * gives both the same inputs and requires the same answers.
  *
  *   - RED_RED before the first frame of a connection, after frame_timeout_ms of silence, without a
  *     connection, and under a team stop.
- *   - GREEN_GREEN is obeyed only right after a GRID_ACTIVE that was acknowledged on this connection,
- *     with no team stop since. Otherwise it is RED_RED.
- *   - A kart that a team stop takes out of that GRID_ACTIVE or GREEN_GREEN obeys RED_RED until another
- *     command, and says RED_RED, once, as it would acknowledge one. So race control knows.
- *   - An acknowledgement names the order that was acted on. It counts for no other.
+ *   - GREEN_GREEN is obeyed only directly after a GRID_ACTIVE that was acknowledged on this
+ *     connection, with no team stop since. Otherwise it is RED_RED.
+ *   - A kart that a team stop takes out of that GRID_ACTIVE or GREEN_GREEN obeys RED_RED until
+ *     another command. It reports RED_RED once, like an acknowledgement, so that race control knows.
+ *   - An acknowledgement names the order that the kart acted on, and counts for no other.
  *
- * Time: milliseconds of a counter that nobody sets and that counts on while the computer sleeps. It
- * may start again at 0 after 2^32 ms. A time before an earlier one is doubt: the connection is lost.
- * Call evgp_kart_tick() at least once in 24 days.
+ * Time: milliseconds of a counter that nobody sets and that includes sleep. It may wrap to 0 after
+ * 2^32 ms. If a time is before an earlier one, the connection counts as lost. Call evgp_kart_tick()
+ * at least once in 24 days.
  *
- * One thread owns an evgp_kart. Nothing here may be called from an interrupt meanwhile.
+ * One thread owns an evgp_kart. Do not call these functions from an interrupt at the same time.
  */
 #ifndef EVGP_KART_H
 #define EVGP_KART_H
@@ -52,14 +53,14 @@
 extern "C" {
 #endif
 
-/* The TCP port at which race control listens. */
+/* The TCP port on which race control listens. */
 #define EVGP_PORT 12017
 
-/* The longest frame, in bytes, its '$' and ';' included. */
+/* Maximum length of a frame in bytes, including '$' and ';'. */
 #define EVGP_MAX_FRAME_BYTES 32
 
-/* The race states (§3.A), with the numbers of evgp_rcs_msgs/RaceState. They are no order: do not
-   compare them by < or >. EVGP_NONE: race control has commanded nothing. */
+/* The race states (§3.A), with the numbers of evgp_rcs_msgs/RaceState. They are not in order of
+   strictness: do not compare them with < or >. EVGP_NONE: race control has commanded nothing. */
 typedef enum {
     EVGP_NONE = 0,
     EVGP_IN_GARAGE = 1,
@@ -71,35 +72,35 @@ typedef enum {
 
 /* Where a team stop comes from (§2.B, §2.C). Each must release its own. */
 typedef enum {
-    EVGP_STOP_BUTTON = 0, /* a button, a program, anything that says both stop and go */
-    EVGP_STOP_REMOTE = 1, /* the safety remote, which must be heard every remote_timeout_ms */
-    EVGP_STOP_MSR = 2     /* the MSR's contact is open; it must be heard every msr_timeout_ms */
+    EVGP_STOP_BUTTON = 0, /* a button, a program, or anything else that reports both stop and go */
+    EVGP_STOP_REMOTE = 1, /* the safety remote; silence of remote_timeout_ms is a stop */
+    EVGP_STOP_MSR = 2     /* the MSR's contact; silence of msr_timeout_ms is a stop */
 } evgp_stop_source;
 #define EVGP_STOP_SOURCES 3
 
-/* The parameters of the rules; evgp_kart_init() brings what is out of range into it. */
+/* The parameters of the rules; evgp_kart_init() limits each to its range. */
 typedef struct {
     uint32_t frame_timeout_ms;  /* silence after which the connection is lost; 1 to 1000 */
-    uint32_t red_flag_drive_ms; /* RED_FLAG lets a driving kart go on for this long; to 30000 */
-    uint32_t remote_timeout_ms; /* silence of the safety remote that is a team stop; 0: there is
-                                   no remote; to 10000 */
-    uint32_t msr_timeout_ms;    /* time in which nobody read the MSR's contact that is a team stop;
-                                   0: no contact is wired; to 1000 */
+    uint32_t red_flag_drive_ms; /* time for which RED_FLAG lets a driving kart continue; to 30000 */
+    uint32_t remote_timeout_ms; /* silence of the safety remote that is a team stop; to 10000; 0: no
+                                   remote */
+    uint32_t msr_timeout_ms;    /* time without a reading of the MSR's contact that is a team stop;
+                                   to 1000; 0: no contact is wired */
     int drive_in_garage;        /* not 0: the kart may drive in IN_GARAGE, where its team has it */
 } evgp_settings;
 
-/* What holds as of the last input. */
+/* What the kart must do as of the last input. */
 typedef struct {
     evgp_state obey;      /* what the kart must do; never EVGP_NONE */
     evgp_state commanded; /* what race control commands; EVGP_NONE: nothing */
-    uint32_t order;       /* the number of that command; acknowledge by it. 0: no command */
+    uint32_t order;       /* the number of that command, for its acknowledgement; 0: no command */
     int may_drive;        /* not 0: the kart may move */
     int open;             /* 0: there is no connection, or the socket must be closed */
-    int team_stop;        /* not 0: a stop of the kart's own is on, the team's or the MSR's */
+    int team_stop;        /* not 0: the kart stops itself, for the team or the MSR */
     int acknowledged;     /* not 0: what it obeys was acknowledged */
 } evgp_verdict;
 
-/* A kart. Its fields are nobody's but the functions' below. All zeros is a kart that stands. */
+/* A kart. Only the functions below use its fields. All zeros is a kart that stops. */
 typedef struct {
     evgp_settings settings;
     uint32_t now;
@@ -114,7 +115,7 @@ typedef struct {
     uint8_t acknowledged;
     uint8_t armed;
     uint8_t slowing;
-    /* the acknowledgement that was sent last: not more often than race control's frames come */
+    /* the last acknowledgement: at most one per frame of race control */
     uint32_t said_order;
     uint8_t heard_since_said;
     /* the team's stop */
@@ -122,17 +123,17 @@ typedef struct {
     uint8_t source_heard[EVGP_STOP_SOURCES];
     uint8_t stopped;
     uint32_t source_at[EVGP_STOP_SOURCES];
-    /* the decoder: a frame so far, '$' included */
+    /* the decoder: the frame so far, including '$' */
     char frame[EVGP_MAX_FRAME_BYTES];
     uint8_t frame_bytes;
     uint8_t skipping;
-    uint8_t garage_owed; /* IN_GARAGE came and was not said back: it goes before the next word */
-    uint8_t out; /* it has stopped itself since it was armed, under the same commands */
+    uint8_t garage_owed; /* IN_GARAGE was not acknowledged: it goes before the next acknowledgement */
+    uint8_t out; /* the kart stopped itself after it was armed, under the same commands */
 } evgp_kart;
 
 /* ----- names ------------------------------------------------------------------------------- */
 
-/* Return the frame that says a state, such as "$RED_RED;"; "" for EVGP_NONE. */
+/* Return the frame of a state, such as "$RED_RED;"; "" for EVGP_NONE. */
 static inline const char *evgp_frame(evgp_state state)
 {
     switch (state) {
@@ -160,9 +161,9 @@ static inline const char *evgp_name(evgp_state state)
     return "nothing";
 }
 
-/* ----- the rules; names with evgp_p_ are private ------------------------------------------- */
+/* ----- the rules; evgp_p_ marks private functions ------------------------------------------ */
 
-/* Return the silence of a source that is a team stop; 0: it need not be heard. */
+/* Return the silence of a source that is a team stop; 0: its silence is allowed. */
 static inline uint32_t evgp_p_timeout(const evgp_kart *kart, int source)
 {
     return source == EVGP_STOP_REMOTE ? kart->settings.remote_timeout_ms
@@ -170,7 +171,7 @@ static inline uint32_t evgp_p_timeout(const evgp_kart *kart, int source)
                                       : 0U;
 }
 
-/* Return whether a source stops the kart: by its word, or because it must be heard and is not. */
+/* Return whether a source stops the kart: it says stop, or is silent and must not be. */
 static inline int evgp_p_stops(const evgp_kart *kart, int source)
 {
     return kart->engaged[source] ||
@@ -194,7 +195,7 @@ static inline evgp_state evgp_p_obey(const evgp_kart *kart)
     return kart->commanded;
 }
 
-/* Return what a kart says that has reached what it obeys; EVGP_NONE: nothing. */
+/* Return the state to acknowledge once the kart has reached what it obeys; EVGP_NONE: none. */
 static inline evgp_state evgp_p_reached(const evgp_kart *kart)
 {
     const int to_race =
@@ -217,7 +218,7 @@ static inline int evgp_p_may_drive(const evgp_kart *kart)
     return 0;
 }
 
-/* Give what is commanded, if anything is, a number that nothing had before. */
+/* Give the present command, if any, a new number. */
 static inline void evgp_p_number(evgp_kart *kart)
 {
     if (kart->commanded != EVGP_NONE) {
@@ -240,7 +241,7 @@ static inline void evgp_p_lose(evgp_kart *kart)
     kart->skipping = 0;
 }
 
-/* Let nothing that allowed the kart to drive outlive a team stop. */
+/* Apply a team stop: nothing that allowed the kart to drive survives it. */
 static inline void evgp_p_on_team_stop(evgp_kart *kart)
 {
     kart->stopped = 1;
@@ -249,14 +250,14 @@ static inline void evgp_p_on_team_stop(evgp_kart *kart)
         kart->armed = 0;
         kart->out = 1;
         kart->acknowledged = 0;
-        evgp_p_number(kart); /* who acted on GREEN_GREEN must not say that the kart stands */
+        evgp_p_number(kart); /* a program that acted on GREEN_GREEN must not acknowledge RED_RED */
     }
 }
 
-/* Let what is due by now happen, before the input is judged. */
+/* Let what is due happen, before the input is judged. */
 static inline void evgp_p_pass(evgp_kart *kart, uint32_t now)
 {
-    /* Unsigned differences stay right when the counter starts again at 0. */
+    /* Unsigned differences stay right when the counter wraps to 0. */
     const int backwards = (uint32_t)(now - kart->now) > UINT32_MAX / 2U;
     int source;
     kart->now = now;
@@ -278,7 +279,7 @@ static inline void evgp_p_pass(evgp_kart *kart, uint32_t now)
     }
 }
 
-/* End an input: what was said before the end of a team stop must not count after it. */
+/* End an input: an acknowledgement from before the end of a team stop must not count after it. */
 static inline void evgp_p_settle(evgp_kart *kart)
 {
     const int stopped = evgp_p_team_stop(kart);
@@ -311,7 +312,7 @@ static inline void evgp_p_heard(evgp_kart *kart, evgp_state state)
     }
 }
 
-/* Return the state that a whole frame names; EVGP_NONE: it is malformed. */
+/* Return the state of a whole frame; EVGP_NONE: it is malformed. */
 static inline evgp_state evgp_p_state_of(const char *frame, size_t count)
 {
     static const evgp_state states[] = {EVGP_GREEN_GREEN, EVGP_GRID_ACTIVE, EVGP_IN_GARAGE,
@@ -326,7 +327,7 @@ static inline evgp_state evgp_p_state_of(const char *frame, size_t count)
     return EVGP_NONE;
 }
 
-/* Return the state of the frame that this byte completes; EVGP_NONE: it completes none. */
+/* Return the state of the frame that this byte completes; EVGP_NONE: none. */
 static inline evgp_state evgp_p_decode(evgp_kart *kart, uint8_t byte)
 {
     evgp_state state = EVGP_NONE;
@@ -362,10 +363,10 @@ static inline evgp_state evgp_p_decode(evgp_kart *kart, uint8_t byte)
     return state;
 }
 
-/* ----- what you call ----------------------------------------------------------------------- */
+/* ----- the functions to call --------------------------------------------------------------- */
 
-/* Return the usual settings: 1 s of silence, 15 s for RED_FLAG, no remote, no
-   MSR contact, stand in IN_GARAGE. */
+/* Return the default settings: 1 s of silence, 15 s for RED_FLAG, no remote, no MSR contact, no
+   driving in IN_GARAGE. */
 static inline evgp_settings evgp_default_settings(void)
 {
     evgp_settings settings;
@@ -377,7 +378,7 @@ static inline evgp_settings evgp_default_settings(void)
     return settings;
 }
 
-/* Begin. The kart obeys RED_RED until there is a connection and race control says otherwise. */
+/* Initialize. The kart obeys RED_RED until race control sends another state. */
 static inline void evgp_kart_init(evgp_kart *kart, evgp_settings settings, uint32_t now)
 {
     memset(kart, 0, sizeof *kart);
@@ -406,7 +407,7 @@ static inline void evgp_kart_tick(evgp_kart *kart, uint32_t now)
     evgp_p_settle(kart);
 }
 
-/* A new connection to race control was made, whatever became of the last. */
+/* A new connection to race control was made; the one before counts as lost. */
 static inline void evgp_kart_connected(evgp_kart *kart, uint32_t now)
 {
     evgp_p_pass(kart, now);
@@ -425,11 +426,11 @@ static inline void evgp_kart_closed(evgp_kart *kart, uint32_t now)
 }
 
 /*
- * Take what has come on the present connection: any number of bytes, cut anywhere.
+ * Take what arrived on the present connection: any number of bytes, split anywhere.
  *
- * Read all there is before you look at the verdict, so that the kart obeys the last frame. What
- * comes after too long a silence comes too late: the connection is lost already. A count below 0, as
- * recv() returns where it fails, is a connection that is lost.
+ * Read everything before you look at the verdict, so that the kart obeys the last frame. Bytes that
+ * arrive after the timeout are too late: the connection is already lost. A count below 0, as recv()
+ * returns on failure, is a lost connection.
  */
 static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t count,
                                       uint32_t now)
@@ -450,10 +451,10 @@ static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t
 }
 
 /*
- * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it. What
- * is none of the sources is a stop whatever it says, until the button says go.
+ * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it. An
+ * unknown source is always a stop, until EVGP_STOP_BUTTON releases it.
  *
- * With remote_timeout_ms, every message of the remote must come here, those that say go too. With
+ * With remote_timeout_ms, call it for every message of the remote, also for those that say go. With
  * msr_timeout_ms, call it with EVGP_STOP_MSR each time that you have read the contact.
  */
 static inline void evgp_kart_team_stop(evgp_kart *kart, evgp_stop_source source, int stop,
@@ -472,7 +473,7 @@ static inline void evgp_kart_team_stop(evgp_kart *kart, evgp_stop_source source,
     evgp_p_settle(kart);
 }
 
-/* Return what holds as of the last input. */
+/* Return what the kart must do as of the last input. */
 static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
 {
     evgp_verdict verdict;
@@ -486,8 +487,8 @@ static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
     return verdict;
 }
 
-/* Return the word for what is reached, behind an IN_GARAGE that other frames have overtaken. */
-static inline const char *evgp_p_word(const evgp_kart *kart)
+/* Return the frame to send, after any IN_GARAGE that other frames have overtaken. */
+static inline const char *evgp_p_reply(const evgp_kart *kart)
 {
     const evgp_state reached = evgp_p_reached(kart);
     if (!kart->garage_owed) {
@@ -502,13 +503,13 @@ static inline const char *evgp_p_word(const evgp_kart *kart)
 }
 
 /*
- * Say that the kart has reached what a verdict has it obey; return the characters to send, or NULL.
+ * Report that the kart has reached what a verdict obeys; return the characters to send, or NULL.
  *
  * Call it in every turn in which that is true, with the order of the verdict that the kart acted
- * on, not a newer one. A kart that stopped itself in GRID_ACTIVE or GREEN_GREEN, and stands, so says
- * RED_RED, once. NULL: the order is over, or there is nothing to say, or the same was sent already and
- * no frame has come since. Send all of the characters, or close the connection; send nothing else in
- * between.
+ * on, not a newer one. For a kart that stopped itself in GRID_ACTIVE or GREEN_GREEN and stands still,
+ * this reports RED_RED, once. NULL: the order is over, there is nothing to report, or the same was
+ * already sent and no frame has arrived since. Send all of the characters with nothing in between, or
+ * close the connection.
  */
 static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order, uint32_t now)
 {
@@ -524,7 +525,7 @@ static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order,
         if (kart->said_order != order || kart->heard_since_said) {
             kart->said_order = order;
             kart->heard_since_said = 0;
-            say = evgp_p_word(kart);
+            say = evgp_p_reply(kart);
             kart->garage_owed = 0;
         }
     }
@@ -532,7 +533,7 @@ static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order,
     return say;
 }
 
-/* Return why the kart does not do what race control commands, for people; "": it does. */
+/* Return why the kart does not obey what race control commands, for people; "": it does. */
 static inline const char *evgp_kart_reason(const evgp_kart *kart)
 {
     if (evgp_p_obey(kart) == kart->commanded) {
@@ -542,19 +543,19 @@ static inline const char *evgp_kart_reason(const evgp_kart *kart)
         return "not connected to race control";
     }
     if (kart->commanded == EVGP_NONE) {
-        return "race control has said nothing on this connection yet";
+        return "race control has sent nothing on this connection yet";
     }
     if (evgp_p_team_stop(kart)) {
         return evgp_p_stops(kart, EVGP_STOP_MSR) ? "the MSR's contact is open, or not read"
                                                  : "team stop";
     }
     if (kart->out) {
-        return "it has stopped itself since it acknowledged GRID_ACTIVE, and needs another one";
+        return "the kart stopped itself after it acknowledged GRID_ACTIVE, and needs a new GRID_ACTIVE";
     }
-    return "GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it, on this connection";
+    return "GREEN_GREEN needs an acknowledged GRID_ACTIVE before it, on this connection";
 }
 
-/* Return how many malformed frames have come so far. */
+/* Return the number of malformed frames so far. */
 static inline uint32_t evgp_kart_malformed(const evgp_kart *kart)
 {
     return kart->malformed;

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart in Python, without ROS: one thread, and evgp_protocol, which needs Python alone.
+A kart in Python without ROS: one thread and evgp_protocol, which needs only Python.
 
     export PYTHONPATH=src/evgp_protocol
     python3 kit/python/example.py 10.0.0.1 [12017 [own address]]
 
-Replace ``drive`` with your kart. Here it simulates a speed. Your motors must stop by themselves
-when no commands come: nothing in this program brakes once it has crashed or hangs.
+Replace ``drive``, which simulates a speed. Your motors must stop when commands stop coming:
+nothing in this program brakes after it has crashed, or while it hangs.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
 
 TURN = 0.02
-"""Time of one turn of the loop, seconds."""
+"""Time of one turn of the loop, in seconds."""
 
 WAIT = 0.5
-"""Time between two attempts to connect, seconds."""
+"""Time between two attempts to connect, in seconds."""
 
 CONNECT_TIMEOUT = 2.0
-"""Time that an attempt to connect may take, seconds."""
+"""Maximum time of an attempt to connect, in seconds."""
 
 _speed = 0.0
 
 
 def drive(state: RaceState, may_drive: bool) -> bool:
-    """Do what the state says for one turn; return whether the kart has reached it."""
+    """Obey the state for one turn; return whether the kart has reached it."""
     global _speed
     if state is RaceState.GREEN_GREEN and may_drive:
         _speed = min(_speed + 0.05, 6.0)
         return _speed > 0.5
     if state is RaceState.IN_GARAGE and may_drive:
-        return True  # your team has it
+        return True  # your team has the kart
     _speed = max(_speed - (0.16 if state is RaceState.RED_RED else 0.04), 0.0)
     return _speed == 0.0  # GRID_ACTIVE: ready to race, here at once
 
 
-class Link:
-    """The connection to race control: made, used and made again, without ever waiting."""
+class Connection:
+    """The connection to race control, which it makes again when lost; it never waits."""
 
     def __init__(self, kart: Kart, race_control: tuple[str, int], own: str) -> None:
         self._kart = kart
@@ -81,10 +81,10 @@ class Link:
             self._give_up(error)
 
     def say(self, frame: bytes) -> None:
-        """Send a frame; half a frame is no connection."""
+        """Send a frame; a partly sent frame ends the connection."""
         try:
             if frame and self._socket is not None and self._socket.send(frame) != len(frame):
-                raise OSError('race control does not take what this kart says')
+                raise OSError("race control does not read this kart's replies")
         except OSError as error:
             self._give_up(error)
 
@@ -97,7 +97,7 @@ class Link:
         self._socket.connect_ex(self._race_control)
 
     def _receive(self, link: socket.socket) -> None:
-        for _ in range(64):  # no flood holds the brake up
+        for _ in range(64):  # a flood must not delay the brake
             if not self._kart.is_open:
                 raise OSError('race control was silent')
             try:
@@ -107,7 +107,7 @@ class Link:
             if not data:
                 raise OSError('race control closed the connection')
             self._kart.received(data, clock.now())
-        raise OSError('race control does not send that much')
+        raise OSError('race control never sends that much')
 
     def _give_up(self, error: OSError) -> None:
         print(error, flush=True)
@@ -118,22 +118,22 @@ class Link:
 
 
 def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
-    """Connect, obey, acknowledge, for ever."""
+    """Connect, obey and acknowledge, forever."""
     if len(sys.argv) not in (2, 3, 4):
         sys.exit('usage: example.py RACE_CONTROL [PORT [OWN_ADDRESS]], IPv4 addresses')
     host, port, own = (*sys.argv[1:], '', '')[:3]
     kart = Kart()
-    link = Link(kart, (host, int(port or DEFAULT_PORT)), own)
-    told = None
+    link = Connection(kart, (host, int(port or DEFAULT_PORT)), own)
+    printed = None
     while True:
         time.sleep(TURN)
         now = clock.now()
-        kart.tick(now)  # before anything that came is believed
+        kart.tick(now)  # before any received frame counts
         link.serve(now)
         verdict = kart.verdict
-        if verdict.state is not told:
-            told = verdict.state
-            print(f'obey {told.value} {verdict.reason}', flush=True)
+        if verdict.state is not printed:
+            printed = verdict.state
+            print(f'obey {printed.value} {verdict.reason}', flush=True)
         if drive(verdict.state, verdict.may_drive):
             link.say(kart.acknowledge(verdict.order, clock.now()))
 

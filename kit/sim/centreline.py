@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The middle of a track, and how to steer along it. Pure."""
+"""The middle of a track, and steering along it. Pure."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ import math
 import pathlib
 
 AHEAD = 3.0
-"""How far ahead a kart aims, in metres (pure pursuit)."""
+"""Distance ahead at which a kart aims, in metres (pure pursuit)."""
 
 
 class Centreline:
     """
-    The middle of a closed track, as a file of x, y and the width to the right and to the left, m.
+    The middle of a closed track, from a file of x, y, and the width to the right and left, in m.
 
-    Its first point is on the line where laps begin; there it runs along x.
+    Its first point is on the finish line, where the track runs along x.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
-        """Read it."""
+        """Read the file."""
         with path.open(encoding='utf-8') as lines:
             rows = [tuple(map(float, row)) for row in csv.reader(lines) if row[0][0] != '#']
         self.points = [(x, y) for x, y, _, _ in rows]
@@ -31,12 +31,12 @@ class Centreline:
         self.gap = sum(math.dist(*pair) for pair in closed) / len(rows)
 
     def nearest(self, x: float, y: float) -> int:
-        """Return the index of the point that is nearest to a place."""
+        """Return the index of the nearest point to a place."""
         distances = [math.dist(point, (x, y)) for point in self.points]
         return distances.index(min(distances))
 
     def off(self, x: float, y: float) -> float:
-        """Return how far to the left of the line a place is, in metres; negative: to the right."""
+        """Return a place's distance to the left of the line, in metres; negative: to the right."""
         index = self.nearest(x, y)
         along, (px, py) = self._along(index), self.points[index]
         return (y - py) * math.cos(along) - (x - px) * math.sin(along)
@@ -45,7 +45,7 @@ class Centreline:
         """
         Return the curvature, in 1/m, that leads from a pose to the line; positive: to the left.
 
-        :param lane: how far to the left of the line the kart drives, in metres.
+        :param lane: distance of the kart's lane to the left of the line, in metres.
         """
         index = (self.nearest(x, y) + round(AHEAD / self.gap)) % len(self.points)
         along = self._along(index)

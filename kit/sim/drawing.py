@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A race as a moving picture (SVG), seen from above. Pure."""
+"""A race as an animated picture (SVG), seen from above. Pure."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ COLOURS = {
     RaceState.RED_FLAG: '#f08a00',
     RaceState.RED_RED: '#b3001b',
 }
-"""Those of the officials' window."""
+"""The colours of the officials' window."""
 
 SCALE = 14.0
-"""Units of the picture for each metre."""
+"""Units of the picture per metre."""
 
 PACE = 3.0
-"""How much faster than the race the picture plays."""
+"""Speed of the picture relative to the race."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Look:
     """
     The race at one moment.
 
-    :param karts: of each kart x, y (m), heading (rad), what it is sent, and its laps.
+    :param karts: for each kart x, y (m), heading (rad), the state it is sent, and its laps.
     """
 
     state: RaceState
@@ -46,9 +46,9 @@ def draw(
     track: Centreline, looks: Sequence[Look], teams: Mapping[int, str], interval: float
 ) -> str:
     """
-    Return the picture; it plays again and again.
+    Return the picture, which plays in a loop.
 
-    :param interval: from one look to the next, in seconds.
+    :param interval: time between two looks, in seconds.
     """
     duration = f'{len(looks) * interval / PACE:.1f}s'
     xs, ys = zip(*track.points, strict=True)
@@ -59,7 +59,7 @@ def draw(
         return f'{(x - min(xs) + 4) * SCALE:.0f},{(max(ys) - y + 13) * SCALE:.0f}'
 
     def over_time(attribute: str, value: Callable[[Look], str]) -> str:
-        """Return what an attribute is at each moment, by its changes."""
+        """Return the animation of an attribute, by its changes."""
         values = [value(look) for look in looks]
         changes = [at for at, new in enumerate(values) if at == 0 or new != values[at - 1]]
         times = ';'.join(f'{index / len(looks):.4f}' for index in changes)

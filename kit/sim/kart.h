@@ -2,17 +2,17 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * A kart in C on a track: what ../c/examples/posix.c has of its own kart, with -DEVGP_KART.
+ * A kart in C on a track: it replaces the kart in ../c/examples/posix.c, with -DEVGP_KART.
  *
- * Its base is a datagram socket at BASE: it sends a speed (m/s) and a turn (rad/s), and hears x, y
- * (m), heading (rad) and speed. TRACK is the file of the middle of the track.
+ * Its base is a datagram socket at the port BASE: the kart sends a speed (m/s) and a turn rate
+ * (rad/s), and receives x, y (m), heading (rad) and speed. TRACK is the file with the track's middle.
  */
 #include <math.h>
 
-#define TOP 6.5          /* its highest speed, m/s */
-#define LANE 1.2         /* how far to the left of the middle it drives, m */
-#define AHEAD 2          /* how many points ahead it aims: 3 m */
-#define FRESH_MS 200U    /* after that time without its base, nothing is known */
+#define TOP 6.5          /* maximum speed, m/s */
+#define LANE 1.2         /* distance of its lane from the middle, to the left, m */
+#define AHEAD 2          /* number of points ahead at which it aims: 3 m */
+#define FRESH_MS 200U    /* maximum age of the base's last message */
 #define MOST_POINTS 1000
 
 static int base = -1, count = 0;
@@ -68,7 +68,7 @@ static double steer(void)
     return 2.0 * sin(atan2(y, x) - pose[2]) / hypot(x, y);
 }
 
-/* Do what the action says for one turn, without waiting. */
+/* Carry out the action for one turn, without waiting. */
 static void drive(void)
 {
     char text[100];
@@ -87,5 +87,5 @@ static void drive(void)
              : action == EVGP_DRIVE           ? TOP
                                               : fmax(0.0, fmin(wanted, speed) - 0.03);
     length = snprintf(text, sizeof text, "%g %g", wanted, wanted * steer());
-    (void)send(base, text, (size_t)length, 0); /* a base that hears nothing brakes */
+    (void)send(base, text, (size_t)length, 0); /* without messages, the base brakes */
 }

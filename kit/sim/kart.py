@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart in Python without ROS: kit/python/example.py, whose ``drive`` is this one.
+A kart in Python without ROS: kit/python/example.py with another ``drive``.
 
-Its base is a datagram socket at BASE: it sends a speed (m/s) and a turn (rad/s), and hears x, y
-(m), heading (rad) and speed.
+Its base is a datagram socket at the port BASE: the kart sends a speed (m/s) and a turn rate
+(rad/s), and receives x, y (m), heading (rad) and speed.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ from evgp_protocol.states import RaceState  # noqa: E402
 import example  # noqa: E402
 
 TOP = 5.5
-"""Its highest speed, in m/s."""
+"""Maximum speed, in m/s."""
 
 STANDSTILL = 0.5
-"""How long it must have stood and not been told to drive, in seconds: more than its dead time."""
+"""Minimum time without motion or a command to drive that counts as a standstill, in seconds: more
+than the dead time."""
 
 FRESH = 0.2
-"""After that time without its base, in seconds, nothing is known."""
+"""Maximum age of the base's last message, in seconds."""
 
 LANE = -1.2
-"""How far to the left of the middle it drives, in metres."""
+"""Distance of its lane from the middle, to the left, in metres."""
 
 
 class Kart:
-    """Drives beside the middle of the track where the race state lets it."""
+    """Drives beside the middle of the track when the race state allows it."""
 
     def __init__(self) -> None:
-        """Read the track, and stand."""
+        """Read the track, and start at standstill."""
         self._track = Centreline(pathlib.Path(os.environ['TRACK']))
         self._base = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._base.connect(('127.0.0.1', int(os.environ['BASE'])))
@@ -48,10 +49,10 @@ class Kart:
         self._pose = (0.0, 0.0, 0.0)
         self._speed = self._wanted = 0.0
         self._heard_at = float('-inf')
-        self._moved_at = time.monotonic()  # it moved, or was told to, or nobody knew
+        self._moved_at = time.monotonic()  # it moved, was commanded to, or its motion was unknown
 
     def drive(self, state: RaceState, may_drive: bool) -> bool:
-        """Do what the state says for one turn; return whether the kart has reached it."""
+        """Obey the state for one turn; return whether the kart has reached it."""
         self._listen()
         now = time.monotonic()
         fresh = now - self._heard_at < FRESH

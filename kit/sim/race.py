@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``make sim``: three karts that are made in three ways drive a whole race in a simulator.
+``make sim``: three karts, each built differently, drive a whole race in a simulator.
 
-The real race control directs it; README.md beside this file says how to put a stack of yours in.
+The real race control runs it; README.md in this folder shows how to use your own stack.
 """
 
 from __future__ import annotations
@@ -39,46 +39,45 @@ from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 
 HERE = pathlib.Path(__file__).resolve().parent
 TRACK = HERE / 'track.csv'
 TEAMS = {1: 'Python, ROS 2', 2: 'C kit', 3: 'Python, no ROS'}
 GRID = {1: (-3.0, 0.0), 2: (-6.0, 1.2), 3: (-9.0, -1.2)}
-"""Where the karts stand before the race, x and y in m."""
+"""Start positions of the karts, x and y, in metres."""
 
 HEAT = 'sim'
-TOLD = {
+PRINTED = {
     msg.RaceEvent.RACE_STATE,
     msg.RaceEvent.ACKNOWLEDGED,
-    msg.RaceEvent.LAP,
-    msg.RaceEvent.RESULTS,
+    msg.RaceEvent.ORDER_OF_FINISH,
 }
-"""The kinds of events that are printed."""
+"""The kinds of events to print."""
 
 TURN = 0.02
 """Time between two looks at the karts, in seconds."""
 
 LOOKS = 10
-"""How many of those for one in the picture."""
+"""Number of looks for one frame of the picture."""
 
 LONGEST = 90.0
 """Maximum time of a lap, in seconds: far more than it takes."""
 
 
 class Base(Protocol):
-    """What moves a kart."""
+    """A kart's simulated base."""
 
     @property
     def motion(self) -> Motion:
-        """Return how it moves at this moment."""
+        """Return its present motion."""
 
 
 class DatagramBase(Part):
-    """A base for a kart without ROS, as kart.py and kart.h know it, at a port of loopback."""
+    """A base for a kart without ROS, used by kart.py and kart.h through a loopback port."""
 
     def __init__(self, place: tuple[float, float]) -> None:
-        """Stand."""
+        """Start at standstill."""
         self._moving = threading.Lock()
         self._motion = Motion(time.monotonic(), place=place)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -90,7 +89,7 @@ class DatagramBase(Part):
 
     @property
     def motion(self) -> Motion:
-        """Return how it moves at this moment."""
+        """Return its present motion."""
         with self._moving:
             self._motion.advance(time.monotonic())
             return copy.copy(self._motion)
@@ -117,13 +116,13 @@ class DatagramBase(Part):
 
 class Line(Part):
     """
-    The timing line, and whoever looks at the karts.
+    The timing line and the observer of the karts.
 
-    ``looks`` are for the picture; ``off`` is how far each kart has been off the middle, in m.
+    ``looks`` are for the picture; ``off`` is each kart's largest distance from the middle, in m.
     """
 
     def __init__(self, official: Official, bases: dict[int, Base], track: Centreline) -> None:
-        """Begin to look."""
+        """Start observing."""
         self.looks: list[Look] = []
         self.off = dict.fromkeys(bases, 0.0)
         self._official, self._bases, self.track = official, bases, track
@@ -141,7 +140,7 @@ class Line(Part):
             for number, motion in now.items():
                 before = self._before.get(number, motion)
                 if before.x < 0.0 <= motion.x and abs(motion.y) < self.track.width / 2:
-                    # Since the last look, in a straight line: it may stand now.
+                    # Interpolated since the last look, because the kart may stand still now.
                     self._pass(number, motion.x / (motion.x - before.x) * TURN)
                 off = abs(self.track.off(motion.x, motion.y))
                 self.off[number] = max(self.off[number], off)
@@ -169,22 +168,23 @@ class Line(Part):
         race = self._official.race
         assert race is not None
         sent = {kart.number: state_of(kart.sent) or RaceState.RED_RED for kart in race.karts}
-        laps = {kart.number: kart.laps for kart in race.karts}
+        results = self._official.results
+        laps = {each.kart: each.laps for each in results.karts} if results else {}
         state = state_of(race.state) or RaceState.RED_RED
         poses = {
-            number: (motion.x, motion.y, motion.heading, sent[number], laps[number])
+            number: (motion.x, motion.y, motion.heading, sent[number], laps.get(number, 0))
             for number, motion in now.items()
         }
         self.looks.append(Look(state, poses))
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop observing."""
         self._ended.set()
         self._thread.join()
 
 
 def compile_kart(folder: pathlib.Path) -> str:
-    """Return the path of the kart in C, compiled."""
+    """Compile the kart in C; return the path of the program."""
     kart = str(folder / 'kart')
     kit = HERE.parent / 'c'
     words = ['cc', '-std=c99', '-O2', '-Wall', f'-I{kit}', f'-I{HERE}', '-DEVGP_KART="kart.h"']
@@ -195,8 +195,8 @@ def compile_kart(folder: pathlib.Path) -> str:
 def begin(
     parts: contextlib.ExitStack, folder: pathlib.Path, laps: int, stack: Sequence[str]
 ) -> tuple[Official, Line]:
-    """Start everything; return who directs the race, and who looks at it."""
-    # Also of the nodes in this process: nobody else's race is seen or commanded.
+    """Start everything; return the official and the timing line."""
+    # For the nodes in this process, too: keep away from everybody else's race.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['TRACK'] = str(TRACK)
     kart = compile_kart(folder)
@@ -204,13 +204,15 @@ def begin(
         folder,
         parts.enter_context(Domain()).number,
         TEAMS,
-        parameters={'auto_finish': True, 'finish_delays': [3.0, 2.0, 1.0]},
+        parameters={'finish_delays': [3.0, 2.0, 1.0]},
         teams=TEAMS,
-        heats={HEAT: {'karts': list(TEAMS), 'laps': laps}},
+        heats={HEAT: {'karts': list(TEAMS), 'laps': laps, 'auto_finish': True}},
     )
     parts.enter_context(control)
+    parts.enter_context(Timekeeper(folder, control.domain))
     domain = parts.enter_context(Domain()).number
-    official = parts.enter_context(Official(control.domain))
+    hears = 'race', 'events', 'results'
+    official = parts.enter_context(Official(control.domain, hears=hears))
     base = parts.enter_context(SimulatedBase(domain, place=GRID[1]))
     bases: dict[int, Base] = {1: base}
     to_the_bridge = ('-r', '~/odom:=/odom')
@@ -225,52 +227,54 @@ def begin(
     return official, parts.enter_context(Line(official, bases, Centreline(TRACK)))
 
 
-def drive(official: Official, laps: int) -> msg.Race:
+def drive(official: Official, laps: int) -> msg.Results:
     """
-    Direct one race, from the garage to the garage; return it as it was when it was over.
+    Direct one race, from garage to garage; return its results.
 
-    :raises AssertionError: if a kart does not do its part in time.
+    :raises AssertionError: if a kart is too late.
     """
     official.wait_for_connected(*TEAMS)
     official.bring_to(RaceState.IN_GARAGE)
     official.command('set_heat', heat=HEAT)
     official.bring_to(RaceState.GREEN_GREEN)
     official.timeout = laps * LONGEST
-    race = official.wait_for_race(
+    official.wait_for_race(
         lambda race: state_of(race.state) is RaceState.RED_RED, 'the race to be over'
     )
     official.wait_for_acks(RaceState.RED_RED, *TEAMS)
     official.bring_to(RaceState.IN_GARAGE)
-    return race
+    return official.wait_for_results(lambda results: results.karts, 'results')
 
 
-def tell(event: msg.RaceEvent) -> None:
-    """Print an event of those that make a race."""
-    if event.kind in TOLD:
+def print_event(event: msg.RaceEvent) -> None:
+    """Print an event if it is one of `PRINTED`."""
+    if event.kind in PRINTED:
         at = event.monotonic.sec + event.monotonic.nanosec * 1e-9
         print(f'{at:9.3f}  {event.text}', flush=True)
 
 
-def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
-    """Return what was wrong with the race."""
+def missing(results: msg.Results, line: Line, laps: int) -> list[str]:
+    """Return the faults of the race."""
     wrong = []
-    for kart in race.karts:
+    found = {each.kart: each for each in results.karts}
+    for number in TEAMS:
+        kart = found.get(number, msg.KartResult())
         if kart.laps != laps or not kart.place:
-            wrong.append(f'kart {kart.number} has {kart.laps} laps and place {kart.place}')
+            wrong.append(f'kart {number} has {kart.laps} laps and place {kart.place}')
     half = line.track.width / 2
     wrong += [f'kart {number} left the track' for number, off in line.off.items() if off > half]
     return wrong
 
 
 def main() -> int:
-    """Drive a race; return 0 if nothing was wrong with it."""
+    """Drive a race; return 0 if it had no faults."""
     parser = argparse.ArgumentParser(prog='make sim', description=__doc__)
-    parser.add_argument('--laps', type=int, default=2, help='how many laps each kart drives')
+    parser.add_argument('--laps', type=int, default=2, help='number of laps')
     parser.add_argument(
         '--stack',
         default=shlex.join([sys.executable, str(HERE / 'stack.py')]),
         metavar='COMMAND',
-        help='another stack for kart 1: it obeys /kart_bridge/race_state, publishes /cmd_vel',
+        help='your stack for kart 1: it obeys /kart_bridge/race_state and publishes /cmd_vel',
     )
     parser.add_argument(
         '--picture', type=pathlib.Path, default=pathlib.Path('build/sim.svg'), metavar='FILE'
@@ -279,17 +283,17 @@ def main() -> int:
     with contextlib.ExitStack() as parts:
         folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
         official, line = begin(parts, folder, given.laps, shlex.split(given.stack))
-        parts.enter_context(official.telling(tell))
-        race = drive(official, given.laps)
+        parts.enter_context(official.telling(print_event))
+        results = drive(official, given.laps)
     given.picture.parent.mkdir(parents=True, exist_ok=True)
     picture = draw(line.track, line.looks, TEAMS, TURN * LOOKS)
     given.picture.write_text(picture, encoding='utf-8')
-    for kart in sorted(race.karts, key=lambda kart: kart.place):
-        best = f'{kart.laps} laps, the best in {kart.best_lap:.3f} s'
-        print(f'{kart.place}. kart {kart.number}, {kart.team}: {best}')
-    print(f'The race as a moving picture, for a browser: {given.picture}')
-    wrong = missing(race, line, given.laps)
-    print('\n'.join(f'WRONG: {each}' for each in wrong) or 'Nothing was wrong.')
+    for kart in results.karts:
+        best = f'{kart.laps} laps, the best in {min(kart.lap_times, default=math.nan):.3f} s'
+        print(f'{kart.place}. kart {kart.kart}, {TEAMS[kart.kart]}: {best}')
+    print(f'Animation of the race, for a browser: {given.picture}')
+    wrong = missing(results, line, given.laps)
+    print('\n'.join(f'FAULT: {each}' for each in wrong) or 'No faults.')
     return bool(wrong)
 
 

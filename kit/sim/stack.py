@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A stack in Python with ROS 2: the shortest stack, which also steers along the middle."""
+"""A stack in Python with ROS 2: the shortest stack, with steering along the middle."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ from rclpy.executors import ExternalShutdownException
 
 
 class Stack(shortest_stack.Stack):
-    """Drives along the middle of the track where the race state lets it."""
+    """Drives along the middle of the track when the race state allows it."""
 
     def __init__(self) -> None:
-        """Read the track, and begin to drive."""
+        """Read the track, and start the stack."""
         self.pose = Pose()
         self.track = Centreline(pathlib.Path(os.environ['TRACK']))
         super().__init__()
 
     def hear_odometry(self, odometry: Odometry) -> None:
-        """Take the pose, too."""
+        """Also take the pose."""
         super().hear_odometry(odometry)
         self.pose = odometry.pose.pose
 
     def move(self, speed: float) -> None:
-        """Tell the motors a speed, m/s, and how fast to turn."""
+        """Send the motors a speed, in m/s, and a turn rate."""
         place, turned = self.pose.position, self.pose.orientation
         heading = 2 * math.atan2(turned.z, turned.w)
         command = Twist()

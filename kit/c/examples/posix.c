@@ -6,8 +6,8 @@
  *
  *     cc -std=c99 -Wall -I.. posix.c -o kart && ./kart 10.0.0.1 [12017 [this kart's address]]
  *
- * Replace the part about the kart. Here it simulates a speed. Your motors must stop by themselves when
- * no commands come: nothing in this program brakes once it has crashed or hangs.
+ * Replace the part about the kart, which simulates a speed. Your motors must stop when commands stop
+ * coming: nothing in this program brakes after it has crashed, or while it hangs.
  */
 #define _DEFAULT_SOURCE /* for clock_gettime and its kin under -std=c99 */
 
@@ -28,10 +28,10 @@
 #include "evgp_board.h"
 
 #define TURN_MS 20     /* one turn of the loop; at most 50 */
-#define CONNECT_MS 300 /* how long an attempt to connect may take */
+#define CONNECT_MS 300 /* maximum time of an attempt to connect */
 
 #ifdef CLOCK_BOOTTIME
-#define KART_CLOCK CLOCK_BOOTTIME /* counts on while the computer is suspended */
+#define KART_CLOCK CLOCK_BOOTTIME /* includes suspend */
 #else
 #define KART_CLOCK CLOCK_MONOTONIC
 #endif
@@ -56,7 +56,7 @@ static uint32_t now(void)
 /* ----- the kart: replace this ---------------------------------------------------------------- */
 
 #ifdef EVGP_KART
-#include EVGP_KART /* another one, such as that of kit/sim */
+#include EVGP_KART /* another kart, such as that of kit/sim */
 #else
 static evgp_action action;
 static double speed = 0.0; /* m/s; measure yours */
@@ -65,7 +65,7 @@ static void act(evgp_action what) { action = what; }
 static int moves(void) { return speed > 0.0; }
 static int ready(void) { return 1; }
 
-/* Do that for one turn, without waiting. */
+/* Drive for one turn, without waiting. */
 static void drive(void)
 {
     const double brake = action == EVGP_BRAKE ? 0.16 : 0.04; /* m/s in a turn */
@@ -77,7 +77,7 @@ static void drive(void)
 }
 #endif
 
-/* Wait for the next turn. What comes meanwhile is read in it, TURN_MS later at most. */
+/* Wait for the next turn. Bytes that arrive meanwhile are read at most TURN_MS later. */
 static void wait_for_turn(void)
 {
     (void)poll(NULL, 0, TURN_MS);
@@ -133,7 +133,7 @@ static int take(uint8_t *to, size_t size)
     return count > 0 ? (int)count : -1;
 }
 
-/* Half a frame is no connection. */
+/* A partly sent frame ends the connection. */
 static int say(const char *from, size_t size)
 {
     return send(link_to, from, size, MSG_NOSIGNAL) == (ssize_t)size;
@@ -154,7 +154,7 @@ int main(int argc, char **argv)
     static const evgp_hardware hardware = {now,  act,        moves, ready, joined,
                                            join, connect_it, take,  say,   hang_up};
     evgp_board board;
-    evgp_verdict told;
+    evgp_verdict printed;
     has_own = argc > 3;
     if (argc < 2 || argc > 4 ||
         !read_address(argv[1], argc > 2 ? argv[2] : "12017", &race_control) ||
@@ -165,7 +165,7 @@ int main(int argc, char **argv)
     signal(SIGINT, end);
     signal(SIGTERM, end);
     evgp_board_begin(&board, &hardware, evgp_default_settings());
-    memset(&told, 0, sizeof told);
+    memset(&printed, 0, sizeof printed);
 
     while (!ending || speed > 0.0) {
         evgp_verdict verdict;
@@ -173,10 +173,10 @@ int main(int argc, char **argv)
         evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, ending, now());
         verdict = evgp_board_turn(&board);
         drive();
-        if (verdict.obey != told.obey || verdict.order != told.order) {
+        if (verdict.obey != printed.obey || verdict.order != printed.order) {
             printf("obey %s %s\n", evgp_name(verdict.obey), evgp_kart_reason(&board.kart));
             fflush(stdout);
-            told = verdict;
+            printed = verdict;
         }
     }
     return 0;

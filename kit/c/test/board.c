@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Holds evgp_board.h to its promises, on a board whose network, race control and clock do anything.
- * Prints how often what; ends with status 1, and the line here, at the first promise that is broken.
+ * Checks the promises of evgp_board.h on a board whose network, race control and clock do anything.
+ * Prints how often each thing happened; exits with 1, and the line here, at the first broken promise.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,14 +13,14 @@
 #define DEAD_MS 400U
 #define PROMISE(holds) ((holds) ? (void)0 : broken(__LINE__))
 
-static uint32_t seed = 1, clock_ms = 4294900000U; /* it starts again at 0 soon */
+static uint32_t seed = 1, clock_ms = 4294900000U; /* it wraps to 0 soon */
 static evgp_board board;
 static int up, accepting, silent, flooding, breaking, opened, failed_write, speed, at_rest, blind;
-static int broke, is_ready; /* what it was last asked */
+static int broke, is_ready; /* the last reply */
 static int garage; /* whether the kart may be pushed in IN_GARAGE */
 static evgp_action action;
-static evgp_state said = EVGP_RED_RED; /* what race control says */
-static const char *coming = "";        /* the rest of the frame that comes */
+static evgp_state said = EVGP_RED_RED; /* what race control sends */
+static const char *coming = "";        /* the rest of the present frame */
 static uint32_t heard_at, ended, needed, reads, tries, driven_since, driven_until;
 static unsigned connects, joins, drove, slowed, released, lost, stopped;
 
@@ -39,7 +39,7 @@ static uint32_t chance(uint32_t below)
 static uint32_t now(void) { return clock_ms; }
 static void act(evgp_action what) { action = what; }
 
-/* Whatever is asked may hang: by then the kart brakes, if it must by what is known. */
+/* Any function may hang: by then the kart must brake, if a stop is known. */
 static void brakes_first(void)
 {
     PROMISE(action == EVGP_BRAKE || evgp_kart_verdict(&board.kart).may_drive);
@@ -67,7 +67,7 @@ static int joined(void)
     return up ? 1 : chance(2) != 0 ? 0 : -1;
 }
 
-/* An attempt: the second of a kind waits for `first`, each one after it twice as long, to `last`. */
+/* An attempt: the second of a kind waits for `first`, each later one twice as long, up to `last`. */
 static void attempt(uint32_t first, uint32_t last)
 {
     PROMISE(action == EVGP_BRAKE && !opened);
@@ -99,7 +99,7 @@ static int take(uint8_t *to, size_t size)
     size_t count = 0;
     PROMISE(opened && ++reads <= 20 && !broke);
     if (breaking) {
-        broke = 1; /* and nothing is read any more */
+        broke = 1; /* and nothing more is read */
         return breaking == 1 ? -1 : (int)size + 1; /* more than it was asked for */
     }
     if (*coming == 0 && !silent && (flooding || chance(4) == 0)) {
@@ -152,7 +152,7 @@ static void world(void)
     }
     accepting = chance(accepting ? 2000 : 300) == 0 ? !accepting : accepting;
     silent = chance(silent ? 50 : 1000) == 0 ? !silent : silent;
-    /* Often it stops a kart that was told to drive and does not move yet. */
+    /* Often it stops a kart that was commanded to drive and does not move yet. */
     said = chance(action == EVGP_DRIVE && speed == 0 ? 20 : 300) == 0 ? EVGP_RED_RED : said;
     flooding = chance(2000) == 0;
     breaking = opened && chance(1000) == 0 ? 1 + (int)chance(2) : 0;
@@ -165,7 +165,7 @@ static void world(void)
         speed = chance(4) == 0 ? 1 : speed; /* somebody pushes it */
         at_rest = 0;
     }
-    /* What it is told, it begins to do, and ceases to do, after its dead time. */
+    /* The kart follows each command, to drive or to stop, after its dead time. */
     if (clock_ms - driven_since >= DEAD_MS && clock_ms - driven_until < DEAD_MS) {
         PROMISE(!at_rest);
         speed++;
@@ -193,7 +193,7 @@ int main(void)
             garage = !garage;
             board.kart.settings.drive_in_garage = garage;
         }
-        if (stop || chance(500) == 0) { /* seldom, since this too lets time pass */
+        if (stop || chance(500) == 0) { /* rarely, because this also lets time pass */
             stop = !stop;
             evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, stop, clock_ms);
         }
@@ -207,12 +207,12 @@ int main(void)
         slowed += action == EVGP_SLOW_DOWN;
         released += action == EVGP_RELEASE;
         PROMISE(!opened || !breaking);
-        PROMISE(!opened || reads < 16); /* what comes faster than it is read is old */
+        PROMISE(!opened || reads < 16); /* bytes that arrive faster than they are read are old */
         if (verdict.commanded != EVGP_NONE) {
             needed = EVGP_CONNECT_FIRST_MS;
             tries = 0;
         }
-        /* It tries again, and soon after anything is new. */
+        /* It tries again, and soon after any change. */
         PROMISE(opened || joins == 0 ||
                 clock_ms - ended < 400U + (tries == 0 ? 500U : up ? 2000U : 20000U));
         drove += action == EVGP_DRIVE;

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Gives a kart the inputs that come on standard input, and writes what holds after each.
+ * Gives a kart the inputs from standard input, and writes its verdict after each.
  *
  * First the settings: four uint32 (frame_timeout_ms, red_flag_drive_ms, remote_timeout_ms,
  * msr_timeout_ms), one uint8 (drive_in_garage), and the uint32 time. Then, for each input: uint8 kind, uint32 time,
@@ -39,7 +39,7 @@ static void answer(const evgp_kart *kart, const char *say)
     out[11] = verdict.open != 0;
     out[12] = verdict.team_stop != 0;
     out[13] = verdict.acknowledged != 0;
-    out[14] = (uint8_t)(say == NULL ? 0 : say[2]); /* R, A, E: told apart with the length */
+    out[14] = (uint8_t)(say == NULL ? 0 : say[2]); /* R, A or E: unique together with the length */
     out[15] = (uint8_t)(say == NULL ? 0 : strlen(say));
     out[16] = evgp_kart_reason(kart)[0] != 0;
     fwrite(out, 1, sizeof out, stdout);
@@ -71,7 +71,7 @@ int main(void)
         case 'i': evgp_kart_team_stop(&kart, (evgp_stop_source)3, value != 0, now); break;
         case 'a': say = evgp_kart_acknowledge(&kart, value, now); break;
         case 'd': {
-            /* Of exactly this size, so that the sanitizer sees a byte too far. */
+            /* Of exactly this size, so that the sanitizer sees an access beyond it. */
             uint8_t *bytes = (uint8_t *)malloc(value > 0 ? value : 1);
             if (bytes == NULL || fread(bytes, 1, value, stdin) != value) {
                 return 2;

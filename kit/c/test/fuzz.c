@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * Fuzzes the kit: any bytes, read as inputs, and what must hold after each whatever came before.
+ * Fuzzes the kit: reads any bytes as inputs, and checks what must hold after each of them.
  *
  * With clang: clang -fsanitize=fuzzer,address,undefined -DEVGP_LIBFUZZER -I.. fuzz.c
  * Otherwise main() makes random bytes: fuzz [runs [seed]].
@@ -35,7 +35,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     static const evgp_state states[] = {EVGP_GREEN_GREEN, EVGP_GRID_ACTIVE, EVGP_IN_GARAGE,
                                         EVGP_RED_FLAG, EVGP_RED_RED};
     evgp_settings settings = evgp_default_settings();
-    evgp_kart whole, pieces; /* the same bytes, given at once and one by one */
+    evgp_kart whole, pieces; /* the same bytes, at once and one by one */
     uint32_t now, heard_at = 0;
     int heard = 0, green_allowed = 0, was_ready = 0;
     size_t at = 6;
@@ -108,7 +108,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         }
         MUST(same(&whole, &pieces));
         after = evgp_kart_verdict(&whole);
-        /* A second reading of the rules, as far as one step shows them. */
+        /* A second implementation of the rules, as far as one step shows them. */
         MUST(after.obey == EVGP_RED_RED ||
              (after.obey == after.commanded && after.obey != EVGP_NONE));
         MUST(after.open || after.obey == EVGP_RED_RED);
@@ -116,13 +116,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST((after.order == 0) == (after.commanded == EVGP_NONE));
         MUST(!after.may_drive || (after.obey != EVGP_RED_RED && after.obey != EVGP_GRID_ACTIVE));
         MUST((evgp_kart_reason(&whole)[0] == 0) == (after.obey == after.commanded));
-        if (say != NULL) { /* the word for what is commanded, perhaps behind IN_GARAGE */
+        if (say != NULL) { /* the state that is commanded, perhaps after IN_GARAGE */
             const int itself = after.obey == EVGP_RED_RED && (after.commanded == EVGP_GRID_ACTIVE ||
                                                               after.commanded == EVGP_GREEN_GREEN);
             const char *word = evgp_frame(itself ? EVGP_RED_RED : after.commanded);
             const char *garage = evgp_frame(EVGP_IN_GARAGE);
             MUST(after.acknowledged);
-            MUST(!itself || was_ready); /* or it has stopped itself, */
+            MUST(!itself || was_ready); /* or the kart has stopped itself, */
             MUST(!itself || !before.acknowledged || before.obey != EVGP_RED_RED); /* once */
             if (strcmp(say, word) != 0) {
                 MUST(after.commanded != EVGP_IN_GARAGE);
@@ -148,14 +148,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             heard_at = now;
         }
         if (kind % 8 < 5 && heard && !before.open && kind % 8 != 0) {
-            MUST(!after.open); /* nothing but a new connection brings it back */
+            MUST(!after.open); /* only a new connection brings it back */
         }
         if (after.open && heard && kind % 8 > 4 && after.order == before.order) {
             heard_at = now; /* perhaps a frame */
         }
         MUST(!after.open || !heard || (uint32_t)(now - heard_at) < 1000);
     }
-    /* Whatever rubbish came, a frame behind it is found, and silence stops the kart. */
+    /* After any garbage, the next frame is found, and silence stops the kart. */
     evgp_kart_connected(&whole, now);
     evgp_kart_received(&whole, data, size, now);
     evgp_kart_received(&whole, "$RED_FLAG;", 10, now);
@@ -196,7 +196,7 @@ int main(int argc, char **argv)
             data[i] = (uint8_t)(roll(3) == 0 ? (uint32_t)(uint8_t)alphabet[roll(sizeof alphabet)]
                                              : roll(256));
         }
-        if (size > 100 && roll(4) == 0) { /* a frame of about the greatest length */
+        if (size > 100 && roll(4) == 0) { /* a frame of about the maximum length */
             const size_t from = 6 + 2 * roll(25), count = 29 + roll(5);
             data[from] = 7;
             data[from + 1] = (uint8_t)(200 + 2 + count);

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How far our kart goes after a stop: the real race control and bridge, a simulated base."""
+"""How far our kart travels after a stop: the real race control and bridge, a simulated base."""
 
 from evgp_protocol.states import RaceState
 from evgp_testing.process import Process
@@ -10,8 +10,8 @@ import pytest
 RACE_SPEED = 5.9  # m/s
 BRAKING = 8.0  # m/s², as measured on our kart
 
-# By stop: how it is given, and the longest way from then to the standstill, m. The barriers must
-# be farther away. 1 s of it is for a busy computer: take less on one that has nothing else to do.
+# For each stop: its command, and the maximum distance from it to the standstill, in m. The
+# barriers must be farther away. It includes 1 s for a busy computer: use less on an idle one.
 STOPS = {
     'red_red': (lambda official, control: official.command('all_kill'), 8.5),
     'red_flag': (lambda official, control: official.command('red_flag'), 42.0),

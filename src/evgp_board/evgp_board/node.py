@@ -13,6 +13,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import ipaddress
+import math
 import os
 import socket
 import sys
@@ -21,18 +22,23 @@ from typing import Any
 
 from evgp_board.server import Now, Server
 from evgp_board.view import Heard, Line, line_of
+from evgp_node.codec import value_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
+from evgp_node.results import Standings
 from evgp_protocol import clock
-from evgp_rcs.ros.messages import event_of, value_of
-from evgp_rcs.rules.snapshot import Snapshot, Standings
+from evgp_rcs.ros.messages import event_of, race_of
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
 """Time without a snapshot after which race control counts as gone, as in the window, seconds."""
+
+NO_TIMING_AFTER = 3.0
+"""Time without results after which there is no timing, as in the window, in seconds."""
 
 MOST_LOGGED = 8
 """Number of lines about one kart, the newest ones."""
@@ -82,13 +88,13 @@ class BoardNode(StrictNode):
         self._on_failure = on_failure
         # Each is replaced as a whole, in ROS's thread, and read in the server's.
         self._race: tuple[bytes, float] | None = None
-        self._results = Standings()
+        self._results = Standings(), -math.inf
         self._log: dict[int, tuple[Line, ...]] = {}
         self._last_event = (0, 0)
         self._shown: tuple[object, ...] = ()
         self._heard = Heard()
         self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
-        self.create_subscription(msg.Results, 'results', self._hear_results, latched(1))
+        self.create_subscription(msg.Results, 'timekeeper/results', self._hear_results, latched(1))
         self.create_subscription(msg.RaceEvents, 'events', self._hear_events, latched(200))
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='server', daemon=True)
@@ -109,7 +115,7 @@ class BoardNode(StrictNode):
 
     def _hear_results(self, message: msg.Results) -> None:
         with contextlib.suppress(ValueError):  # it is not of this race control
-            self._results = value_of(message, Standings)
+            self._results = value_of(message, Standings), clock.now()
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         log = dict(self._log)
@@ -145,15 +151,15 @@ class BoardNode(StrictNode):
         keep_to_interface(self._listening, self._address)  # it has a new number once replugged
         if self._race is None:
             return Now(self._heard, None)
-        (message, came), results, log = self._race, self._results, self._log
-        gone = at - came >= GONE_AFTER
-        shown = message, results, log, gone
+        (message, came), (results, timed), log = self._race, self._results, self._log
+        gone, no_timing = at - came >= GONE_AFTER, at - timed >= NO_TIMING_AFTER
+        shown = message, results, log, gone, no_timing
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None
             with contextlib.suppress(ValueError):  # it is not of this race control
-                race = value_of(deserialize_message(message, msg.Race), Snapshot)
+                race = race_of(deserialize_message(message, msg.Race))
                 refuse_karts_network(self._address, race)
-            self._shown, self._heard = shown, Heard(race, results, gone, log)
+            self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
         return Now(self._heard, at - came)
 
 

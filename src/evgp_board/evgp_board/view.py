@@ -17,14 +17,14 @@ import math
 import time
 from typing import Any, NamedTuple
 
+from evgp_node.results import KartResult, Standings, Status
+from evgp_node.roster import Format
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.laps import Format, KartResult, Status
 from evgp_rcs.rules.race import AlertKind, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot, Standings
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
     Cell,
     does,
-    FORMATS,
     headline,
     lap_time,
     LINKS,
@@ -32,7 +32,6 @@ from evgp_rcs.words import (
     numbered,
     STATE_CELLS,
     STATES,
-    STATUS,
     time_of_day,
     Tone,
 )
@@ -45,6 +44,16 @@ DANGERS = {
     AlertKind.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
 }
 """Alerts that are said instead of the state: what race control says must not be relied on."""
+
+FORMATS = {each: each.value.replace('_', ' ') for each in Format}
+
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
 
 NO_STANDINGS = Standings()
 NO_RESULT = KartResult(0, 0, Status.RUNNING, 0, None, (), ())
@@ -66,12 +75,14 @@ class Heard:
     What race control said last.
 
     :param gone: race control is silent.
+    :param no_timing: the timekeeper is.
     :param log: of each kart what happened to it, the newest last.
     """
 
     race: Snapshot | None = None
     results: Standings = NO_STANDINGS
     gone: bool = False
+    no_timing: bool = False
     log: Mapping[int, tuple[Line, ...]] = field(default_factory=dict)
 
 
@@ -82,7 +93,7 @@ def board(heard: Heard) -> Shown:
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
     counted = any(each.place for each in results.karts)
-    if not counted:  # nobody counts laps: the places are those of FINISH
+    if not counted:  # nobody counts laps
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
     for number in order:
@@ -95,17 +106,21 @@ def board(heard: Heard) -> Shown:
                 'kart': number,
                 'team': kart.team,
                 'cells': [result.laps, _gap(result, results), lap_time(result.best)],
-                'note': '; '.join(filter(None, [_does(kart, race), *_taken(result)])),
+                'note': '; '.join(filter(None, [_does(kart, result, results), *_taken(result)])),
                 'symbol': symbol,
                 'tone': tone,
             }
         )
     heats, heat = [*race.heats], race.heat_in_race
-    kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
+    kind, laps = results.format, results.laps
     about = f'{FORMATS[kind].capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
     following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
+    if done and not counted:
+        sub.append('order of FINISH')
+    if counted and race.over:
+        sub.append('official results' if results.published else 'provisional')
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, [heat.name if heat else '', about])) or 'EVGP race',
@@ -126,7 +141,9 @@ def results(heard: Heard) -> Shown:
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
-        'sub': 'As they stand: they can change until the officials publish them',
+        'sub': 'Official results'
+        if results.published
+        else 'Provisional: they can change until the timekeeper publishes them',
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
             {
@@ -156,14 +173,16 @@ def kart(heard: Heard, number: int) -> Shown:
         shown['detail'] = _answered(found)
         if not found.connected:
             shown['head'], shown['tone'] = '✗ NO LINK', 'bad' if found.in_race else 'garage'
-    result = next((each for each in _of_this_race(heard).karts if each.kart == number), None)
-    place = found.place or (result.place if result else 0)
+    own = _of_this_race(heard)
+    result = own.kart(number) or NO_RESULT
+    place = result.place if own.karts else found.place
+    laps = len(result.lap_times)
     quality = [LINKS[found.link.grade], milliseconds(found.link.round_trip)]
     cells = {
         'Place': str(place) if place else '',
-        'Laps': f'{found.laps} of {race.laps}' if race.laps else str(found.laps),
-        'Last lap': lap_time(found.last_lap),
-        'Best': lap_time(found.best_lap),
+        'Laps': f'{laps} of {own.laps}' if own.laps else str(laps),
+        'Last lap': lap_time(result.lap_times[-1] if laps else None),
+        'Best': lap_time(result.best),
         'Link': ', '.join(filter(None, quality)) if found.connected else 'none',
         'Slowest answer': milliseconds(found.link.worst_answer),
     }
@@ -185,7 +204,6 @@ def line_of(stamped: StampedEvent) -> Line | None:
         EventKind.WITHDRAWN: 'Answer taken back',
         EventKind.CONNECTED: 'Connected',
         EventKind.DISCONNECTED: 'Connection lost',
-        EventKind.LAP: f'Lap {event.lap}: {lap_time(event.after)}',
     }.get(event.kind)
     return Line(said, _clock(stamped.wall_ns / 1e9)) if said and event.kart else None
 
@@ -230,9 +248,12 @@ def _frame(heard: Heard) -> Shown:
 
 
 def _of_this_race(heard: Heard) -> Standings:
-    """Return the results, unless another heat is in the race by now."""
+    """Return the results; none without timing, or if another race has begun since."""
     race = heard.race or NOTHING
-    return heard.results if race.heat == heard.results.heat else NO_STANDINGS
+    results = heard.results
+    is_own = (race.run, race.heat) == (results.run, results.heat)
+    is_own = is_own and race.number in (0, results.race) and not heard.no_timing
+    return results if is_own else NO_STANDINGS
 
 
 def _gap(result: KartResult, results: Standings) -> str:
@@ -265,17 +286,16 @@ def _taken(result: KartResult) -> list[str]:
     return taken
 
 
-def _does(kart: KartSnapshot, race: Snapshot) -> str:
+def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
     """Return what a kart does, in a word or two; nothing of one that simply drives."""
     if not kart.connected:
         return 'no link'  # to spectators, lost is who did not win
     if not kart.sent.is_red:
         if kart.place:
             return 'finished'
-        if kart.last_lap_done:
-            return 'last lap done'
+        left = results.laps - len(result.lap_times)
         if kart.sent is not RaceState.GRID_ACTIVE:
-            return 'last lap' if race.laps_remain(kart) and kart.laps + 1 == race.laps else ''
+            return {0: 'last lap done', 1: 'last lap'}.get(left, '') if results.laps else ''
     return does(kart)
 
 

@@ -11,10 +11,12 @@ from typing import Any
 
 from evgp_board import view
 from evgp_board.view import Heard
+from evgp_node.codec import value_of
+from evgp_node.results import KartResult, Penalty, Standings, Status
+from evgp_node.roster import Format
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState as S
-from evgp_rcs.ros.messages import value_of
-from evgp_rcs.rules.laps import Format, KartResult, Penalty, Status
+from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Alert, AlertKind, Kart, Race, TrackAccess
 from evgp_rcs.rules.snapshot import (
@@ -23,7 +25,6 @@ from evgp_rcs.rules.snapshot import (
     NOTHING,
     Snapshot,
     snapshot_of,
-    Standings,
 )
 from evgp_rcs_msgs import msg
 from hypothesis import given, settings
@@ -70,6 +71,30 @@ def test_the_order_is_that_of_the_results_with_the_distance_to_the_leader() -> N
 def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
     heard = Heard(race(kart(3), kart(7, place=1)), results(result(3, 0), result(7, 0)))
     assert shown(heard) == [(1, 7, ''), ('', 3, '')]
+    assert 'order of FINISH' in view.board(heard)['sub']
+
+
+def test_without_timing_the_order_is_that_of_the_finish_and_the_results_remain() -> None:
+    counted = results(result(3, 1, 6, 245.0), result(7, 2, 6, 246.0))
+    karts = kart(3, place=2), kart(7, place=1)
+    timed, heard = (Heard(race(*karts), counted, no_timing=gone) for gone in (False, True))
+    assert shown(timed) == [(1, 3, '4:05.000'), (2, 7, '+1.000')]
+    assert 'order of FINISH' not in view.board(timed)['sub']
+    assert shown(heard) == [(1, 7, ''), (2, 3, '')]
+    assert 'order of FINISH' in view.board(heard)['sub']
+    assert [row['kart'] for row in view.results(heard)['rows']] == [3, 7]
+
+
+def test_results_are_official_only_once_the_timekeeper_has_published_them() -> None:
+    counted = results(result(3, 1, 6, 245.0))
+    for published, word, other in (
+        (False, 'provisional', 'official'),
+        (True, 'official results', 'provisional'),
+    ):
+        heard = Heard(race(kart(3), over=True), counted._replace(published=published))
+        for page in (view.board(heard), view.results(heard)):
+            assert word in page['sub'].lower()
+            assert other not in page['sub'].lower()
 
 
 def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
@@ -79,8 +104,8 @@ def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
 
 def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
     heats = (
-        HeatSnapshot('Heat 1', (3, 7), Format.RACE, 6),
-        HeatSnapshot('Heat 2', (9,), Format.TIME_TRIAL, 5),
+        HeatSnapshot('Heat 1', (3, 7)),
+        HeatSnapshot('Heat 2', (9,)),
     )
     before = results(result(7, 1, 6, 245.0), heat='Heat 1')
     karts = kart(3), kart(7), kart(9, in_race=False)
@@ -142,16 +167,16 @@ def test_a_team_sees_when_its_kart_answered() -> None:
     seen = kart(
         7,
         link=link,
-        laps=5,
-        last_lap=44.9,
-        best_lap=43.7,
         delivered_after=0.006,
         acknowledged_after=0.314,
     )
-    page = view.kart(Heard(race(seen, laps=6)), 7)
+    laps = 46.0, 43.7, 45.0, 44.8, 44.9
+    counted = results(result(7, 1, 5, 224.4, lap_times=laps))._replace(laps=6)
+    page = view.kart(Heard(race(seen), counted), 7)
     assert page['head'] == '▶ GREEN GREEN'
     assert 'arrived after 6 ms · answered after 0.31 s' in page['detail']
-    assert ['Laps', '5 of 6'] in page['cells']
+    for cell in (['Laps', '5 of 6'], ['Last lap', '0:44.900'], ['Best', '0:43.700']):
+        assert cell in page['cells']
     assert ['Link', 'good, 19 ms'] in page['cells']
 
 
@@ -159,13 +184,12 @@ numbers = st.sampled_from([NAN, math.inf, -math.inf, -1.0, 0.0, 1e300]) | st.flo
 few, many = st.integers(0, 5), st.integers(0, 255)
 states = st.builds(msg.RaceState, state=few)
 links = st.builds(msg.LinkQuality, grade=few, round_trip=numbers, worst_answer=numbers)
-of_kart = dict.fromkeys(('last_lap', 'best_lap', 'delivered_after', 'acknowledged_after'), numbers)
+of_kart = dict.fromkeys(('delivered_after', 'acknowledged_after'), numbers)
 karts = st.builds(
     msg.KartStatus,
     number=few,
     in_race=st.booleans(),
     connected=st.booleans(),
-    laps=many,
     place=few,
     sent=states,
     link=links,
@@ -188,11 +212,11 @@ text = st.sampled_from(['', 'race', 'practice', '<b>'])
 def test_whatever_a_message_says_is_shown_or_no_message_of_race_control(
     there: list[msg.KartStatus], is_in: msg.RaceState, ranked: list[msg.KartResult], name: str
 ) -> None:
-    heats = [msg.Heat(name=name, karts=[1, 2], format=name)]
+    heats = [msg.Heat(name=name, karts=[1, 2])]
     race = msg.Race(state=is_in, karts=there, heats=heats, heat=name)
     try:
         heard = Heard(
-            value_of(race, Snapshot),
+            race_of(race),
             value_of(msg.Results(karts=ranked, format=name, heat=name), Standings),
         )
     except ValueError:

@@ -4,8 +4,8 @@
 """
 Autoware under race control: only GREEN_GREEN lets it drive (docs/autoware.md).
 
-It requests stops of Autoware's command gate: a gentle one in every state but GREEN_GREEN, and an
-emergency stop in RED_RED, or where the gentle one is not granted. The gate also stops when this
+It requests stops from Autoware's command gate: a gentle one in every state but GREEN_GREEN, and an
+emergency stop in RED_RED, or if the gentle one is not granted. The gate also stops when this
 node's heartbeat is not ready or ends.
 """
 
@@ -31,14 +31,13 @@ from tier4_control_msgs.srv import SetStop
 from tier4_external_api_msgs.srv import SetEmergency
 
 HEARTBEAT_INTERVAL = 0.05
-"""Time between two heartbeats, seconds."""
+"""Time between two heartbeats, in seconds."""
 
 REQUEST_AGAIN = 0.2
-"""Time after which a request is sent again, seconds: the gate may be new and know nothing."""
+"""Time after which a request is sent again, in seconds: the gate may have restarted."""
 
 GRANTED_FOR = 1.0
-"""Time for which a stop that was granted is believed in, and for which a new one is waited for,
-seconds."""
+"""Time for which a granted stop counts, and maximum wait for a new one, in seconds."""
 
 HEARTBEAT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -48,12 +47,12 @@ HEARTBEAT_QOS = QoSProfile(
 )
 
 
-class Wish:
+class StopRequest:
     """
-    A kind of stop, or its end, that Autoware is asked for all the time.
+    A kind of stop, or its end, which is requested from Autoware again and again.
 
-    :ivar stop: what was asked for last.
-    :ivar granted: Autoware has answered that it makes this stop.
+    :ivar stop: the last request.
+    :ivar granted: Autoware has granted this stop.
     """
 
     def __init__(self, client: Client, request: Callable[[bool], Any]) -> None:
@@ -61,14 +60,14 @@ class Wish:
         self._client, self._request = client, request
         self._asking: Future | None = None
         self._again_at = 0.0
-        self._held_at = clock.now()  # this wish was granted, or began
+        self._held_at = clock.now()  # it was granted last, or began
 
     def is_refused(self) -> bool:
-        """Return whether a stop is asked for, and nobody has granted it for `GRANTED_FOR`."""
+        """Return whether a stop is requested, but was not granted for `GRANTED_FOR`."""
         return self.stop and clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
-        """Ask for a stop, or for its end; at once if that is new."""
+        """Request a stop or its end; at once if that is new."""
         now = clock.now()
         if stop is self.stop and now < self._again_at:
             return
@@ -76,7 +75,7 @@ class Wish:
             self.stop, self.granted, self._held_at = stop, False, now
         self._again_at = now + REQUEST_AGAIN
         if self._asking is not None:
-            self._client.remove_pending_request(self._asking)  # the gate may have died over it
+            self._client.remove_pending_request(self._asking)  # the gate may have died before
         self._asking = self._client.call_async(self._request(stop))
         self._asking.add_done_callback(lambda answered: self._hear(stop, answered))
 
@@ -89,7 +88,7 @@ class Wish:
 
 
 class AutowareAdapter(StrictNode):
-    """Tells Autoware when to stop, and race control what it has done."""
+    """Requests stops from Autoware, and acknowledges to race control."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('autoware_adapter', **node_options)
@@ -99,11 +98,11 @@ class AutowareAdapter(StrictNode):
         self._heartbeat = self.create_publisher(
             ManualOperatorHeartbeat, '~/heartbeat', HEARTBEAT_QOS
         )
-        self._gentle = Wish(
+        self._gentle = StopRequest(
             self.create_client(SetStop, '/control/vehicle_cmd_gate/set_stop'),
             lambda stop: SetStop.Request(stop=stop, request_source='evgp'),
         )
-        self._emergency = Wish(
+        self._emergency = StopRequest(
             self.create_client(SetEmergency, '/api/autoware/set/emergency'),
             lambda stop: SetEmergency.Request(emergency=stop),
         )
@@ -115,7 +114,7 @@ class AutowareAdapter(StrictNode):
         self.create_timer(HEARTBEAT_INTERVAL, self._step, clock=steady)
 
     def close(self) -> None:
-        """Ask for the emergency stop, which the end of the heartbeat brings about too."""
+        """Request the emergency stop, which the end of the heartbeat also causes."""
         self._request(RaceState.RED_RED)
 
     def _step(self) -> None:
@@ -126,8 +125,8 @@ class AutowareAdapter(StrictNode):
 
     def _request(self, state: RaceState) -> None:
         drive = state is RaceState.GREEN_GREEN
-        # An emergency stop goes on until the gentle one is known to hold the kart, and begins
-        # where that is not known any more, as with a gate that was started again.
+        # An emergency stop lasts until the gentle one is granted, and begins when the gentle one
+        # is no longer certain, for example after the gate restarted.
         unsure = (self._emergency.stop and not self._gentle.granted) or self._gentle.is_refused()
         emergency = state is RaceState.RED_RED or (unsure and not drive)
         self._heartbeat.publish(
@@ -137,9 +136,10 @@ class AutowareAdapter(StrictNode):
         self._emergency.ask(emergency)
 
     def _has_reached(self, state: RaceState) -> bool:
-        """Return whether the kart is ready, or drives; that it stands, the bridge sees itself."""
+        """Return whether the kart is ready, or drives; the bridge itself sees a standstill."""
         if state is RaceState.GRID_ACTIVE:
-            # The mode is latched: Autoware may have died since. Who grants a stop is alive.
+            # The mode is latched: Autoware may have died since. A granted stop shows that it
+            # lives.
             autonomous = self._mode.mode == OperationModeState.AUTONOMOUS
             controlled = autonomous and self._mode.is_autoware_control_enabled
             return bool(controlled and self._gentle.granted and not self._gentle.is_refused())

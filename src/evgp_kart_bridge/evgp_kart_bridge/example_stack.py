@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A stack to copy: obeys the race state, drives a simulated speed, acknowledges when it is due.
+A stack to copy: it obeys the race state, drives at a simulated speed, and acknowledges.
 
-With ``command`` it commands real motors. Then it says nothing of its speed, and acknowledges
-nothing but GRID_ACTIVE: what it simulates, it does not measure.
+With ``command`` it commands real motors. Then it publishes no speed, and acknowledges nothing but
+GRID_ACTIVE, because it simulates its speed and does not measure it.
 
-It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED. It brakes to a stop
-before it ends itself, in order or by a failure. If its process is killed, nobody is left to brake:
-motors must stop by themselves when they are told nothing.
+It stops when the bridge dies, because ``RaceStateWatch`` then returns RED_RED. It brakes to a stop
+before it ends, also after a failure. If its process is killed, nothing brakes: motors must stop
+when they receive no commands.
 
-Its timer goes by the steady clock: on ROS time, a wall clock that is set back, or simulated time
+Its timer uses the steady clock. With ROS time, a wall clock that is set back, or simulated time
 that nobody publishes, would keep it from braking.
 """
 
@@ -41,14 +41,14 @@ STEP = 0.02  # s
 COMMAND_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
-"""Of the motors' topic: only the newest command counts."""
+"""QoS of the motors' topic: only the newest command counts."""
 
-# To which speed (m/s), and how fast (m/s²), in each state.
+# In each state, the target speed (m/s) and the acceleration (m/s²).
 DRIVING = {
     RaceState.IN_GARAGE: (0.0, 8.0),
     RaceState.GRID_ACTIVE: (0.0, 8.0),
     RaceState.GREEN_GREEN: (6.0, 3.0),
-    RaceState.RED_FLAG: (0.0, 0.6),  # gently, others may be close behind: 10 s (§3.A: 10-15 s)
+    RaceState.RED_FLAG: (0.0, 0.6),  # gently, in 10 s (§3.A: 10-15 s): others may be close behind
     RaceState.RED_RED: (0.0, 8.0),
 }
 
@@ -57,7 +57,7 @@ COMMANDS = {
     'twist_stamped': ('geometry_msgs', 'TwistStamped', 'cmd_vel'),
     'ackermann': ('ackermann_msgs', 'AckermannDriveStamped', 'drive'),
 }
-"""What motors may obey: package, message and topic, by the value of the parameter."""
+"""Types of motor commands: package, message and topic, by the value of the parameter."""
 
 
 def speed_command(kind: type, stamp: Time, speed: float) -> Any:
@@ -73,23 +73,23 @@ def speed_command(kind: type, stamp: Time, speed: float) -> Any:
 
 
 class ExampleStack(StrictNode):
-    """Drives where the race state lets it."""
+    """Drives when the race state allows it."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('example_stack', **node_options)
         parameters = Parameters(self)
         command = parameters.declare(
-            'command', '', f'What motors obey: {", ".join(COMMANDS)}; empty: nothing is told them.'
+            'command', '', f'Type of motor commands: {", ".join(COMMANDS)}; empty: none are sent.'
         )
         parameters.refuse_unknown()
         self._simulates = not command
-        # Whoever obeys its speed, or hears of it.
+        # To the motors; without motors, simulated odometry.
         self._publisher = (
             self.create_publisher(Odometry, 'kart_bridge/odom', 10)
             if self._simulates
             else self._motors_by(command)
         )
-        self._driving = threading.Lock()  # who drives: the timer, or `close`
+        self._driving = threading.Lock()  # held by the timer or `close` while it drives
         self._ended = False
         self._speed = 0.0
         self._published = True
@@ -99,23 +99,25 @@ class ExampleStack(StrictNode):
 
     def _motors_by(self, command: str) -> Publisher:
         if command not in COMMANDS:
-            raise ParameterError(f'parameter command: give one of {", ".join(COMMANDS)}')
+            raise ParameterError(f'parameter command must be one of {", ".join(COMMANDS)}')
         package, kind, topic = COMMANDS[command]
         try:
             messages = importlib.import_module(f'{package}.msg')
         except ModuleNotFoundError as error:
-            raise ParameterError(f'parameter command: needs {package}, not sourced') from error
+            raise ParameterError(
+                f'parameter command: {command} needs {package}, which is not sourced'
+            ) from error
         return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
-        """Brake to a stop, whatever ended the node: its executor may not run any more."""
+        """Brake to a stop, however the node ends: its executor may no longer run."""
         with self._driving:
             self._ended = True
             while self._speed > 0.0:
                 self._move(RaceState.RED_RED)
                 time.sleep(STEP)
             if self._published:
-                wait_until_heard(self._publisher)  # that it stands
+                wait_until_heard(self._publisher)  # the speed of 0
 
     def _drive(self) -> None:
         with self._driving:
@@ -130,7 +132,7 @@ class ExampleStack(StrictNode):
         self._acknowledge(order)
 
     def _move(self, state: RaceState) -> None:
-        """Drive one step, then say how fast: what cannot be said must not keep it from braking."""
+        """Drive one step, then publish: a failure to publish must not keep it from braking."""
         target, rate = DRIVING[state]
         change = max(-rate * STEP, min(rate * STEP, target - self._speed))
         self._speed += change
@@ -154,9 +156,9 @@ class ExampleStack(StrictNode):
         return odometry
 
     def _acknowledge(self, order: Order) -> None:
-        """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
+        """Acknowledge GRID_ACTIVE once ready, GREEN_GREEN once driving, a red at standstill."""
         if not self._simulates and order.state is not RaceState.GRID_ACTIVE:
-            return  # what the kart does, it does not know
+            return  # it does not measure the real kart's speed
         moves = self._speed > 0.0
         if order.state is not RaceState.IN_GARAGE and moves is (
             order.state is RaceState.GREEN_GREEN

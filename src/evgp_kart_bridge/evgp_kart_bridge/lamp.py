@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The lamp on a kart, which tells people beside it what to expect: the colours of Formula Student.
+The lamp on a kart, which shows people nearby what to expect: the colours of Formula Student.
 
-Pure: the time comes with the question.
+Pure: the caller gives the time.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from evgp_protocol.states import RaceState
 
 PHASE = 0.2
-"""Time for which a flashing lamp is lit, and then dark, seconds: 2.5 flashes a second."""
+"""Time for which a flashing lamp is lit, and then dark, in seconds: 2.5 flashes a second."""
 
 Colour = tuple[float, float, float]
 YELLOW: Colour = (1.0, 1.0, 0.0)
@@ -32,11 +32,11 @@ _LAMP = {
 
 def lamp(state: RaceState, acknowledged: bool, now: float) -> Colour:
     """
-    Return the colour that the lamp of a kart has at a moment; at 0 it is lit, unless it is off.
+    Return the lamp's colour at a given time; a flashing lamp is lit at 0.
 
     :param state: the state that the kart obeys.
-    :param acknowledged: whether it has said that it reached it. That makes RED_FLAG *finished*.
-        RED_RED may be the end of a race or ALL KILL, so it stays an emergency.
+    :param acknowledged: the kart has acknowledged it. That makes RED_FLAG *finished*. RED_RED may
+        be the end of a race or ALL KILL, so it stays an emergency.
     """
     finished = state is RaceState.RED_FLAG and acknowledged
     colour, flashes = _FINISHED if finished else _LAMP[state]

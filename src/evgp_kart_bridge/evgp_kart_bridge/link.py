@@ -4,17 +4,17 @@
 """
 The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
-One thread owns the arbiter, the socket and the time. Every input goes through ``_take`` there:
-frames, the loss of the connection, deadlines, and whatever the node hands over with ``give``.
-What the arbiter says is done at once, in the same turn: acknowledgements are written, a socket
-is given up, a verdict is told.
+One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` there:
+frames, the loss of the connection, deadlines, and inputs from the node (``give``). The arbiter's
+reaction is carried out in the same turn: it sends acknowledgements, closes the socket, or
+publishes a verdict.
 
-The verdict is told again `REPEAT` times a second by this same thread. So when it hangs, the
-verdict falls silent, and whoever listens stops (§3.E).
+The same thread publishes the verdict again `REPEAT` times a second. So when it hangs, it falls
+silent, and the kart's nodes stop (§3.E).
 
-The time is that of `evgp_protocol.clock`, which nobody sets and a suspend does not stop. A kart's
-computer that wakes up looks at it within ``1 / REPEAT``, or when the first frame comes, before
-that frame is judged: the connection was silent for too long.
+The time is that of `evgp_protocol.clock`, which nobody sets and which includes suspend. A computer
+that wakes up checks it within ``1 / REPEAT``, or when the first frame arrives, before that frame
+is judged: by then the connection was silent for too long.
 """
 
 from __future__ import annotations
@@ -29,36 +29,37 @@ import socket
 import threading
 
 from evgp_protocol import clock
-from evgp_protocol.arbiter import Arbiter, Outcome, Verdict
+from evgp_protocol.arbiter import Arbiter, Reaction, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 
 REPEAT = 10.0
-"""How often a verdict is told again, Hz."""
+"""Rate at which a verdict is published again, in Hz."""
 
 CONNECT_TIMEOUT = 2.0
-"""How long an attempt to connect may take, seconds."""
+"""Maximum time of an attempt to connect, in seconds."""
 
 FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
-"""How long to wait between two attempts: at first, and at most after doubling, seconds."""
+"""Time between two attempts: at first, and at most after doubling, in seconds."""
 
 LINK_END_TIMEOUT = 2.0
-"""How long the thread may take to end, seconds."""
+"""Maximum time that the thread may take to end, in seconds."""
 
 READ_BYTES = 4096
-"""Maximum number of bytes that are read in one turn. All of them are obeyed as one, by the last
-frame. More than that race control sends in 15 s only, and after 1 s the connection is lost."""
+"""Maximum number of bytes read in one turn; the kart obeys the last frame in them. Race control
+needs 15 s to send more than that, and after 1 s the connection is lost."""
 
 SEND_BYTES = 4096
-"""The kernel's buffer for what is sent. A small one, so that it soon shows when race control
-does not take what is said."""
+"""Size of the kernel's send buffer, in bytes. It is small, to show soon when race control does not
+read the kart's replies."""
 
 MOST_UNSENT = 256
-"""More bytes than this beyond the kernel's buffer: race control does not hear us any more."""
+"""Maximum number of bytes waiting beyond the kernel's buffer; with more, race control does not
+read them."""
 
-Tell = Callable[[Verdict, 'LinkStatus'], None]
-Input = Callable[[Arbiter, float], Outcome]
+Publish = Callable[[Verdict, 'LinkStatus'], None]
+Input = Callable[[Arbiter, float], Reaction]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,12 +80,12 @@ class LinkSettings:
 @dataclasses.dataclass
 class LinkStatus:
     """
-    What diagnostics tell of the link, in its thread.
+    The link's figures for diagnostics, in its thread.
 
-    :ivar connections: how many connections there were so far.
-    :ivar failures: how many attempts to connect, and connections, have failed so far.
+    :ivar connections: number of connections so far.
+    :ivar failures: number of failed connections and attempts to connect so far.
     :ivar heard_anything: race control has sent a race state to this process.
-    :ivar malformed: how many malformed frames came so far (§4.C).
+    :ivar malformed: number of malformed frames so far (§4.C).
     :ivar last_malformed: what was wrong with the last of them; empty: there was none.
     """
 
@@ -96,61 +97,61 @@ class LinkStatus:
 
 
 class LinkClosedError(RuntimeError):
-    """The link has ended, and takes no more inputs."""
+    """The link has ended and accepts no more inputs."""
 
 
-class Link:
+class RaceControlLink:
     """
-    Owns an arbiter and keeps it connected to race control, in a thread of its own.
+    Owns an arbiter and keeps it connected to race control, in its own thread.
 
-    :param tell: is called from that thread with every new verdict, and `REPEAT` times a second;
-        it must not wait for anything.
-    :param on_failure: is called from that thread when it cannot go on; nothing is told any more.
+    :param publish: called in that thread with every new verdict, and `REPEAT` times a second; it
+        must not wait for anything.
+    :param on_failure: called in that thread when it cannot continue; then it publishes no more.
     """
 
     def __init__(
         self,
         arbiter: Arbiter,
         settings: LinkSettings,
-        tell: Tell,
+        publish: Publish,
         on_failure: Callable[[BaseException], None],
     ) -> None:
         self._arbiter = arbiter
         self._settings = settings
-        self._tell = tell
+        self._publish = publish
         self._on_failure = on_failure
         self._verdict = arbiter.verdict  # after the last input
-        self._told: Verdict | None = None
+        self._published: Verdict | None = None
         self._status = LinkStatus()
         self._connection: _Connection | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._thread = threading.Thread(target=self._run, name='link', daemon=True)
         self._started = threading.Event()
-        # Whoever gives an input must not meet a loop that ends meanwhile.
+        # The loop must not end while another thread gives an input.
         self._running = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self) -> None:
-        """Tell the first verdict and begin to connect."""
+        """Publish the first verdict and begin to connect."""
         self._thread.start()
         self._started.wait()
 
     def stop(self) -> None:
-        """Close the connection and end the thread; one that hangs is left behind."""
+        """Close the connection and end the thread; do not wait for one that hangs."""
         with self._running:
             if self._loop is not None:
                 self._loop.call_soon_threadsafe(self._end, None)
         if self._thread.ident is not None:
             self._thread.join(LINK_END_TIMEOUT)
 
-    def give(self, take: Input) -> concurrent.futures.Future[Outcome]:
+    def give(self, take: Input) -> concurrent.futures.Future[Reaction]:
         """
-        Give the arbiter an input; from any thread.
+        Give the arbiter an input, from any thread.
 
-        :param take: gives it, with the time at which it is given.
-        :return: the outcome, or LinkClosedError.
+        :param take: gets the arbiter and the present time, and returns the reaction.
+        :return: the reaction, or LinkClosedError.
         """
-        future: concurrent.futures.Future[Outcome] = concurrent.futures.Future()
+        future: concurrent.futures.Future[Reaction] = concurrent.futures.Future()
 
         def give() -> None:
             try:
@@ -171,7 +172,7 @@ class Link:
     def _run(self) -> None:
         try:
             clock.run(self._serve())
-        except BaseException as error:  # noqa: BLE001 - handed to the one who ends the process
+        except BaseException as error:  # noqa: BLE001 - passed to the owner of the process
             self._on_failure(error)
         finally:
             self._started.set()
@@ -179,7 +180,7 @@ class Link:
     async def _serve(self) -> None:
         loop = asyncio.get_running_loop()
         self._ending: asyncio.Future[None] = loop.create_future()
-        # Whatever raises here ends the link: its input may be half taken.
+        # Any exception here ends the link: its input may be half processed.
         loop.set_exception_handler(
             lambda _, context: self._end(context.get('exception') or RuntimeError(context))
         )
@@ -194,7 +195,7 @@ class Link:
         finally:
             with self._running:
                 self._loop = None
-            await asyncio.sleep(0)  # what was given before has its turn
+            await asyncio.sleep(0)  # process earlier inputs first
             for task in tasks:
                 task.cancel()
             connection, self._connection = self._connection, None
@@ -209,48 +210,48 @@ class Link:
         else:
             self._ending.set_exception(error)
 
-    def _take(self, take: Input) -> Outcome:
-        """Give the arbiter an input and do what it says."""
-        outcome = self._give(take)
-        self._tell_news()
-        return outcome
+    def _take(self, take: Input) -> Reaction:
+        """Give the arbiter an input, carry out the reaction, and publish a new verdict."""
+        reaction = self._give(take)
+        self._publish_news()
+        return reaction
 
-    def _give(self, take: Input) -> Outcome:
-        """Give the arbiter an input and do what it says; what holds now is still to be told."""
+    def _give(self, take: Input) -> Reaction:
+        """Give the arbiter an input and carry out the reaction; do not publish yet."""
         loop = asyncio.get_running_loop()
-        outcome = take(self._arbiter, loop.time())
-        self._verdict = outcome.verdict
+        reaction = take(self._arbiter, loop.time())
+        self._verdict = reaction.verdict
         connection = self._connection
-        if outcome.give_up is not None and connection is not None:
+        if reaction.give_up is not None and connection is not None:
             self._connection = None
             self._status.failures += 1
             connection.abort()
-        elif outcome.send is not None and connection is not None:
-            connection.send(outcome.send)
+        elif reaction.send is not None and connection is not None:
+            connection.send(reaction.send)
             self._verdict = self._arbiter.verdict  # sending may have ended the connection
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
                 self._timer.cancel()
             self._timer = loop.call_at(due, self._tick)
-        return outcome
+        return reaction
 
     def _tick(self) -> None:
         self._timer = None
         self._take(Arbiter.tick)
 
-    def _tell_news(self) -> None:
-        if self._verdict != self._told:
-            self._tell_now(self._verdict)
+    def _publish_news(self) -> None:
+        if self._verdict != self._published:
+            self._publish_now(self._verdict)
 
-    def _tell_now(self, verdict: Verdict) -> None:
-        self._told = verdict
-        self._tell(verdict, self._status)
+    def _publish_now(self, verdict: Verdict) -> None:
+        self._published = verdict
+        self._publish(verdict, self._status)
 
     async def _repeat(self) -> None:
         while True:
             self._take(Arbiter.tick)
-            self._tell_now(self._arbiter.verdict)
+            self._publish_now(self._arbiter.verdict)
             await asyncio.sleep(1 / REPEAT)
 
     # ----- the connection -----------------------------------------------------------------
@@ -280,12 +281,12 @@ class Link:
                 await connection.lost
                 if connection.heard_anything:
                     wait = FIRST_WAIT
-            # Karts that all lost the same race control do not all come back at the same time.
+            # Random, so that karts that lost the same race control do not all reconnect at once.
             await asyncio.sleep(wait * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
             wait = min(2 * wait, LAST_WAIT)
 
     def opened(self, connection: _Connection) -> None:
-        """Take note that a connection was made."""
+        """Record that a connection was made."""
         self._connection = connection
         self._status.connections += 1
         self._take(Arbiter.connected)
@@ -293,12 +294,12 @@ class Link:
     def heard(
         self, connection: _Connection, events: Iterable[StateFrame | MalformedFrame]
     ) -> None:
-        """Take all that has come on a connection, and tell only what holds after it."""
+        """Process everything that arrived on a connection, and publish only the last verdict."""
         for event in events:
             if connection is not self._connection:
-                break  # it was given up: what is left comes too late
+                break  # it was given up: the rest is too late
             self._hear(connection, event)
-        self._tell_news()
+        self._publish_news()
 
     def _hear(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
         if isinstance(event, StateFrame):
@@ -306,15 +307,15 @@ class Link:
             before = self._arbiter.verdict.order
             verdict = self._give(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
-                # Nothing has to be reached. Race control knows by it that what is said from now
-                # on is no answer to what was commanded before.
+                # Acknowledged at once, since nothing has to be reached. It shows race control that
+                # later replies do not answer earlier commands.
                 connection.send(RaceState.IN_GARAGE)
         else:
             self._status.malformed += 1
             self._status.last_malformed = f'{event.reason}: {event.raw!r}'
 
     def why_closed(self, connection: _Connection, error: Exception | None) -> str:
-        """Return how a connection ended that race control has ended, and what to look at."""
+        """Return how race control ended a connection, and what to check."""
         peer = peer_of(self._settings)
         if connection.heard_anything:
             if error is not None:
@@ -329,7 +330,7 @@ class Link:
         return why
 
     def lost(self, connection: _Connection, reason: str) -> None:
-        """Take note that a connection was lost."""
+        """Record that a connection was lost."""
         if connection is self._connection:
             self._connection = None
             self._status.failures += 1
@@ -337,9 +338,9 @@ class Link:
 
 
 class _Connection(asyncio.BufferedProtocol):
-    """One connection to race control, from its making to its loss."""
+    """One connection to race control, or an attempt to make one."""
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: RaceControlLink) -> None:
         self._link = link
         self._transport: asyncio.Transport | None = None
         self._decoder = FrameDecoder()
@@ -349,19 +350,19 @@ class _Connection(asyncio.BufferedProtocol):
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def send(self, state: RaceState) -> None:
-        """Say that the kart has reached a state."""
+        """Report that the kart has reached a state."""
         assert self._transport is not None
         self._transport.write(encode(state))
         if self._transport.get_write_buffer_size() > MOST_UNSENT:
-            self._link.lost(self, 'race control does not take what the kart says')
+            self._link.lost(self, "race control does not read the kart's replies")
             self.abort()
 
     def abort(self) -> None:
-        """End the connection now, whatever is still to be sent."""
+        """End the connection now, even with unsent bytes."""
         if self._transport is not None:
             self._transport.abort()
 
-    # What asyncio calls.
+    # Called by asyncio.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -388,20 +389,20 @@ class _Connection(asyncio.BufferedProtocol):
 
 
 def peer_of(settings: LinkSettings) -> str:
-    """Return what sentences call race control's end."""
+    """Return race control's address, for messages."""
     return f'{settings.host}, port {settings.port}'
 
 
 def why_not_connected(settings: LinkSettings, error: BaseException) -> str:
-    """Return why an attempt to connect failed, and what to look at."""
+    """Return why an attempt to connect failed, and what to check."""
     peer = f'{peer_of(settings)},'
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EADDRNOTAVAIL and settings.local_address:
-        return f'this machine has no address {settings.local_address}: look at local_address'
+        return f'this machine has no address {settings.local_address}: check local_address'
     if number == errno.ECONNREFUSED:
-        return f'{peer} refuses: is race control running, and is this its address and port?'
+        return f'{peer} refuses: is race control running, and are address and port right?'
     if number in (errno.ENETUNREACH, errno.EHOSTUNREACH):
         return f"there is no way to {settings.host}: is the kart in race control's network?"
     if number is None or number == errno.ETIMEDOUT:
         return f"{peer} does not answer: is the kart in race control's network?"
-    return f'{peer} cannot be connected to: {error}'
+    return f'connecting to {peer_of(settings)} failed: {error}'

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What odometry says about motion: its twist and its pose, compared.
+The kart's motion according to odometry: its twist compared with its pose.
 
-Pure: each input brings its time. Odometry whose twist is not filled in, or stuck, says 0.00 m/s at
-any speed, and the bridge would acknowledge a stop of a kart that rolls. So the way that the pose
-went is compared with the way that the twist explains.
+Pure: each input brings its time. Odometry whose twist is not filled in, or is stuck, gives 0.00
+m/s at any speed, and the bridge would acknowledge a stop while the kart rolls. So this module
+compares the distance between poses with the distance that the twist explains.
 """
 
 from __future__ import annotations
@@ -15,34 +15,34 @@ from collections import deque
 import math
 
 WINDOW = 1.0
-"""Time over which pose and twist are compared, seconds."""
+"""Time over which pose and twist are compared, in seconds."""
 
 POSE_NOISE = 0.1
-"""Way that the pose of a standing kart may go within `WINDOW`, metres."""
+"""Maximum distance that the pose of a standing kart moves within `WINDOW`, in metres."""
 
 NEVER_MOVED = 5.0
-"""Time under GREEN_GREEN at 0.00 m/s after which the bridge warns, seconds."""
+"""Time in GREEN_GREEN at 0.00 m/s after which the bridge warns, in seconds."""
 
 
 class Motion:
     """
     The kart's speed from odometry.
 
-    :ivar contradiction: how pose and twist contradict each other, a sentence; empty: they do not.
+    :ivar contradiction: how pose and twist contradict each other, a sentence; empty: they agree.
     """
 
     def __init__(self) -> None:
         self.contradiction = ''
-        self._seen: deque[tuple[float, float, float, float]] = deque()  # time, x, y, way by twist
+        self._seen: deque[tuple[float, float, float, float]] = deque()  # time, x, y, distance
         self._zero_since: float | None = None
         self._warned = False
 
     def speed(self, twist: float, x: float, y: float, now: float) -> float:
         """
-        Return the speed that counts, m/s: that of the pose where the twist does not explain it.
+        Return the speed that counts, in m/s: the pose's if the twist does not explain it.
 
-        :param twist: the speed that the twist says, m/s.
-        :param x: where the pose is, m; a pose that is no number says nothing.
+        :param twist: the speed of the twist, in m/s.
+        :param x: the x of the pose, in m; a pose that is not finite is ignored.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
             self._seen.clear()
@@ -62,17 +62,17 @@ class Motion:
             ),
             key=lambda each: each[0] - 2 * each[1],
         )
-        if went <= 2 * explained + POSE_NOISE:  # a twist may be off by a half
+        if went <= 2 * explained + POSE_NOISE:  # a twist may be half of the true speed
             self.contradiction = ''
             return twist
         self.contradiction = (
-            f'the pose of odometry went {went:.1f} m within {WINDOW:g} s, its twist '
-            f'explains {explained:.1f} m: is the twist filled in?'
+            f'the pose of odometry moved {went:.1f} m within {WINDOW:g} s, but its twist explains '
+            f'{explained:.1f} m: is the twist filled in?'
         )
         return math.nan if math.isnan(twist) else max(abs(twist), went / WINDOW)
 
     def never_moves(self, green: bool, speed: float, now: float) -> bool:
-        """Return True, once each time, if the kart is at 0.00 m/s for too long in GREEN_GREEN."""
+        """Return True, once each time, when the kart is at 0.00 m/s too long in GREEN_GREEN."""
         if not green or not speed < 0.005:
             self._zero_since, self._warned = None, False
             return False

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``kart_bridge`` node: the state a kart must obey, as a ROS topic, lock and services.
+The ``kart_bridge`` node: the state that a kart must obey, as ROS topics and services.
 
-Two threads, and no state shared between them: the link's thread (``link``) owns the arbiter,
-publishes, and is all that keeps the kart's topics alive; the executor's thread takes what the
-team's nodes say and hands it to the link.
+Two threads that share no state: the link's thread (``link``) owns the arbiter, publishes, and
+alone keeps the kart's topics alive. The executor's thread receives the messages of the team's
+nodes and passes them to the link.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.lamp import lamp
 from evgp_kart_bridge.link import (
-    Link,
     LinkClosedError,
     LinkSettings,
     LinkStatus,
     peer_of,
+    RaceControlLink,
     REPEAT,
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
@@ -39,7 +39,7 @@ from evgp_node.rclpy_private import RCLError
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
-from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, StopSource, Verdict
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
@@ -56,7 +56,7 @@ except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
 
 LINK_ANSWER_TIMEOUT = 1.0
-"""How long a call of the team waits for the link before it says so, seconds."""
+"""Maximum time that a team's service call waits for the link, in seconds."""
 
 REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
 """The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True: stop."""
@@ -67,26 +67,26 @@ REMOTE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of `REMOTES`: no stop may get lost. A publisher that does not promise that is a stop."""
+"""QoS of `REMOTES`: no stop may get lost. A publisher that does not guarantee that is a stop."""
 
 LATCHED_REMOTE_QOS = latched(1)
-"""Of a second subscription of each of them, for what a latched remote said before."""
+"""QoS of a second subscription to each remote, for messages that a latched remote sent before."""
 
 LOOK_AROUND = 0.3
-"""How often the bridge looks for a second node where there must be one, seconds."""
+"""Time between two checks for a second node where only one is allowed, in seconds."""
 
 UNREAD = 5.0
-"""Time without any reader of the race state after which the bridge says so, seconds."""
+"""Time without a reader of the race state after which the bridge logs that, in seconds."""
 
 UNACKNOWLEDGED = 5.0
-"""Time for which nothing may keep the stack from acknowledging, and it does not, before the bridge
-says so, seconds."""
+"""Time without an acknowledgement that nothing hinders after which the bridge logs that, in
+seconds."""
 
 ODOMETRY_DUE = 2.0
-"""Time after the start, or after its loss, when missing odometry is logged, seconds."""
+"""Time without odometry after which the bridge logs that, in seconds."""
 
 TEAM_TIMEOUT = 1.0
-"""Time after which a bridge that has not looked around does not hear its team either, seconds."""
+"""Time without a check after which the bridge is assumed not to receive its team, in seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -94,10 +94,10 @@ ODOMETRY_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of ``~/odom``: only the newest counts, from whatever publisher."""
+"""QoS of ``~/odom``: only the newest counts, from a publisher of any reliability."""
 
 MOST_FIRST_ORDER = 2**52
-"""Maximum number of a bridge's first order. JSON and JavaScript keep whole numbers below 2**53."""
+"""Maximum number of a bridge's first order. JSON and JavaScript keep integers below 2**53."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -116,22 +116,22 @@ _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in Rac
 
 
 def _to_paste(verdict: Verdict) -> str:
-    """Return what to fill in once the kart has done what it must."""
+    """Return the request to send once the kart has reached the state."""
     if verdict.reached is None:
         return f'there is nothing to acknowledge: {verdict.reason}'
     done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
-    return f'name what the kart has done: {{{done}}}'
+    return f'once the kart has reached that state, send {{{done}}}'
 
 
 class PublishError(RuntimeError):
-    """The middleware does not take the race state."""
+    """The middleware does not accept the race state."""
 
 
 class KartBridge(StrictNode):
     """
     The bridge's node.
 
-    :param on_failure: is called, in another thread, when the bridge cannot go on.
+    :param on_failure: called in another thread when the bridge cannot continue.
     :raises ParameterError: if a parameter is wrong.
     """
 
@@ -141,34 +141,34 @@ class KartBridge(StrictNode):
         self._peer = peer_of(link_settings)
         self._graph = f'ROS domain {self.context.get_domain_id()}'
         self._odometry_topic = self.resolve_topic_name('~/odom')
-        # Who names a topic for it asks for it.
+        # Remapping the topic makes odometry required.
         if self._odometry_topic != f'{self.get_fully_qualified_name()}/odom':
             settings = dataclasses.replace(settings, odometry_required=True)
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
-        # Volatile: whoever comes late hears no old word, and silence means that nothing is known.
+        # Volatile: a late subscriber hears no old state, and silence means that nothing is known.
         self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._told: Verdict | None = None
-        self._logged: dict[str, float] = {}  # what is wrong, and when it was logged
+        self._published: Verdict | None = None
+        self._logged: dict[str, float] = {}  # warnings, and when each was logged
         self._logged_last = ''
         self._motion = Motion()  # in the executor's thread
         self._odometry_at: float | None = None
         self._odometry_missed_at: float | None = None
         self._odometry_was_missed = False
-        self._awaited: tuple[int, float] | None = None  # which order, and since when
+        self._awaited: tuple[int, float] | None = None  # the order, and since when
         self._read = False
         self._unread_at: float | None = clock.now()  # None: it is read, or that was logged
         self._until_diagnostics = 0
         self._until_look = 0
-        # The link's thread asks; that the executor's answers shows that it hears the team. A
-        # timer would not do: some middlewares wait for one by the wall clock.
+        # The link's thread triggers it; that the executor runs it shows that it receives the
+        # team's messages. Not a timer: some middlewares wait for timers by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
-        # By whose full names there must be one publisher, or one server.
+        # Only one publisher, or one server, may have each of these names.
         topics = {
             **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
             '~/race_state': StopSource.TWO_BRIDGES,
@@ -181,27 +181,27 @@ class KartBridge(StrictNode):
         }
         self._one_publisher = {self.resolve_topic_name(name): key for name, key in topics.items()}
         self._one_server = {self.resolve_service_name(name): key for name, key in services.items()}
-        if not hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
+        if not hasattr(self, 'count_services'):  # missing in ROS 2 Humble
             self._one_server = {}
-        self._seen_double: dict[StopSource, str] = {}  # and which nodes they are, if known
-        # At random, so that a number of the bridge before this one fits no order of this one. The
-        # time would not do: a kart's computer without a battery starts at the same one each time.
+        self._seen_double: dict[StopSource, str] = {}  # with the names of the nodes, if known
+        # Random, so that no number of an earlier bridge fits an order of this one. Not the time:
+        # a kart's computer without a battery starts at the same time on each boot.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
-        self._identity = first_order  # which no other bridge has either
+        self._identity = first_order  # no other bridge has the same
         names = Names(self._peer, self._odometry_topic, self._graph)
-        # The link owns it; from here it is only read, in the link's thread.
+        # The link owns it; this class only reads it, in the link's thread.
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
                 f'Until odometry comes on {self._odometry_topic}, this bridge believes the stack '
-                'that the kart stands. Give it odometry: ODOM=/odom of make bridge, odom:=/odom '
-                'of the launch file'
+                'that the kart stands still. Give it odometry: make bridge ODOM=/odom, or odom:='
+                '/odom for the launch file'
             )
-        self._link = Link(arbiter, link_settings, self._tell, on_failure)
+        self._link = RaceControlLink(arbiter, link_settings, self._on_verdict, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
         for source, topic in REMOTES.items():
-            # The second for one that was pressed before this bridge began to listen, if latched.
+            # The second receives a latched stop from before this bridge started.
             for qos, incompatible in (
                 (REMOTE_QOS, self._remote_unreliable),
                 (LATCHED_REMOTE_QOS, lambda _: None),
@@ -217,15 +217,15 @@ class KartBridge(StrictNode):
         self._link.start()
 
     def close(self) -> None:
-        """Leave race control, and tell RED_RED last."""
+        """Disconnect from race control, and publish RED_RED last."""
         self._link.stop()
         try:
-            self._publish(_ENDED, 0.0)  # the lamp is lit
-        except PublishError as error:  # then its silence stops the kart
+            self._publish(_ENDED, 0.0)  # at this time the lamp is lit
+        except PublishError as error:  # then the bridge's silence stops the kart
             self.get_logger().error(str(error))
         wait_until_heard(self._race_state, self._stop, self._state, self._lamp)
 
-    # ----- what the team says; in the executor's thread -----------------------------------
+    # ----- input from the team; in the executor's thread ----------------------------------
 
     def _acknowledge(
         self, request: Acknowledge.Request, response: Acknowledge.Response
@@ -233,23 +233,24 @@ class KartBridge(StrictNode):
         state, order = state_of(request.reached), request.order
         if order and state is None:
             response.message = (
-                f'{request.reached.state} is no race state; `reached.state` is one of {_NUMBERS}'
+                f'{request.reached.state} is not a race state; `reached.state` must be one of '
+                f'{_NUMBERS}'
             )
             return response
 
-        def take(arbiter: Arbiter, now: float) -> Outcome:
+        def take(arbiter: Arbiter, now: float) -> Reaction:
             return arbiter.acknowledge(state, order, now) if state and order else arbiter.tick(now)
 
         given = self._link.give(take)
         try:
-            outcome = given.result(LINK_ANSWER_TIMEOUT)
-            answer, verdict = outcome.answer, outcome.verdict
-            if answer is None:  # typed by hand, without a number
+            reaction = given.result(LINK_ANSWER_TIMEOUT)
+            answer, verdict = reaction.answer, reaction.verdict
+            if answer is None:  # called by hand, without a number
                 response.message = _to_paste(verdict)
                 return response
             response.success, response.message = answer.accepted, answer.message
             if not answer.accepted and verdict.commanded not in (None, state):
-                response.message += f'. `reached.state` is one of {_NUMBERS}'
+                response.message += f'. `reached.state` must be one of {_NUMBERS}'
         except (LinkClosedError, concurrent.futures.TimeoutError) as error:
             response.message = self._unanswered(error)
         return response
@@ -271,7 +272,7 @@ class KartBridge(StrictNode):
 
     def _unanswered(self, error: BaseException) -> str:
         if isinstance(error, LinkClosedError):
-            return f'Not taken: {error}.'
+            return f'Not accepted: {error}.'
         return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s; the kart must stop.'
 
     def _stop_by_topic(self, source: StopSource, engaged: bool) -> None:
@@ -280,12 +281,12 @@ class KartBridge(StrictNode):
     def _remote_unreliable(self, _: object) -> None:
         self.get_logger().error(
             'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost: the kart '
-            'stops. Publish with reliable QoS'
+            'stops. Publish with reliable QoS, and restart the bridge'
         )
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop while there are two where there must be one; say that the team is heard."""
+        """Stop the kart while any name has two nodes; report that the team is heard."""
         seen = {
             key: self._who_publishes(name)
             for name, key in self._one_publisher.items()
@@ -319,12 +320,12 @@ class KartBridge(StrictNode):
         )
 
     def _is_read(self) -> bool:
-        """Return whether a node reads what to obey, in any of its forms."""
-        says = (self._race_state, self._stop, self._state)
-        return any(each.get_subscription_count() for each in says)
+        """Return whether a node subscribes to the race state, in any of its forms."""
+        forms = (self._race_state, self._stop, self._state)
+        return any(each.get_subscription_count() for each in forms)
 
     def _look_for_readers(self) -> None:
-        """Say once that no stack reads what to obey: it may be in another ROS domain."""
+        """Log once that no stack reads the race state: it may be in another ROS domain."""
         if self._is_read():
             self._unread_at = None
             self._read = True
@@ -333,46 +334,46 @@ class KartBridge(StrictNode):
         elif self._unread_at is not None and clock.now() >= self._unread_at + UNREAD:
             self._unread_at = None
             self.get_logger().warning(
-                f'Nobody reads {self._race_state.topic_name} in {self._graph} for {UNREAD:g} s: '
-                'does the stack run, with the same ROS_DOMAIN_ID, and without '
-                f'{" or ".join(KEEPS_APART)} in its shell? On another machine of the kart, '
-                'both need EVGP_GRAPH_INTERFACE'
+                f'Nobody has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
+                's: is the stack running, with the same ROS_DOMAIN_ID, and without '
+                f'{" or ".join(KEEPS_APART)} in its shell? On two computers, both need '
+                'EVGP_GRAPH_INTERFACE'
             )
 
     def _odometry(self, message: Odometry) -> None:
         velocity, place = message.twist.twist.linear, message.pose.pose.position
         twist, now = math.hypot(velocity.x, velocity.y), clock.now()
         speed = self._motion.speed(twist, place.x, place.y, now)
-        # Of two publishers, of which the bridge warns elsewhere, neither twist need be wrong.
+        # With two publishers, which the bridge reports elsewhere, neither twist need be wrong.
         if self._motion.contradiction and self.count_publishers(self._odometry_topic) < 2:
             self.get_logger().warning(
                 f'The kart counts as moving: {self._motion.contradiction}',
                 throttle_duration_sec=5.0,
                 throttle_time_source_type=self._steady,
             )
-        told = self._told
-        green = told is not None and told.state is RaceState.GREEN_GREEN
+        published = self._published
+        green = published is not None and published.state is RaceState.GREEN_GREEN
         if self._motion.never_moves(green, speed, now):
             missing = (
-                'its stack gives the motors no speed'
+                'its stack sends the motors no speed'
                 if self._is_read()
                 else f'no stack drives it: nobody reads {self._race_state.topic_name}'
             )
             self.get_logger().warning(
                 f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
-                f'0.00 m/s. If the kart stands, {missing}. If it drives, the twist of its '
-                'odometry is not filled in: it would acknowledge stops while it rolls'
+                f'0.00 m/s. If the kart stands still, {missing}. If it drives, the twist of its '
+                'odometry is not filled in, and the kart would acknowledge stops while it rolls'
             )
 
-        def take(arbiter: Arbiter, now: float) -> Outcome:
-            self._odometry_at = now  # in the link's thread, as all that reads it
+        def take(arbiter: Arbiter, now: float) -> Reaction:
+            self._odometry_at = now  # in the link's thread, like its readers
             return arbiter.speed(speed, now)
 
         given = self._link.give(take)
         given.add_done_callback(self._warn_of_odometry)
 
-    def _warn_of_odometry(self, given: concurrent.futures.Future[Outcome]) -> None:
-        """Say what keeps a stop from being acknowledged, though nobody may have asked."""
+    def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
+        """Log what keeps a stop from being acknowledged, even if no stack tried."""
         if given.exception() is not None or not given.result().hindrance:
             return
         self.get_logger().warning(
@@ -381,12 +382,12 @@ class KartBridge(StrictNode):
             throttle_time_source_type=self._steady,
         )
 
-    # ----- what the team is told; in the link's thread ------------------------------------
+    # ----- output to the team; in the link's thread ---------------------------------------
 
-    def _tell(self, verdict: Verdict, status: LinkStatus) -> None:
+    def _on_verdict(self, verdict: Verdict, status: LinkStatus) -> None:
         self._publish(verdict, clock.now())
         self._log(verdict, status)
-        self._told = verdict
+        self._published = verdict
         self._log_odometry()
         self._log_unacknowledged(verdict)
         if status.malformed != self._malformed:
@@ -426,31 +427,31 @@ class KartBridge(StrictNode):
             self._lamp.publish(ColorRGBA(r=red, g=green, b=blue, a=1.0))
         except RCLError as error:
             raise PublishError(
-                f'the race state cannot be published ({error}). Look at the clock: Fast DDS '
-                'refuses every message from 19 January 2038 on'
+                f'the race state cannot be published ({error}). Check the clock: Fast DDS refuses '
+                'every message from 19 January 2038 on'
             ) from error
 
     def _log(self, verdict: Verdict, status: LinkStatus) -> None:
-        """Log what is new; what comes back with every attempt to connect, not every time."""
-        told = self._told
+        """Log what is new, but not every repeated failure to connect."""
+        last = self._published
         obeyed = f'Obey {verdict.state.value}'
-        if verdict.acknowledged and told is not None and not told.acknowledged:
-            said = verdict.reached or verdict.state
-            self.get_logger().info(f'{said.value} is acknowledged')
+        if verdict.acknowledged and last is not None and not last.acknowledged:
+            reached = verdict.reached or verdict.state
+            self.get_logger().info(f'{reached.value} is acknowledged')
         if verdict.reason == '':
-            if told is None or told.reason or told.state is not verdict.state:
+            if last is None or last.reason or last.state is not verdict.state:
                 self._logged.clear()
                 self._logged_last = ''
                 self.get_logger().info(obeyed)
         elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
             # Nothing is wrong yet.
-            if told is None:
-                self.get_logger().info(f'Starting: {obeyed} until {self._peer} is heard')
+            if last is None:
+                self.get_logger().info(f'Starting: {obeyed} until {self._peer} sends a state')
                 self.get_logger().info(where_reachable())
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()
-            # The last line of the log must be true: what is skipped and lasts is logged later.
+            # The log's last line must be true: a skipped reason that lasts is logged later.
             if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
                 self._logged = {
                     each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
@@ -459,12 +460,12 @@ class KartBridge(StrictNode):
                 self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
-        """Say, once each time, that odometry is missing, and that it is back."""
+        """Log once each time that odometry is missing, and that it is back."""
         missing = self._arbiter.missing_odometry
         now = clock.now()
         if not missing:
             if self._odometry_was_missed:
-                self.get_logger().info(f'Odometry is heard on {self._odometry_topic}')
+                self.get_logger().info(f'Odometry received on {self._odometry_topic}')
             self._odometry_was_missed, self._odometry_missed_at = False, None
         elif self._odometry_missed_at is None:
             self._odometry_missed_at = now
@@ -473,7 +474,7 @@ class KartBridge(StrictNode):
             self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
-        """Say, once for each order, that nothing is in the way of its acknowledgement."""
+        """Log once for each order that only its acknowledgement is missing."""
         awaited, now = self._arbiter.awaited, clock.now()
         if awaited is None:
             self._awaited = None
@@ -481,15 +482,15 @@ class KartBridge(StrictNode):
             self._awaited = verdict.order, now
         elif now >= self._awaited[1] + UNACKNOWLEDGED:
             self._awaited = verdict.order, math.inf
-            does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands'
+            does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands still'
             self.get_logger().warning(
-                f'Nobody has acknowledged {awaited.value} for {UNACKNOWLEDGED:g} s, and nothing '
-                f'that this bridge knows is in the way. Once the kart {does}, its stack must call '
+                f'Nobody has acknowledged {awaited.value} for {UNACKNOWLEDGED:g} s, and this '
+                f'bridge sees no reason for that. Once the kart {does}, its stack must call '
                 f'{self.resolve_service_name("~/acknowledge")}'
             )
 
     def _odometry_heard(self) -> str:
-        """Return, for diagnostics, whether odometry is heard, and how old the last is."""
+        """Return the age of the last odometry, for diagnostics."""
         if self._odometry_at is None:
             return f'not heard on {self._odometry_topic}'
         return f'{clock.now() - self._odometry_at:.2f} s old on {self._odometry_topic}'
@@ -533,22 +534,22 @@ class KartBridge(StrictNode):
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'frame_timeout',
-        'Time without a frame after which the link is lost, s (§3.E).',
+        'Time without a frame after which the link counts as lost, s (§3.E).',
         (0.2, 1.0),
     ),
     (
         'tsr_timeout',
-        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
+        'Time without ~/tsr that counts as a team stop, s; 0: no remote is required.',
         (0.0, 10.0),
     ),
     (
         'msr_timeout',
-        "Time without ~/msr, the MSR's contact, after which the kart stops, s; 0: none is wired.",
+        "Time without ~/msr (the MSR's contact) after which the kart stops, s; 0: not wired.",
         (0.0, 1.0),
     ),
     (
         'odometry_required',
-        'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
+        'Refuse RED_FLAG and RED_RED unless ~/odom shows that the kart stands still.',
     ),
     (
         'auto_acknowledge_stop',
@@ -558,10 +559,10 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('standstill_time', 'Time at standstill after which the kart has stopped, s.', (0.1, 10.0)),
     (
         'red_flag_drive_time',
-        'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
+        'Time for which ~/stop lets a driving kart slow down in RED_FLAG, s (§3.A).',
         (0.0, 30.0),
     ),
-    ('drive_in_garage', 'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).'),
+    ('drive_in_garage', 'In IN_GARAGE, ~/stop lets the team drive its kart (§3.A).'),
 )
 """Parameters of the arbiter: name, meaning and range; their defaults are in `Settings`."""
 
@@ -570,7 +571,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     """
     Declare every parameter of the bridge.
 
-    :return: where race control is, the rules' settings, and the liveliness lease (s).
+    :return: race control's address, the rules' settings, and the liveliness lease in seconds.
     :raises ParameterError: if a parameter is wrong.
     """
     declare = parameters.declare
@@ -582,7 +583,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     lease = declare(
         'liveliness_lease',
         LEASE,
-        'Time of silence of the bridge after which a subscriber must stop, s.',
+        "Time of the bridge's silence after which a subscriber must stop, s.",
         (0.2, 2.0),
     )
     rules: dict[str, Any] = {
@@ -592,8 +593,8 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     parameters.refuse_unknown()
     if not host:
         raise ParameterError(
-            'parameter host is missing. Name the address of race control, '
-            'as in: --ros-args -p host:=10.0.0.1'
+            'parameter host is missing. Give the address of race control, '
+            'for example: --ros-args -p host:=10.0.0.1'
         )
     for name, address in (('host', host), ('local_address', local)):
         if address:
@@ -604,10 +605,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run the bridge until SIGINT or SIGTERM; what it tells last is RED_RED.
+    Run the bridge until SIGINT or SIGTERM; it publishes RED_RED last.
 
-    :return: 0 after an orderly end, 1 after a failure (what was told last is RED_RED), 2 if a
-        setting is wrong.
+    :return: 0 after an orderly end, 1 after a failure (also then RED_RED last), 2 if a setting is
+        wrong.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of `RaceStateWatch`: what a stack must do, by what the bridge says and when.
+The rules of `RaceStateWatch`: what a stack must do, given the bridge's messages and their times.
 
-Pure: no ROS, clock or thread. ``orders.hpp`` of evgp_race_watch_cpp has them a second time, in
-C++; ``test_orders.py`` holds one against the other.
+Pure: no ROS, clock or thread. ``orders.hpp`` of evgp_race_watch_cpp has the same rules in C++;
+``test_orders.py`` compares the two.
 """
 
 from __future__ import annotations
@@ -17,25 +17,26 @@ import math
 from evgp_protocol.states import RaceState, stricter
 
 FORGIVEN = 1.0
-"""Maximum time, s, without knowing the state after which a stack still starts without a new
-GRID_ACTIVE."""
+"""Maximum time of a doubt after which a stack still starts without a new GRID_ACTIVE, in
+seconds."""
 
 NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
-"""Why a kart stands under GREEN_GREEN if its stack was started too late."""
+"""Reason for not obeying GREEN_GREEN, if the stack was started too late."""
 
 TOO_LATE = (
     f'this node was too busy, or the bridge silent, for more than {FORGIVEN:g} s since '
     'GRID_ACTIVE; the kart waits for the next one'
 )
-"""Why, if its stack had heard GRID_ACTIVE."""
+"""Reason for not obeying GREEN_GREEN, if the stack had heard GRID_ACTIVE."""
 
 ASK_AGAIN = 0.2
-"""Time after which an acknowledgement is sent again while the bridge has not taken it, s."""
+"""Time after which an acknowledgement that the bridge has not accepted is sent again, in
+seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Said:
-    """What counts of a message of the bridge; None: what is no race state."""
+    """The parts of a bridge's message that the rules use; None: an unknown race state."""
 
     bridge: int
     state: RaceState | None
@@ -48,15 +49,14 @@ class Said:
 @dataclasses.dataclass(frozen=True, eq=False)
 class Order:
     """
-    What the kart must do, from one moment on. Two orders are never equal, only the same one is.
+    What the kart must do from a certain moment on. An order equals only itself.
 
     :ivar state: the state to obey.
     :ivar number: the number of race control's command, as in `KartRaceState.order`. 0: the order
-        cannot be acknowledged, because there is no command, or because a kart that has reached
-        `state` has nothing to say.
-    :ivar reached: what an acknowledgement says. It differs from `state` when the kart must obey
-        RED_RED under a commanded RED_FLAG, as in a team stop: a kart that stands has carried out
-        both. It differs from the command, and is RED_RED, when the kart has stopped itself in
+        cannot be acknowledged, because there is no command or nothing to report.
+    :ivar reached: the state to acknowledge. It differs from `state` when the kart must obey
+        RED_RED under a commanded RED_FLAG, as in a team stop: a standing kart has carried out
+        both. It differs from the command, and is RED_RED, when the kart stopped itself in
         GRID_ACTIVE or GREEN_GREEN. None if `number` is 0.
     """
 
@@ -67,11 +67,11 @@ class Order:
 
 class Orders:
     """
-    The orders of one stack. Every time is in seconds, by one clock that never goes back.
+    The orders of one stack. All times are in seconds, from one clock that never goes back.
 
     :ivar said: the bridge's last message; None: there was none.
-    :param lease: time of silence after which the kart obeys RED_RED, seconds.
-    :param forgiven: as `FORGIVEN`.
+    :param lease: time of silence after which the kart obeys RED_RED, in seconds.
+    :param forgiven: see `FORGIVEN`.
     """
 
     def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
@@ -79,16 +79,16 @@ class Orders:
         self._lease = lease
         self._forgiven = forgiven
         self._heard_at = -math.inf
-        self._bridges_alive: int | None = None  # None: the middleware has not said yet
+        self._bridges_alive: int | None = None  # None: not reported by the middleware yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
-        self._grid_by: int | None = None  # the same, whether it still arms or not
-        self._sure_at = -math.inf  # when there was no doubt last
+        self._grid_by: int | None = None  # the same, even if it no longer arms
+        self._sure_at = -math.inf  # the last time without a doubt
         self._order = Order(RaceState.RED_RED, 0, None)
         self._asked: Order | None = None
         self._ask_again_at = -math.inf
 
     def order(self, now: float) -> Order:
-        """Return what to do; the same object until something else is to be done."""
+        """Return what to do; the same object until that changes."""
         state, _ = self.judge(now)
         number, reached = 0, None
         if self.said is not None and not self.doubt(now) and self.said.order:
@@ -101,35 +101,35 @@ class Orders:
         return self._order
 
     def judge(self, now: float) -> tuple[RaceState, str]:
-        """Return the state to obey, and why that is not what is commanded; empty: it is."""
+        """Return the state to obey, and why it differs from the command; empty: it does not."""
         doubt = self.doubt(now)
         if doubt or self.said is None:
             return RaceState.RED_RED, doubt
         state = self.said.state
         if state is None:
-            return RaceState.RED_RED, 'the bridge says what is no race state'
+            return RaceState.RED_RED, 'the bridge publishes an unknown race state'
         if state is RaceState.GREEN_GREEN and not self._is_armed(now):
             heard = self._grid_by == self.said.bridge
             return RaceState.RED_RED, TOO_LATE if heard else NEVER_HEARD
         return state, self.said.reason
 
     def doubt(self, now: float) -> str:
-        """Return why what was heard last may not be true any more; empty: it is."""
+        """Return why the last message may no longer be true; empty: it is."""
         if self.said is None:
-            return 'the bridge was not heard yet'
+            return 'the bridge has not been heard yet'
         if now - self._heard_at > self._lease:
             return 'the bridge is silent, or this node was too busy to hear it'
         if self._bridges_alive not in (None, 1):
-            return f'{self._bridges_alive} bridges speak; there must be one'
+            return f'{self._bridges_alive} bridges are running; there must be one'
         return ''
 
     def hear(self, heard: Sequence[Said], since: float, now: float) -> None:
         """
-        Take what the bridge has said, oldest first; the last of it counts.
+        Take the bridge's messages, oldest first; the last one counts.
 
-        :param since: none of it was said before that.
+        :param since: time before which none of them was sent.
         """
-        # A doubt, and what came in between, end the order before, even if it comes back.
+        # A doubt or another state in between ends the previous order, even if it returns.
         self.order(now)
         self._heard_at = since
         for said in heard:
@@ -138,14 +138,14 @@ class Orders:
             self.order(now)
 
     def count_bridges(self, alive: int) -> None:
-        """Take how many bridges the middleware knows to be alive."""
+        """Take the number of bridges that the middleware reports as alive."""
         self._bridges_alive = alive
         if alive > 1:
             self._armed_by = None
             self._grid_by = None
 
     def look(self, now: float) -> None:
-        """Notice that time has passed; called about five times in each lease."""
+        """Let time pass; call it about five times in each lease."""
         if not self.doubt(now):
             if not self._is_armed(now):
                 self._armed_by = None
@@ -153,9 +153,10 @@ class Orders:
 
     def asks(self, order: Order, now: float) -> bool:
         """
-        Return whether to ask the bridge now to acknowledge this order, which the kart has done.
+        Return whether to send the bridge the acknowledgement of this order now.
 
-        Not if it is over, cannot be acknowledged, is acknowledged, or was asked just now.
+        Not if the order is over, has nothing to acknowledge or is acknowledged, nor if the
+        acknowledgement was sent just now.
         """
         if order is not self.order(now) or order.reached is None:
             return False
@@ -173,12 +174,12 @@ class Orders:
 
     def _follow(self, said: Said, now: float) -> None:
         """
-        Arm or disarm by one message, however late it is taken.
+        Arm or disarm by one message, however late it is processed.
 
-        A GRID_ACTIVE that waited for a busy stack counts as long as the doubt is forgiven. One
-        of two bridges does not: the other may say GREEN_GREEN. The middleware may tell of a second
-        bridge after what that said, or, of one that came and went, never: so a GRID_ACTIVE counts
-        for the bridge that said it alone.
+        A GRID_ACTIVE that waited for a busy stack counts while the doubt is short enough. One from
+        one of two bridges does not: the other may publish GREEN_GREEN. The middleware may report a
+        second bridge after its messages, or never if it came and went, so a GRID_ACTIVE counts
+        only for the bridge that published it.
         """
         if said.state is not RaceState.GREEN_GREEN:
             self._grid_by = said.bridge if said.state is RaceState.GRID_ACTIVE else None
@@ -193,6 +194,6 @@ class Orders:
 
 
 def _includes(state: RaceState, reached: RaceState) -> bool:
-    """Return whether a kart that has reached `state` may say that it has `reached` the other."""
+    """Return whether a kart that has reached `state` may acknowledge `reached`."""
     both_red = state.is_red and reached.is_red
     return state is reached or (both_red and stricter(state, reached) is state)

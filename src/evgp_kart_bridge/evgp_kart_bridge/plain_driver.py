@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A node to copy that drives by the bridge's plain word, without any of our messages or packages.
+A node to copy that drives by the topic `~/state`, without any of our messages or packages.
 
 It acknowledges nothing: one other node of the kart does that.
 """
@@ -17,11 +17,11 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import String
 
-LEASE = 0.5  # s; nothing for longer, and the bridge may have died
+LEASE = 0.5  # s; after a longer silence the bridge may have died
 
 
 def boot_time() -> float:
-    """Return the time since the computer was started, s; nobody sets it, and it never stops."""
+    """Return the time since boot, including suspend, s; nobody sets this clock."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
@@ -37,11 +37,11 @@ class Driver(Node):
         self.logged = ''
         self.motors = self.create_publisher(Twist, 'cmd_vel', 1)
         self.create_subscription(String, 'kart_bridge/state', self.hear, 1)  # only the newest
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # a timer on ROS time may stop
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # ROS time may stop
         self.create_timer(0.05, self.step, clock=steady)
 
     def hear(self, message: String) -> None:
-        """Take the state: GRID_ACTIVE arms, and anything but GREEN_GREEN after it disarms."""
+        """Take the state: GRID_ACTIVE arms; then everything but GREEN_GREEN disarms."""
         now = boot_time()
         unbroken = now - self.heard_at <= LEASE
         self.armed = message.data == 'GRID_ACTIVE' or (
@@ -50,12 +50,12 @@ class Driver(Node):
         self.state, self.heard_at = message.data, now
 
     def step(self) -> None:
-        """Drive or brake. Yours goes here."""
+        """Drive or brake. Put your code here."""
         silent = boot_time() - self.heard_at > LEASE
         self.armed = self.armed and not silent
         text = self.state
         if silent:
-            self.wanted, text = 0.0, f'nothing on kart_bridge/state for {LEASE} s: stops'
+            self.wanted, text = 0.0, f'nothing on kart_bridge/state for {LEASE} s: stopping'
         elif self.state == 'GREEN_GREEN' and self.armed:
             self.wanted = 6.0
         elif self.state == 'RED_FLAG':  # gently: 10 s from 6 m/s
@@ -63,7 +63,7 @@ class Driver(Node):
         else:
             self.wanted = 0.0
             if self.state == 'GREEN_GREEN':
-                text = 'GREEN_GREEN: stands until the next GRID_ACTIVE'
+                text = 'GREEN_GREEN: waiting for the next GRID_ACTIVE'
         command = Twist()
         command.linear.x = self.wanted
         self.motors.publish(command)

@@ -16,14 +16,14 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 STANDSTILL_TIME = 0.5  # s; must be longer than your kart's dead time plus 0.1 s
-ODOMETRY_GAP = 0.2  # s; longer without odometry, and nothing is known
+ODOMETRY_GAP = 0.2  # s; older odometry does not count
 
 
 class Stack(Node):
-    """Drives straight ahead where the race state lets it."""
+    """Drives straight ahead when the race state allows it."""
 
     def __init__(self) -> None:
-        """Watch the race state and odometry, and begin to drive."""
+        """Subscribe to the race state and odometry, and start the timer."""
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
         self.speed = math.nan  # m/s
@@ -33,19 +33,19 @@ class Stack(Node):
         self.still_since = math.inf  # s; infinite: the kart moves
         self.motors = self.create_publisher(Twist, 'cmd_vel', 1)
         self.create_subscription(Odometry, 'odom', self.hear_odometry, 10)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # a timer on ROS time may stop
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # ROS time may stop
         self.create_timer(0.05, self.step, clock=steady)
 
     def step(self) -> None:
-        """Do what race control orders; acknowledge that same order once it is done."""
+        """Carry out the order; once that is done, acknowledge the same order."""
         order = self.watch.order  # RED_RED also when the bridge dies
         if self.drive(order.state):
             self.watch.acknowledge(order)
 
     def drive(self, state: RaceState) -> bool:
-        """Drive or brake; return whether the kart has reached the state. Yours goes here."""
+        """Drive or brake; return whether the kart has reached the state. Put your code here."""
         fresh = time.monotonic() - self.heard_at < ODOMETRY_GAP
-        self.driving = fresh and state is RaceState.GREEN_GREEN  # never blind
+        self.driving = fresh and state is RaceState.GREEN_GREEN  # not without odometry
         if self.driving:
             self.wanted = 6.0
         elif fresh and state is RaceState.RED_FLAG:  # gently: 10 s from 6 m/s
@@ -60,16 +60,16 @@ class Stack(Node):
         return still and state is not RaceState.GREEN_GREEN
 
     def move(self, speed: float) -> None:
-        """Tell the motors a speed, m/s."""
+        """Send the motors a speed, m/s."""
         command = Twist()
         command.linear.x = speed
         self.motors.publish(command)
 
     def hear_odometry(self, odometry: Odometry) -> None:
-        """Take the speed, and since when the kart has been standing without a doubt."""
+        """Update the speed, and the time since which the kart certainly stands still."""
         now = time.monotonic()
         self.speed = abs(odometry.twist.twist.linear.x)
-        if self.driving or not self.speed < 0.05:  # also if it is no number
+        if self.driving or not self.speed < 0.05:  # also NaN
             self.still_since = math.inf
         elif now - self.heard_at > ODOMETRY_GAP:
             self.still_since = now

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-For a team's stack: what to do now, and how to say that it is done.
+For a team's stack: what to do now, and how to acknowledge it.
 
-A subscription alone is not enough. A bridge that died or hangs cannot say so, and the last thing
-it said may have been GREEN_GREEN. And a stack that compares what it reached with what is commanded
-by now may say "I stand" at full speed: what it reached was the command before.
+A subscription alone is not enough. A bridge that died or hangs cannot report that, and its last
+message may have been GREEN_GREEN. And a stack that compares the state it reached with the newest
+command may report a standstill at full speed: it reached the command before.
 """
 
 from __future__ import annotations
@@ -46,29 +46,29 @@ except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
 
 LEASE = 0.5
-"""The bridge's default `liveliness_lease`, seconds."""
+"""The bridge's default `liveliness_lease`, in seconds."""
 
 UNHEARD = 2.0
-"""Time after the start without a bridge after which the node's log says so, seconds."""
+"""Time without a bridge after the start after which the node logs that, in seconds."""
 
 LOG_AGAIN = 10.0
-"""Time before a reason that comes back is logged again, seconds."""
+"""Minimum time before the same reason is logged again, in seconds."""
 
 LOG_REASONS = 20
-"""Maximum number of reasons logged in that time."""
+"""Maximum number of reasons logged within `LOG_AGAIN`."""
 
 BACKLOG = 100
-"""Maximum number of messages kept for a busy stack: more than the bridge says in the time
-that is forgiven."""
+"""Maximum number of messages kept for a busy stack: more than the bridge publishes in the longest
+doubt that the rules tolerate."""
 
 
 def race_state_qos(lease: float) -> QoSProfile:
     """
-    Return the QoS of ``~/race_state`` and ``~/stop``: the bridge's, and a plain subscriber's.
+    Return the QoS of ``~/race_state`` and ``~/stop``, for the bridge and for plain subscribers.
 
-    Latched, and the bridge must say every `lease` that it lives, by publishing. Only the newest
-    message is kept: a late subscriber must not hear states that do not hold any more, and one
-    that asks for none of them may wait for seconds until Fast DDS has skipped them.
+    Latched, and the bridge must publish at least once in each `lease` to count as alive. Only the
+    newest message is kept: a late subscriber must not receive outdated states, and with volatile
+    durability it could wait for seconds until Fast DDS has skipped them.
 
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
@@ -86,8 +86,8 @@ def watch_qos(lease: float) -> QoSProfile:
     """
     Return the QoS of the watch's subscription to ``~/race_state``.
 
-    Every message waits for a stack that is busy, so that it hears every state. What was said
-    before it began to listen it does not hear, however much the publisher keeps.
+    Messages wait for a busy stack, so that it receives every state. It does not receive messages
+    from before its subscription, however many the publisher keeps.
 
     :param lease: in seconds; not shorter than the bridge's.
     """
@@ -101,21 +101,19 @@ class RaceStateWatch:
     """
     What the kart must do now, for a node of a team's stack.
 
-    In a timer of the steady clock, about 20 times a second::
+    Use it in a timer on the steady clock, about 20 times a second::
 
         order = self.watch.order
         if self.drive(order.state):  # True once the kart has reached that state
             self.watch.acknowledge(order)
 
-    GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard from the same
-    bridge. So a stack that
-    is started again in mid-race, or one whose bridge was gone, does not drive off by itself.
+    The watch obeys GREEN_GREEN only after a GRID_ACTIVE that it heard from the same bridge. So a
+    stack that restarts during a race, or whose bridge was gone, does not drive off.
 
     :ivar message: the bridge's last message; None: there was none.
-    :param on_change: is called by the node's executor with each new state, beginning with
-        RED_RED.
-    :param topic: the bridge's topic; its service is ``acknowledge`` beside it.
-    :param lease: the bridge's `liveliness_lease`, or longer, seconds.
+    :param on_change: called by the node's executor with each new state, first with RED_RED.
+    :param topic: the bridge's topic; the service ``acknowledge`` is in the same namespace.
+    :param lease: the bridge's `liveliness_lease`, or longer, in seconds.
     """
 
     def __init__(
@@ -127,12 +125,12 @@ class RaceStateWatch:
     ) -> None:
         self.message: KartRaceState | None = None
         self._on_change = on_change
-        # Of its own, so that subscription and alarm wait for the same things: see `_hear`.
+        # Subscription and alarm share a group, so that they wait for the same things: see `_hear`.
         group = MutuallyExclusiveCallbackGroup()
-        # When the executor last came round to `_pass`, and when before that.
+        # The last two times at which the executor called `_pass`.
         self._passed = self._passed_before = clock.now()
-        self._told: RaceState | None = None
-        # Whoever asks for the order, or acknowledges it, may do so in any thread.
+        self._reported: RaceState | None = None  # to `on_change`
+        # The order may be read and acknowledged in any thread.
         self._ordering = threading.RLock()
         self._orders = Orders(lease)
         self._asking: Future | None = None
@@ -154,9 +152,9 @@ class RaceStateWatch:
             callback_group=group,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
         )
-        # The middleware says when the bridge is gone; the clock says it whatever middleware it
-        # is. A timer would not do: simulated time may stand still, and some middlewares wait for
-        # a timer by the wall clock, for as long as that is set back.
+        # The middleware reports when the bridge is gone; the clock shows it with any middleware.
+        # Not a timer: simulated time may stop, and some middlewares wait for timers by the wall
+        # clock, which may be set back.
         self._alarm = node.create_guard_condition(self._pass, callback_group=group)
         threading.Thread(
             target=_ring, args=(self._alarm, lease / 5), name='race state watch', daemon=True
@@ -167,52 +165,50 @@ class RaceStateWatch:
         """
         Return the state to obey now.
 
-        RED_RED before the bridge is heard, when it says so, once it has been silent for the
-        lease, when it is gone, when two bridges speak, when it says what is no state, and when it
-        says GREEN_GREEN that is not armed. It looks at the clock itself, so it holds also while
-        the executor is busy.
+        It is RED_RED when the bridge publishes that, before the bridge is heard, after it was
+        silent for the lease, when it is gone, when two bridges are running, when it publishes an
+        unknown state, and for a GREEN_GREEN without a GRID_ACTIVE before it. This checks the
+        clock, so it is right even while the executor is busy.
         """
         return self.order.state
 
     @property
     def reason(self) -> str:
-        """Why that is not what race control commands, for people; empty: it is."""
+        """Why `state` is not what race control commands, for people; empty: it is."""
         with self._ordering:
             return self._orders.judge(clock.now())[1]
 
     @property
     def order(self) -> Order:
         """
-        Return what to do now: obey its `state`; once it is reached, acknowledge this very order.
+        Return what to do now: obey its `state`, and once that is reached, acknowledge this order.
 
-        It is the same object until something else is to be done. A new command is a new order,
-        also when it asks for the same state, and so is what follows a doubt or a team stop.
+        It is the same object until that changes. A new command is a new order, even if it asks
+        for the same state. A doubt or a team stop also ends an order.
         """
         with self._ordering:
             return self._orders.order(clock.now())
 
     def acknowledge(self, order: Order) -> None:
         """
-        Tell race control that the kart has reached the state of this order.
+        Report to race control that the kart has reached the state of this order.
 
-        Race control hears `Order.reached`, in the words of the wire: RED_FLAG from a kart that
-        stands under RED_RED because of its team stop, and RED_RED from one that stopped itself in
-        GREEN_GREEN.
+        It sends `Order.reached`: RED_FLAG from a kart that stands still in RED_RED because of a
+        team stop, and RED_RED from one that stopped itself in GREEN_GREEN.
 
-        Call it in every step in which that is true: it asks the bridge again after 0.2 s if
-        an answer is lost or refused, and does nothing once the order is acknowledged. It does
-        nothing either when the order is not the present one any more, or has no number. It never
-        waits. If the bridge refuses, the node's log says why.
+        Call it in every step in which that is true. It tries again after 0.2 s if the answer is
+        lost or a refusal, and does nothing once the order is acknowledged or over, or if it has no
+        number. It never waits. If the bridge refuses, the node logs why.
 
-        :param order: what the kart has done, as `order` was when the kart began to do it.
+        :param order: the `order` that the kart acted on.
         """
         with self._ordering:
             if not self._orders.asks(order, clock.now()):
                 return
             unanswered, self._asking = self._asking, None
-        # Not under the lock, which would hold up whoever asks for the state.
+        # Outside the lock, which would delay readers of the state.
         if unanswered is not None:
-            self._bridge.remove_pending_request(unanswered)  # the bridge may have died over it
+            self._bridge.remove_pending_request(unanswered)  # the bridge may have died before
         asking = self._bridge.call_async(
             Acknowledge.Request(order=order.number, reached=state_message(order.reached))
         )
@@ -231,14 +227,14 @@ class RaceStateWatch:
             )
 
     def _hear(self, message: KartRaceState) -> None:
-        # All that waits is taken now: a stop must not wait behind what was said before it.
+        # Take all waiting messages: a stop must not wait behind earlier ones.
         heard = [message]
         if self._subscription is not None:
             heard += take_waiting(self._subscription, BACKLOG)
-        # A stack that was busy finds what was said meanwhile, an old GREEN_GREEN perhaps. It
-        # came after the call of `_pass` before the last, or it would have been taken then. (The
-        # last one does not say that: it may belong to the same turn of the executor. And the
-        # stamp would say it only if the clocks of bridge and stack agree.)
+        # A stack that was busy may find an old GREEN_GREEN here. The messages are newer than the
+        # second last call of `_pass`, or they would have been taken then. (The last call proves
+        # nothing: it may belong to the same turn of the executor. The stamp would do only if the
+        # clocks of bridge and stack agreed.)
         with self._ordering:
             said = [_said(each) for each in heard]
             self._orders.hear(said, self._passed_before, clock.now())
@@ -261,12 +257,12 @@ class RaceStateWatch:
             self._orders.look(now)
         self._log_reason(now)
         state = self.order.state
-        if state is not self._told:
-            self._told = state
+        if state is not self._reported:
+            self._reported = state
             self._on_change(state)
 
     def _log_reason(self, now: float) -> None:
-        """Log each new reason, and that no bridge is heard."""
+        """Log each new reason, or that no bridge is heard."""
         reason = self.reason
         if self.message is None:
             if now < self._began + UNHEARD or self._subscription is None:
@@ -275,8 +271,8 @@ class RaceStateWatch:
             shell = f'this shell sets {apart}, which may be why: unset it. Otherwise: '
             reason = (
                 f'no bridge is heard on {self._subscription.topic_name} in {self._graph}: '
-                f'{shell if apart else ""}is it running, with the same ROS_DOMAIN_ID? On another '
-                'machine of the kart, both need EVGP_GRAPH_INTERFACE'
+                f'{shell if apart else ""}is it running, with the same ROS_DOMAIN_ID? On two '
+                'computers, both need EVGP_GRAPH_INTERFACE'
             )
         self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
         if not reason:
@@ -290,7 +286,7 @@ class RaceStateWatch:
             text = f'The kart obeys {self.state.value}: {reason}'
             if self._orders.doubt(now):
                 self._log.warning(text)
-            else:  # the bridge's own reason, of which it has warned
+            else:  # the bridge's own reason, which it has logged as a warning
                 self._log.info(text)
 
 
@@ -309,9 +305,9 @@ def _said(message: KartRaceState) -> Said:
 
 
 def _ring(alarm: GuardCondition, interval: float) -> None:
-    """Wake a node's executor again and again, for as long as there is the node."""
+    """Wake a node's executor at each interval, until the node is destroyed."""
     while True:
-        time.sleep(interval)  # by the monotonic clock; a wait with a timeout need not be
+        time.sleep(interval)  # uses the monotonic clock; a wait with a timeout may not
         try:
             alarm.trigger()
         except InvalidHandle:

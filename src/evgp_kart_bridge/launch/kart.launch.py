@@ -23,12 +23,16 @@ def generate_launch_description() -> LaunchDescription:
                 )
             ),
             DeclareLaunchArgument(
-                'package', default_value='evgp_kart_bridge', description='Of the stack.'
+                'package',
+                default_value='evgp_kart_bridge',
+                description='The package of the stack.',
             ),
             DeclareLaunchArgument(
-                'executable', default_value='shortest_stack', description='Its executable.'
+                'executable',
+                default_value='shortest_stack',
+                description='The executable of the stack.',
             ),
-            # Not started again when it ended: look first why.
+            # Not restarted: find out first why it ended.
             Node(
                 package=LaunchConfiguration('package'),
                 executable=LaunchConfiguration('executable'),

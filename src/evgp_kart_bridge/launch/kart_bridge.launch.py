@@ -22,22 +22,22 @@ def generate_launch_description() -> LaunchDescription:
                 'odom',
                 default_value='~/odom',
                 description="The topic of the kart's odometry, nav_msgs/msg/Odometry. The bridge "
-                'requires odometry when this names another topic than ~/odom.',
+                'requires odometry if this is not ~/odom.',
             ),
             DeclareLaunchArgument(
                 'params_file',
                 default_value=PathJoinSubstitution([config, 'kart_bridge.yaml']),
-                description='The file of the parameters.',
+                description='The parameter file.',
             ),
             DeclareLaunchArgument(
-                'namespace', default_value='', description='Where the node stands in the graph.'
+                'namespace', default_value='', description='The namespace of the node.'
             ),
-            # Apart from everybody else's graph, unless told otherwise (docs/security.md).
+            # By default, no other computer reaches the graph (docs/security.md).
             DeclareLaunchArgument(
                 'graph_interface',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address of the interface to further computers of this '
-                'kart; empty: its stack is on this one.',
+                description='The IPv4 address of the interface to other computers of this kart; '
+                'empty: its stack is on this one.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
@@ -59,8 +59,8 @@ def generate_launch_description() -> LaunchDescription:
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
                 },
                 output='screen',
-                # A bridge that died comes back, in RED_RED, as every bridge starts (§3.E). Until
-                # then the stack stops because the bridge's topics have gone quiet.
+                # A bridge that died restarts in RED_RED, like every bridge (§3.E). Until then the
+                # stack stops because the bridge's topics are silent.
                 respawn=True,
                 respawn_delay=1.0,
                 on_exit=keep_trying_if_it_was_up(),

@@ -10,8 +10,8 @@ import contextlib
 import socket
 import threading
 
-from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus
-from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, Verdict
+from evgp_kart_bridge.link import LinkClosedError, LinkSettings, LinkStatus, RaceControlLink
+from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 import pytest
@@ -31,7 +31,7 @@ class Running:
         self.status = LinkStatus()
         self.failures: list[BaseException] = []
         self._news = threading.Condition()
-        self.link = Link(
+        self.link = RaceControlLink(
             Arbiter(Settings(frame_timeout=frame_timeout), 1, Names(f'the host at {port}')),
             LinkSettings('127.0.0.1', port, local_address),
             self._hear,
@@ -59,7 +59,7 @@ class Running:
             assert self._news.wait_for(lambda: bool(self.failures), PATIENCE)
         return self.failures[0]
 
-    def acknowledge(self, state: RaceState) -> Outcome:
+    def acknowledge(self, state: RaceState) -> Reaction:
         order = self.verdicts[-1].order
         given = self.link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         return given.result(PATIENCE)
@@ -348,7 +348,7 @@ def test_race_control_that_does_not_read_is_lost(
     outcome = running.acknowledge(IN_GARAGE)
     while outcome.verdict.connected:
         outcome = running.acknowledge(IN_GARAGE)
-    running.wait_for(lambda verdict: 'does not take what the kart says' in verdict.reason)
+    running.wait_for(lambda verdict: "does not read the kart's replies" in verdict.reason)
 
 
 def test_the_end_closes_the_connection(
@@ -369,7 +369,7 @@ def test_a_fault_ends_the_link_and_nothing_is_told_any_more(
     running = start_link(race_control)
     connection = accept(race_control)
 
-    def break_it(arbiter: Arbiter, now: float) -> Outcome:
+    def break_it(arbiter: Arbiter, now: float) -> Reaction:
         raise ZeroDivisionError
 
     given = running.link.give(break_it)

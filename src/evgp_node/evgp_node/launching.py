@@ -13,7 +13,7 @@ from collections.abc import Callable
 import time
 
 from evgp_node.restarting import Ends
-from launch import LaunchContext
+from launch import Action, LaunchContext
 from launch.actions import EmitEvent
 from launch.events import matches_action
 from launch.events.process import ProcessExited, ShutdownProcess
@@ -21,14 +21,21 @@ from launch.events.process import ProcessExited, ShutdownProcess
 OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 
-def keep_trying_if_it_was_up() -> OnExit:
-    """Return what keeps a node from being started again to end in the same way."""
+def keep_trying_if_it_was_up(*beside: Action) -> OnExit:
+    """
+    Return what keeps a node from being started again to end in the same way.
+
+    :param beside: the nodes that end with it.
+    """
     ends = Ends(time.monotonic())
 
     def give_up_if_refused(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:
         final = ends.is_final(event.returncode, time.monotonic())
         if not final or event.returncode == 0:
             return None
-        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+        return [
+            EmitEvent(event=ShutdownProcess(process_matcher=matches_action(each)))
+            for each in (event.action, *beside)
+        ]
 
     return give_up_if_refused

@@ -4,28 +4,29 @@
 """
 The arbiter: which race state the kart must obey now (§2.B, §2.C, §3.A, §3.E).
 
-Three rules of what lives here:
+Three rules for this module:
 
 1. No clock, socket, ROS, thread or log. Each input brings its monotonic time in seconds, and
    the same inputs always give the same outputs.
-2. All of the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``) and a
-   kart without ROS (``kart``) ask it and know none; ``kit/c/evgp_kart.h`` is held against it.
+2. All the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``) and a
+   kart without ROS (``kart``) use it and add none; tests compare ``kit/c/evgp_kart.h`` with it.
 3. Doubt means stop. Each rule may only be made stricter.
 
-Theory of operation. Every input first lets time pass: what was due by then happens before the
-input is judged, so a frame that comes after a silence that was too long comes too late. The
-verdict follows from a few facts:
+Theory of operation. Every input first lets time pass: whatever was due happens before the input
+is judged, so a frame that arrives after the timeout is too late. The verdict follows from a few
+facts:
 
-* *commanded*: the last frame on the present connection; none while there is no connection, or
-  no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
-* *order*: the number of what is commanded. Every new command has one that no earlier command had,
-  on this connection or another, also when it asks for the same state again. The same command gets
-  a new one when a team stop takes the kart out, and when a team stop ends. A stack acknowledges by
-  this number, so what it said before never counts for a later command, nor after a team stop.
-* *team stop*: any stop that begins on the kart: the service, the word or the silence of the team's
-  safety remote (``tsr_timeout``) or of the MSR's contact (``msr_timeout``), two nodes where there
-  must be one, or a bridge that would not hear its team's stop (``team_timeout``).
-* *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
+* *commanded*: the last frame on the present connection; none without a connection or before its
+  first frame. A connection without a frame for ``frame_timeout`` is lost.
+* *order*: the number of the present command. Every new command gets a number that no earlier
+  command had, on this connection or another, even if it asks for the same state again. The same
+  command gets a new number when a team stop takes the kart out, and when a team stop ends. A stack
+  acknowledges this number, so an earlier acknowledgement never counts for a later command, nor
+  after a team stop.
+* *team stop*: any stop that begins on the kart: the service; a stop from the team's safety remote
+  or the MSR's contact, or its silence (``tsr_timeout``, ``msr_timeout``); two nodes where only one
+  is allowed; or a bridge that would not hear its team's stop (``team_timeout``).
+* *armed*: GREEN_GREEN would be obeyed. Only this table sets or clears it:
 
   ================================================= =============================
   a commanded GRID_ACTIVE is acknowledged           armed
@@ -35,19 +36,19 @@ verdict follows from a few facts:
   a team stop begins                                not armed
   ================================================= =============================
 
-* *out*: a team stop began while the kart was armed. It then obeys RED_RED until race control
-  commands anything but GREEN_GREEN, or is connected to again, also once the team stop is over.
-  Nobody commanded that RED_RED, and race control takes the kart for one that is ready or races. So
-  once it stands the kart says RED_RED, as it acknowledges one that is commanded: but once only for
-  each command, since no second one must be there for a later RED_RED.
+* *out*: a team stop began while the kart was armed. The kart then obeys RED_RED, even after the
+  team stop ends, until race control commands anything but GREEN_GREEN or the kart reconnects.
+  Race control did not command that RED_RED: for race control the kart is ready or racing. So once
+  the kart stands still it reports RED_RED, like an acknowledgement, but only once for each
+  command: a second report could be taken for an acknowledgement of a later RED_RED.
 
-* *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and has since neither
-  acknowledged it, nor met a team stop, nor used up ``red_flag_drive_time``. So RED_FLAG lets a
-  moving kart steer itself to a stop, and never lets a standing one move.
+* *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and since then it has not
+  acknowledged it, had no team stop, and not used up ``red_flag_drive_time``. So RED_FLAG lets a
+  moving kart steer to a stop, and never lets a standing one move.
 
 The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
-a GREEN_GREEN that is not armed; otherwise it is what is commanded. So the release of a team stop,
-or the return of a lost connection, never makes a kart race.
+a GREEN_GREEN that is not armed; otherwise it is what is commanded. So releasing a team stop or
+reconnecting never makes a kart race.
 """
 
 from __future__ import annotations
@@ -59,13 +60,13 @@ import math
 from evgp_protocol.states import RaceState, stricter
 
 ODOMETRY_FRESH = 0.5
-"""Time for which a speed says something about the kart, in seconds."""
+"""Maximum age of a speed that counts, in seconds."""
 
 _NOT_YET = 'not connected to race control yet'
-_NOTHING_SAID = 'race control has said nothing on this connection yet'
+_NOTHING_SAID = 'race control has sent nothing on this connection yet'
 _NEVER_ARMED = 'no GRID_ACTIVE was acknowledged on this connection'
 _NOT_ACKNOWLEDGED = 'the last GRID_ACTIVE was not acknowledged'
-_OUT = 'it has stopped itself since it acknowledged GRID_ACTIVE, and needs another one'
+_OUT = 'the kart stopped itself after it acknowledged GRID_ACTIVE, and needs a new GRID_ACTIVE'
 
 
 class StopSource(enum.Enum):
@@ -73,24 +74,24 @@ class StopSource(enum.Enum):
 
     SERVICE = 'service'
     TSR = 'tsr'  # the team's safety remote
-    MSR = 'msr'  # the contact of the officials' remote is open: it takes the motor's power
-    TEAM = 'team'  # the bridge does not hear its team, so it would hear no stop either
-    UNRELIABLE = 'unreliable'  # a remote's messages could get lost; nobody can release it
+    MSR = 'msr'  # the contact of the officials' remote is open: the remote cut the motor power
+    TEAM = 'team'  # the bridge's executor hangs, so it would not hear a stop either
+    UNRELIABLE = 'unreliable'  # a remote's messages could get lost; only a restart releases it
     TWO_REMOTES = 'two remotes'  # one may say stop and the other go
-    TWO_BRIDGES = 'two bridges'  # nobody knows to which of them the stack listens
-    TWO_LOCKS = 'two locks'  # nobody knows to which of them the motors listen
-    TWO_ODOMETRIES = 'two odometries'  # one may stand while the other moves
-    TWO_ANSWERERS = 'two answerers'  # one may say that a state is acknowledged which is not
-    TWO_STOPPERS = 'two stoppers'  # one may say that the kart stops which does not
+    TWO_BRIDGES = 'two bridges'  # the stack may listen to either
+    TWO_LOCKS = 'two locks'  # the motors may listen to either
+    TWO_ODOMETRIES = 'two odometries'  # one may stand still while the other moves
+    TWO_ANSWERERS = 'two answerers'  # one may accept an acknowledgement that is never sent
+    TWO_STOPPERS = 'two stoppers'  # one may accept a stop without stopping the kart
 
 
 _WHY = {
-    StopSource.SERVICE: 'asked for by service',
+    StopSource.SERVICE: 'requested by service',
     StopSource.TSR: 'the safety remote says stop',
     StopSource.MSR: "the MSR's contact is open",
-    StopSource.TEAM: 'the bridge does not hear its own team',
+    StopSource.TEAM: "the bridge does not receive its team's messages",
     StopSource.UNRELIABLE: (
-        'a publisher of ~/tsr or ~/msr is not RELIABLE; start the bridge again'
+        'a publisher of ~/tsr or ~/msr is not RELIABLE; correct it and restart the bridge'
     ),
     StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
     StopSource.TWO_BRIDGES: 'two bridges',
@@ -99,14 +100,14 @@ _WHY = {
     StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
     StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
 }
-"""What each source says when it stops the kart, for people."""
+"""Why each source stops the kart, for people."""
 
 _SILENCE = {
     StopSource.TSR: 'nothing from the safety remote',
     StopSource.MSR: "nothing from the MSR's contact",
-    StopSource.TEAM: 'the bridge has not heard its own team',
+    StopSource.TEAM: "the bridge has not received its team's messages",
 }
-"""What its silence means, for people."""
+"""Why the silence of a source stops the kart, for people."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,23 +116,23 @@ class Settings:
     The parameters of the rules. Times are in seconds, speeds in m/s.
 
     :ivar frame_timeout: time without a frame after which the connection is lost; above 0.
-    :ivar tsr_timeout: time without a message of the team's safety remote after which it is a team
+    :ivar tsr_timeout: time without a message from the team's safety remote that counts as a team
         stop; 0: no remote is required.
-    :ivar msr_timeout: time without a message about the MSR's contact after which it is a team
-        stop; 0: no contact is wired.
-    :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
-        stop; 0: no sign is required.
-    :ivar odometry_required: a red state is not acknowledged without odometry that shows a
-        standstill, nor GREEN_GREEN without odometry that shows a movement (§3.A). This holds
-        anyway once any odometry was heard, or with `auto_acknowledge_stop`.
+    :ivar msr_timeout: time without a message about the MSR's contact that counts as a team stop;
+        0: no contact is wired.
+    :ivar team_timeout: time without a sign that the bridge receives its team's messages that
+        counts as a team stop; 0: no sign is required.
+    :ivar odometry_required: refuse a red state unless odometry shows a standstill, and GREEN_GREEN
+        unless odometry shows motion (§3.A). Once any odometry was heard, and with
+        `auto_acknowledge_stop`, this applies in any case.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
-    :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
+    :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped;
         from 0.
-    :ivar red_flag_drive_time: time for which a RED_FLAG lets a kart that was driving go on;
+    :ivar red_flag_drive_time: time for which RED_FLAG lets a kart that was driving continue;
         from 0.
     :ivar drive_in_garage: the kart may drive in IN_GARAGE, where its team has it (§3.A).
-    :raises ValueError: a value is outside its range, or no finite number.
+    :raises ValueError: if a value is outside its range or not finite.
     """
 
     frame_timeout: float = 1.0
@@ -146,7 +147,7 @@ class Settings:
     drive_in_garage: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse what no rule can work with."""
+        """Refuse values that no rule can work with."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0):
@@ -158,11 +159,11 @@ class Settings:
 @dataclasses.dataclass(frozen=True)
 class Names:
     """
-    What the sentences for people call the things around the arbiter. No rule depends on them.
+    Names used in messages for people. No rule depends on them.
 
-    :ivar race_control: where race control is.
+    :ivar race_control: the address of race control.
     :ivar odometry: the topic of the kart's odometry.
-    :ivar graph: the ROS graph of the kart.
+    :ivar graph: the kart's ROS graph.
     """
 
     race_control: str = 'race control'
@@ -173,19 +174,20 @@ class Names:
 @dataclasses.dataclass(frozen=True)
 class Verdict:
     """
-    What holds now.
+    What the kart must do now.
 
     :ivar state: the state to obey.
     :ivar commanded: what race control commands on the present connection; None: nothing.
-    :ivar order: the number of that command, another one after a team stop; 0 while there is none.
+    :ivar order: the number of that command, a new one after a team stop; 0 without a command.
     :ivar connected: race control is being heard.
-    :ivar team_stop: a stop of the kart's own is on: the team's (§2.C), the MSR's contact (§2.B),
-        or a doubt about either.
+    :ivar team_stop: the kart stops itself: the team's stop (§2.C), the MSR's contact (§2.B), or a
+        doubt about either.
     :ivar reached: what to acknowledge once the kart has reached `state`: what is commanded, or
         RED_RED if it is out; None: nothing.
-    :ivar acknowledged: that was acknowledged. A team stop that takes the kart out takes it back.
-    :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
-    :ivar may_drive: the kart may move. Steering and braking are always the stack's.
+    :ivar acknowledged: `reached` has been acknowledged. A team stop that takes the kart out
+        resets it.
+    :ivar reason: why `state` and `commanded` differ, a sentence; empty if they do not.
+    :ivar may_drive: the kart may move. It may always steer and brake.
     """
 
     state: RaceState
@@ -200,12 +202,12 @@ class Verdict:
 
 
 @dataclasses.dataclass(frozen=True)
-class Answer:
+class AcknowledgementAnswer:
     """
     The answer to an acknowledgement.
 
     :ivar accepted: it is sent to race control.
-    :ivar message: a sentence for the person; when refused, what is missing.
+    :ivar message: a sentence for people; if refused, what is missing.
     """
 
     accepted: bool
@@ -213,36 +215,36 @@ class Answer:
 
 
 @dataclasses.dataclass(frozen=True)
-class Outcome:
+class Reaction:
     """
-    What follows from one input.
+    The result of one input.
 
-    :ivar verdict: what holds after it.
-    :ivar send: the state to say to race control, if any.
-    :ivar give_up: why the socket must be given up; None: it need not.
+    :ivar verdict: what the kart must do after it.
+    :ivar send: the state to send to race control, if any.
+    :ivar give_up: why the socket must be closed; None: keep it.
     :ivar answer: the answer, if the input was an acknowledgement.
-    :ivar hindrance: why the speed that was the input keeps a red from being acknowledged, a
-        sentence; empty when it does not.
+    :ivar hindrance: why this speed keeps a red from being acknowledged, a sentence; empty if it
+        does not.
     """
 
     verdict: Verdict
     send: RaceState | None = None
     give_up: str | None = None
-    answer: Answer | None = None
+    answer: AcknowledgementAnswer | None = None
     hindrance: str = ''
 
 
 class Arbiter:
     """
-    Decides what the kart obeys. It has one owner, who gives every input in order of time.
+    Decides what the kart obeys. It has one owner, which gives every input in order of time.
 
-    A time before an earlier one is doubt: the connection is lost and the remote unheard. Every
-    input raises ValueError when its time is no finite number.
+    A time before an earlier one is a doubt: the connection counts as lost and the remotes as
+    silent. Every input raises ValueError if its time is not finite.
 
-    :param first_order: the number of the first command, from 1; the next commands have the numbers
-        after it. Take one that no earlier arbiter of this kart came near to: an acknowledgement
-        may be on its way while the bridge starts again.
-    :param names: for the sentences.
+    :param first_order: the number of the first command, from 1; later commands count up from it.
+        Choose one far from those of earlier arbiters of this kart: an acknowledgement may be on
+        its way while the bridge restarts.
+    :param names: for messages.
     """
 
     def __init__(self, settings: Settings, first_order: int, names: Names | None = None) -> None:
@@ -273,9 +275,9 @@ class Arbiter:
             StopSource.TEAM: settings.team_timeout,
         }
         self._timeouts = {source: time for source, time in timeouts.items() if time > 0}
-        # When each of these was heard; not in here: not yet, or silent for too long.
+        # When each of these was last heard; missing: not yet, or silent for too long.
         self._signs: dict[StopSource, float] = {}
-        self._starting = True  # the team was not heard yet; for the reason only
+        self._starting = True  # no message from the team yet; for the reason only
         # Odometry.
         self._speed = math.nan
         self._speed_at = -math.inf
@@ -284,7 +286,7 @@ class Arbiter:
 
     @property
     def verdict(self) -> Verdict:
-        """Return what holds as of the last input."""
+        """Return what the kart must do as of the last input."""
         commanded = self._commanded
         reasons = []
         if self._engaged[StopSource.TWO_BRIDGES]:  # first: the others may follow from it
@@ -296,8 +298,7 @@ class Arbiter:
             reasons.append(self._team_stop_reason())
         if commanded is RaceState.GREEN_GREEN and not self._armed:
             reasons.append(
-                'GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
-                + self._not_armed
+                'GREEN_GREEN needs an acknowledged GRID_ACTIVE before it: ' + self._not_armed
             )
         elif self._out:
             reasons.append(_OUT)
@@ -317,7 +318,7 @@ class Arbiter:
 
     @property
     def deadline(self) -> float | None:
-        """When `tick` will change something if nothing comes before; None: never."""
+        """Time at which `tick` changes something if no input comes before; None: never."""
         due = []
         if self._open:
             due.append(self._heard_at + self._settings.frame_timeout)
@@ -328,118 +329,118 @@ class Arbiter:
 
     @property
     def starting(self) -> bool:
-        """Whether the bridge has not heard its own team yet, as it must first of all."""
+        """Whether the bridge still waits for the first sign that it receives its team."""
         return self._starting and StopSource.TEAM in self._missed
 
     @property
     def missing_odometry(self) -> str:
-        """Why, as of the last input, no red can be acknowledged for want of odometry; or empty."""
+        """Why missing odometry keeps every red from being acknowledged; empty: it does not."""
         if not self._odometry_expected:
             return ''
         topic = self._names.odometry
         if self._engaged[StopSource.TWO_ODOMETRIES]:
-            return f'{self._why(StopSource.TWO_ODOMETRIES)}; {topic} must have one'
+            return f'{self._why(StopSource.TWO_ODOMETRIES)}; only one may publish {topic}'
         if self._now - self._speed_at <= ODOMETRY_FRESH:
             return ''
         return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
     @property
     def awaited(self) -> RaceState | None:
-        """What the stack could acknowledge as of the last input, and has not; None: nothing."""
+        """What the stack could acknowledge now but has not; None: nothing."""
         reached = self.verdict.reached
         if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
             return None
         return None if self._refusal(reached, self._order) else reached
 
-    def tick(self, now: float) -> Outcome:
+    def tick(self, now: float) -> Reaction:
         """Let time pass."""
-        return self._outcome(self._pass(now))
+        return self._reaction(self._pass(now))
 
-    def connected(self, now: float) -> Outcome:
-        """Begin a new connection to race control, whatever became of the last."""
-        self._pass(now)  # what it may give up is an earlier connection's socket
+    def connected(self, now: float) -> Reaction:
+        """Begin a new connection to race control; the one before counts as lost."""
+        self._pass(now)  # a socket to give up would be the earlier connection's
         self._lose(_NOTHING_SAID)
         self._open = True
         self._heard_at = now
-        return self._outcome(None)
+        return self._reaction(None)
 
-    def disconnected(self, reason: str, now: float) -> Outcome:
+    def disconnected(self, reason: str, now: float) -> Reaction:
         """
-        End the connection, or say why there still is none.
+        End the connection, or update why there is none.
 
-        :param reason: why, to go behind 'not connected to race control: '.
+        :param reason: why; it follows 'not connected to race control: '.
         """
         give_up = self._pass(now)
         self._lose(f'not connected to race control: {reason}')
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def heard(self, state: RaceState, now: float) -> Outcome:
-        """Take a frame from race control. Without a connection it comes too late to count."""
+    def heard(self, state: RaceState, now: float) -> Reaction:
+        """Take a frame from race control. Without a connection it is too late and ignored."""
         give_up = self._pass(now)
         if self._open:
             self._heard_at = now
             if state is not self._commanded:
                 self._command(state, now)
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Outcome:
+    def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Reaction:
         """
         Engage or release the team's stop; it is on while any source engages it (§2.C).
 
-        :param who: who the cause is, for the reason.
+        :param who: the nodes that cause it, for the reason.
         """
         give_up = self._pass(now)
         self._engaged[source] = engaged
         self._who[source] = who
         self._sign(source, now)
         if source is StopSource.TWO_ODOMETRIES:
-            # Who has two has odometry; and whose the last speed was, nobody knows.
+            # Two publishers are odometry, too; the last speed may be from either.
             self._odometry_expected = self._odometry_expected or engaged
             self._speed_at = -math.inf
         if self._team_stop:
             self._on_team_stop()
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def team_heard(self, now: float) -> Outcome:
-        """Take note that the bridge hears its team now: a stop would get here."""
+    def team_heard(self, now: float) -> Reaction:
+        """Record that the bridge receives its team's messages: a stop would get here."""
         give_up = self._pass(now)
         self._starting = False
         self._sign(StopSource.TEAM, now)
-        return self._outcome(give_up)
+        return self._reaction(give_up)
 
-    def acknowledge(self, state: RaceState, order: int, now: float) -> Outcome:
+    def acknowledge(self, state: RaceState, order: int, now: float) -> Reaction:
         """
-        Judge the stack's word that it has carried out a command (§4.C).
+        Judge the stack's acknowledgement of a command (§4.C).
 
-        An acknowledgement that was accepted before is accepted, and sent, again; but of a kart
-        that is out it is sent once.
+        A repeated acknowledgement is accepted and sent again, except from a kart that is out:
+        there it is sent once.
 
-        :param state: the state that it has reached, as a verdict had it in `reached`.
-        :param order: the number of the command, as a verdict had it.
-        :return: with `answer`, and if it is accepted with `send`.
+        :param state: the state that the kart has reached, from a verdict's `reached`.
+        :param order: the number of the command, from the same verdict.
+        :return: has `answer`, and if accepted `send`.
         """
         give_up = self._pass(now)
         refusal = self._refusal(state, order)
         if refusal is not None:
-            return self._outcome(give_up, answer=Answer(False, refusal))
+            return self._reaction(give_up, answer=AcknowledgementAnswer(False, refusal))
         said = self._out and self._acknowledged
         self._acknowledge()
-        return self._outcome(
+        return self._reaction(
             give_up,
             send=None if said else state,
-            answer=Answer(True, f'{state.value} is acknowledged'),
+            answer=AcknowledgementAnswer(True, f'{state.value} is acknowledged'),
         )
 
-    def speed(self, metres_per_s: float, now: float) -> Outcome:
-        """Take the kart's speed from odometry, in m/s; the sign means nothing."""
+    def speed(self, metres_per_s: float, now: float) -> Reaction:
+        """Take the kart's speed from odometry, in m/s; the sign does not matter."""
         give_up = self._pass(now)
         gap = now - self._speed_at > ODOMETRY_FRESH
         self._speed, self._speed_at = abs(metres_per_s), now
-        # A base that had odometry and lost it may have died at speed.
+        # A base whose odometry stops may have failed at speed.
         self._odometry_expected = True
         reached = self.verdict.reached
         waiting = reached is not None and reached.is_red and not self._acknowledged
-        # A speed that is no number is not within the limit, hence not a standstill.
+        # NaN is not within the limit, hence not a standstill.
         still = not self.missing_odometry and self._speed <= self._settings.standstill_speed
         if not (self._settings.auto_acknowledge_stop and waiting and still):
             self._still_since = None
@@ -447,27 +448,27 @@ class Arbiter:
             self._still_since = now
         if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
             hindrance = self.missing_odometry or self._motion()
-            return self._outcome(give_up, hindrance=hindrance if waiting else '')
+            return self._reaction(give_up, hindrance=hindrance if waiting else '')
         self._acknowledge()
-        return self._outcome(give_up, send=reached)
+        return self._reaction(give_up, send=reached)
 
-    # What the inputs have in common.
+    # Common to all inputs.
 
-    def _outcome(
+    def _reaction(
         self,
         give_up: str | None,
         send: RaceState | None = None,
-        answer: Answer | None = None,
+        answer: AcknowledgementAnswer | None = None,
         hindrance: str = '',
-    ) -> Outcome:
+    ) -> Reaction:
         stopped = self._team_stop
         if self._stopped and not stopped:
-            self._number()  # what was said before the team stop must not count after it
+            self._number()  # an acknowledgement from before the team stop must not count after it
         self._stopped = stopped
-        return Outcome(self.verdict, send, give_up, answer, hindrance)
+        return Reaction(self.verdict, send, give_up, answer, hindrance)
 
     def _pass(self, now: float) -> str | None:
-        """Let what is due by `now` happen; return why the socket must be given up, if so."""
+        """Let what is due by `now` happen; return why the socket must be closed, if so."""
         if not math.isfinite(now):
             raise ValueError(f'a time must be a finite number, not {now!r}')
         settings = self._settings
@@ -498,7 +499,7 @@ class Arbiter:
     # The connection.
 
     def _lose(self, absence: str) -> None:
-        """Have no connection; `absence` says why."""
+        """Reset the connection; `absence` says why there is none."""
         self._open = False
         self._absence = absence
         self._commanded = None
@@ -511,7 +512,7 @@ class Arbiter:
         self._still_since = None
 
     def _command(self, state: RaceState, now: float) -> None:
-        """Have race control command another state than before."""
+        """Take a new command of race control."""
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state
@@ -521,36 +522,36 @@ class Arbiter:
         slows = was_driving and state is RaceState.RED_FLAG
         self._slowing_since = now if slows and self._settings.red_flag_drive_time > 0 else None
         if not to_race:
-            self._disarm(f'{state.value} was commanded since')
+            self._disarm(f'{state.value} was commanded after it')
             self._out = False
         if state is RaceState.GRID_ACTIVE:
             self._not_armed = _NOT_ACKNOWLEDGED
 
     def _number(self) -> None:
-        """Give what is commanded, if anything is, a number that nothing had before."""
+        """Give the present command, if any, a new number."""
         if self._commanded is not None:
             self._order, self._next_order = self._next_order, self._next_order + 1
 
     def _acknowledge(self) -> None:
-        """Have what the verdict has in `reached` acknowledged."""
+        """Record that the verdict's `reached` is acknowledged."""
         self._acknowledged = True
         self._slowing_since = None
         self._still_since = None
         self._armed = self._armed or (self._commanded is RaceState.GRID_ACTIVE and not self._out)
 
     def _refusal(self, state: RaceState, order: int) -> str | None:
-        """Return why this acknowledgement is refused now; None: it is not."""
+        """Return why this acknowledgement is refused now; None: it is accepted."""
         verdict = self.verdict
         if verdict.commanded is None:
             return f'{state.value} is not commanded: {self._absence}'
         if order == 0:
             return (
-                'order is missing: fill in the number that ~/race_state had as `order` with the '
-                'command that the kart has carried out'
+                'order is missing: use the `order` of the ~/race_state message that the kart '
+                'acted on'
             )
         if order != verdict.order:
             return (
-                f'order {order} is out of date: the present one is {verdict.order}, '
+                f'order {order} is out of date: the current order is {verdict.order}, '
                 f'{verdict.commanded.value}'
             )
         if state is not verdict.reached:
@@ -574,28 +575,28 @@ class Arbiter:
         return None if to_race and state is not self._commanded else self._commanded
 
     def _standstill(self) -> str:
-        """Return why nothing shows that the kart has begun to drive; empty: odometry does."""
+        """Return why odometry does not show that the kart drives; empty: it does."""
         if self.missing_odometry or self._speed > self._settings.standstill_speed:
             return self.missing_odometry
         return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
 
     def _motion(self) -> str:
-        """Return why the last speed is no standstill; empty: it is one."""
+        """Return why the last speed is not a standstill; empty: it is."""
         limit = self._settings.standstill_speed
         if self._speed <= limit:
             return ''
         if math.isnan(self._speed):
             return (
-                'odometry gives NaN as the speed, so nobody knows whether the kart stands '
+                'odometry gives NaN as the speed, which is not a standstill '
                 f'(standstill_speed is {limit:g} m/s)'
             )
         return (
-            f'odometry says {self._speed:.2f} m/s, which is more than standstill_speed '
-            f'({limit:g} m/s), so the kart still moves'
+            f'odometry says {self._speed:.2f} m/s, above standstill_speed ({limit:g} m/s): '
+            'the kart still moves'
         )
 
     def _disarm(self, why: str) -> None:
-        """Have GREEN_GREEN not obeyed, until a GRID_ACTIVE is acknowledged."""
+        """Do not obey GREEN_GREEN until a GRID_ACTIVE is acknowledged."""
         if self._armed:
             self._armed = False
             self._not_armed = why
@@ -608,7 +609,7 @@ class Arbiter:
 
     @property
     def _missed(self) -> list[StopSource]:
-        """What must be heard, and is not."""
+        """The sources that must be heard but are silent."""
         return [source for source in self._timeouts if source not in self._signs]
 
     def _sign(self, source: StopSource, now: float) -> None:
@@ -616,7 +617,7 @@ class Arbiter:
             self._signs = {**self._signs, source: now}
 
     def _why(self, source: StopSource) -> str:
-        """Return what a source says when it stops the kart."""
+        """Return why a source stops the kart."""
         who = self._who.get(source)
         return f'{_WHY[source]}: {who}' if who else _WHY[source]
 
@@ -636,9 +637,9 @@ class Arbiter:
         if self._armed:
             self._out = True
             self._acknowledged = False
-            # Who acted on the GREEN_GREEN of the same command must not say that the kart stands.
+            # A stack that acted on this command's GREEN_GREEN must not acknowledge the RED_RED.
             self._number()
-        self._disarm('the team stop was engaged since')
+        self._disarm('a team stop came after it')
 
     def _may_drive(self, state: RaceState) -> bool:
         """Return whether the kart may drive while it obeys `state`."""

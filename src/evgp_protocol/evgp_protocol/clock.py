@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The clock that stops karts: seconds since the machine was started, suspended or not.
+The clock that stops karts: seconds since boot, including suspend.
 
-The wall clock can be set, and the monotonic clock stands still while a machine is suspended. By
-either of them, what was heard before a change of the clock, or before the lid was closed, would
-seem fresh. Linux only.
+The wall clock can be set, and the monotonic clock stops while a machine is suspended. With either
+of them, a frame from before a clock change or a closed lid would seem fresh. Linux only.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ T = TypeVar('T')
 
 
 def now() -> float:
-    """Return the time since the machine was started, time in suspend included, in seconds."""
+    """Return the time since boot, including suspend, in seconds."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 def duration(seconds: float, digits: int = 1) -> str:
     """
-    Return how long something took, as ``59.9 s``, ``1:05.0 min`` or ``2:03:04.5 h``.
+    Return a duration as ``59.9 s``, ``1:05.0 min`` or ``2:03:04.5 h``.
 
-    :param digits: of the seconds, behind the point.
+    :param digits: number of decimals of the seconds.
     """
     whole, rest = divmod(round(max(seconds, 0.0) * 10**digits), 10**digits)
     point = f'.{rest:0{digits}}' if digits else ''
@@ -41,11 +40,11 @@ def duration(seconds: float, digits: int = 1) -> str:
 
 class BoottimeEventLoop(asyncio.SelectorEventLoop):
     """
-    An event loop whose time is `now`, so its deadlines and timeouts count a suspend.
+    An event loop whose time is `now`, so its deadlines and timeouts include suspend.
 
-    The kernel wakes the loop by the monotonic clock. After a suspend, a deadline that has passed
-    meanwhile is met as soon as the loop wakes for anything, or after what was left of its wait: a
-    loop that must act soon after a suspend needs something that wakes it often.
+    The kernel wakes the loop by the monotonic clock. After a suspend, an expired deadline is
+    handled when the loop next wakes, at the latest after the rest of its wait. A loop that must
+    act soon after a suspend needs something that wakes it often.
     """
 
     def time(self) -> float:
@@ -72,7 +71,7 @@ def run(main: Coroutine[Any, Any, T]) -> T:
 
 
 async def _cancel_all(tasks: set[asyncio.Task[Any]]) -> None:
-    """Cancel what still runs, wait for it, and report what it raised."""
+    """Cancel the tasks, wait for them, and report what they raised."""
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)

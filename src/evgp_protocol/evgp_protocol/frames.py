@@ -4,11 +4,11 @@
 """
 Frames on the wire: bytes in, events out (§4.C).
 
-Two rules of what lives here:
+Two rules for this module:
 
-1. No socket, no clock, no thread, no log: whoever holds the connection feeds bytes and gets
-   events. The same decoder serves race control, the kart's bridge and a team without ROS.
-2. Bytes never raise. Whatever is no frame comes out as a ``MalformedFrame``.
+1. No socket, clock, thread or log: the owner of the connection feeds bytes and gets events.
+   Race control, the kart's bridge and teams without ROS use the same decoder.
+2. Bytes never raise. Anything that is not a frame becomes a ``MalformedFrame``.
 
 Theory of operation. The decoder is always in one of three places:
 
@@ -24,8 +24,8 @@ in a frame     the frame so far, at most 31 bytes                    ``;`` → b
 skipping       nothing                                               ``$`` → in a frame
 ============== ===================================================== =======================
 
-``$`` leads into a new frame from everywhere, so a valid frame is found behind whatever rubbish.
-Each byte is looked at once, by the C code of ``re``, wherever the reads cut the stream.
+``$`` starts a new frame from every place, so a valid frame is found after any garbage. Each byte
+is examined once, by the C code of ``re``, wherever the reads cut the stream.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ import re
 from evgp_protocol.states import RaceState
 
 DEFAULT_PORT = 12017
-"""The TCP port at which race control listens; the one existing karts use."""
+"""The TCP port on which race control listens; existing karts use it."""
 
 MAX_FRAME_BYTES = 32
-"""The longest frame, in bytes, its ``$`` and ``;`` included. The longest valid one has 13."""
+"""Maximum length of a frame, including ``$`` and ``;``, in bytes. The longest valid one has 13."""
 
 _FIRST = b'$'
 
-# Named so that the tests can put something that counts in their place.
-# A NUL, too: clients with a buffer of a fixed size send what is left of it.
+# Named so that tests can replace them with counting versions.
+# NUL counts as space: clients with a buffer of fixed size send the rest of it.
 _find_no_space = re.compile(rb'[^ \t\r\n\0]').search
 _find_first = re.compile(rb'\$').search
 _find_last = re.compile(rb'[;$\x80-\xff]').search
@@ -52,7 +52,7 @@ _find_last = re.compile(rb'[;$\x80-\xff]').search
 
 @dataclasses.dataclass(frozen=True)
 class StateFrame:
-    """A valid frame: the peer said the name of a race state."""
+    """A valid frame: the name of a race state."""
 
     state: RaceState
 
@@ -60,11 +60,10 @@ class StateFrame:
 @dataclasses.dataclass(frozen=True)
 class MalformedFrame:
     """
-    Bytes that are no frame.
+    Bytes that are not a frame.
 
-    :ivar reason: what is wrong with them, for the person who looks for the mistake.
-    :ivar raw: the offending bytes from their first one, at most ``MAX_FRAME_BYTES`` of them;
-        of a run outside a frame only the first byte.
+    :ivar reason: what is wrong with them, for people.
+    :ivar raw: the first bytes, at most ``MAX_FRAME_BYTES``; outside a frame only the first one.
     """
 
     reason: str
@@ -78,13 +77,13 @@ def encode(state: RaceState) -> bytes:
 
 class FrameDecoder:
     """
-    Turns the bytes of one connection into events, in whatever pieces they come (§4.C).
+    Turns the bytes of one connection into events, however they are split (§4.C).
 
     One decoder serves one direction of one connection; a new connection needs a new one. It
-    keeps less than ``MAX_FRAME_BYTES`` bytes, whatever arrives.
+    keeps fewer than ``MAX_FRAME_BYTES`` bytes, whatever arrives.
 
-    :param ready_is_grid_active: take ``$READY;`` for ``$GRID_ACTIVE;``. The proposal names
-        it once (§3.A) as what a kart answers, so only race control's side says True.
+    :param ready_is_grid_active: read ``$READY;`` as ``$GRID_ACTIVE;``. The proposal names it once
+        (§3.A) as a kart's answer, so only race control's side sets this.
     """
 
     def __init__(self, ready_is_grid_active: bool = False) -> None:
@@ -97,19 +96,19 @@ class FrameDecoder:
     @property
     def in_frame(self) -> bool:
         """
-        Return whether a frame has begun and not ended.
+        Return whether a frame has begun but not ended.
 
-        Race control asks this at the moment of a command: a frame that began before it is
-        no acknowledgement of it.
+        Race control checks this when it sends a command: a frame that began before the command
+        cannot acknowledge it.
         """
         return self._frame != b''
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[StateFrame | MalformedFrame]:
         """
-        Take the next bytes of the connection and return what they complete, in order.
+        Take the next bytes of the connection and return the events that they complete, in order.
 
-        :param data: any number of bytes, none included; not kept.
-        :return: the events; the same ones in whatever pieces the bytes come.
+        :param data: any number of bytes, also none; not kept.
+        :return: the events; the same ones however the bytes are split.
         """
         data = bytes(data)
         events: list[StateFrame | MalformedFrame] = []
@@ -120,7 +119,7 @@ class FrameDecoder:
         return events
 
     def _outside(self, data: bytes, at: int, events: list[StateFrame | MalformedFrame]) -> int:
-        """Go on between frames, or skipping, from `data[at]`; return where to go on next."""
+        """Decode between frames, or while skipping, from `data[at]`; return where to continue."""
         found = (_find_first if self._skipping else _find_no_space)(data, at)
         if found is None:
             return len(data)
@@ -135,7 +134,7 @@ class FrameDecoder:
         return found.end()
 
     def _inside(self, data: bytes, at: int, events: list[StateFrame | MalformedFrame]) -> int:
-        """Go on in a frame from `data[at]`; return where to go on next."""
+        """Decode inside a frame from `data[at]`; return where to continue."""
         end = min(len(data), at + MAX_FRAME_BYTES - len(self._frame))
         found = _find_last(data, at, end)
         if found is None:
@@ -162,7 +161,7 @@ class FrameDecoder:
         return end
 
     def _give_up(self, reason: str, events: list[StateFrame | MalformedFrame]) -> None:
-        """Report the frame so far, and skip what is left of it up to the next ``$``."""
+        """Report the frame so far, and skip the rest up to the next ``$``."""
         events.append(MalformedFrame(reason, self._frame))
         self._frame = b''
         self._skipping = True

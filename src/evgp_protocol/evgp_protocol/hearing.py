@@ -2,26 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What one kart says on one connection, and which order each word answers.
+Which order each reply of a kart answers, on one connection.
 
-Pure: counts, bytes and times in, frames out. No socket and no clock: whoever holds the connection
-says what was sent, answered and read, and when a beat begins.
+Takes counts, bytes and times; returns frames. No socket and no clock: the owner of the connection
+reports what was sent, acknowledged by TCP and read, and when a beat begins.
 
-A word must not count for an order that the kart had not read when it said it. Race control cannot
-see what a kart has read. It knows that TCP keeps the order both ways: a kart reads the orders in
-the order in which they went out, and its words arrive in the order in which it said them. Between
-them lie bytes under way, bytes that a kart has not read yet, and bytes that race control has not
-read yet. So a word answers the *earliest* order that it can answer:
+A reply must not count for an order that the kart had not read when it sent the reply. Race control
+cannot see what a kart has read, but TCP preserves the order in both directions: a kart reads the
+orders in the order in which they were sent, and its replies arrive in the order in which it sent
+them. In between are bytes in transit, bytes that the kart has not read, and bytes that race
+control has not read. So a reply answers the *earliest* order that fits:
 
-- It asks for the same state.
-- It is not earlier than the order that the kart has reached: the order that the last word
-  answered, or one that something else has shown to be read (below).
-- The word's first byte had not arrived when race control last saw that the kart's TCP had not
-  answered the whole order. TCP brings the answer with the word, or before it: a byte that was
-  there without it was sent before the kart had the order.
+- The order asks for the state of the reply.
+- It is not before the order that the kart has reached: the one that the last reply answered, or
+  one that the kart is otherwise known to have read (below).
+- The reply's first byte had not arrived when race control last saw that the kart's TCP had not
+  answered the whole order. TCP's answer comes with the reply or before it: a byte that arrived
+  without it was sent before the kart had the order.
 
 ============================= ========================= ======================================
-the kart was sent             it says                   which answers
+the kart was sent             it replies                which answers
 ============================= ========================= ======================================
 RED_RED                       RED_RED                   RED_RED
 RED_RED, garage, RED_RED      RED_RED, RED_RED, ...     the first RED_RED, each time
@@ -31,36 +31,34 @@ RED_RED, garage, RED_RED      RED_RED, `QUIET` nothing, the second RED_RED
 RED_RED                       GRID_ACTIVE               nothing
 ============================= ========================= ======================================
 
-*What IN_GARAGE hides.* It need not be said back. After RED_RED, IN_GARAGE, RED_RED a word RED_RED
-may be a late one for the first. Four things show that the kart has read what came after an order,
-each for every habit of which it is used, and however late the kart reads:
+*When a kart does not acknowledge IN_GARAGE.* It need not. Then, after RED_RED, IN_GARAGE, RED_RED,
+a reply RED_RED may be a late one for the first order. Four things show that the kart has read what
+came after an order, however late it reads:
 
-- *A pause.* The kart has spoken of the order; the next one was answered by its TCP; and then
-  nothing came from it for `QUIET`. A kart that says every frame back says something each second
-  while it reads frames that it answers, and its words come within another second. One that says
-  each change once has spoken of this order, and its next word is for a later one. A kart that has
-  not spoken of the order may be reading it yet, and only now have something to say: for that one
-  `SLOWEST` bounds how long it can take to read what was sent before; but not where it has said
-  IN_GARAGE back, for then it says the next one too, however late.
-- *A count.* A kart that says every frame back says one word for each. Once it has said as many
-  for the order as frames of that were sent, it has read them all, and its next word is for a later
-  order. It is taken for such a kart after `ECHOES` words for one order, and not if it ever says
-  more words than it is sent frames.
-- *Few words.* A kart that speaks less often than `SELDOM`, but again and again, does not say every
-  frame back. So it reads all there is at once and says the last of it, and is not later than
-  `QUIET`; unless it says what only an order of long ago can have asked for.
-- *A word that stays alone.* The kart had said one word for the first order, and `ONCE` later
-  another one, which may be for a later order, and then nothing for `QUIET`. So it does not say
-  every frame back: it says each change once, and the second word is for the later order
-  (`settled`).
+- *A pause.* The kart has replied to the order, its TCP has answered the next one, and then nothing
+  came from it for `QUIET`. A kart that echoes every frame sends something each second while it
+  reads frames, and its replies arrive within another second. One that sends each change once has
+  replied to this order, so its next reply is for a later one. A kart that has not replied to the
+  order may still be reading it. `SLOWEST` limits how long that can take; but not for a kart that
+  has acknowledged an IN_GARAGE, because it will acknowledge the next one, too, however late.
+- *A count.* A kart that echoes every frame sends one reply for each. After as many replies as it
+  was sent frames of the order, it has read them all, and its next reply is for a later order. A
+  kart counts as such after `ECHOES` replies to one order, unless it ever sends more replies than
+  it was sent frames.
+- *Few replies.* A kart that replies repeatedly, but less often than `SELDOM`, does not echo every
+  frame. So it reads everything at once, replies to the last frame, and is at most `QUIET` late;
+  unless it sends a state that only a long past order can have asked for.
+- *A single reply.* The kart sent one reply to the first order, `ONCE` later another one, which may
+  be for a later order, and then nothing for `QUIET`. So it does not echo every frame: it sends
+  each change once, and the second reply is for the later order (`settled`).
 
-No pause and no count is over before the next order's frames were answered for `QUIET`. Until then,
-and where none of the four comes, what the kart says is its word for the earlier order.
-``counts_in`` is how long that can last; where no time makes it count, only a new connection does.
+No pause and no count is complete before the next order's frames were answered for `QUIET`. Until
+then, and where none of the four applies, a reply counts for the earlier order. ``counts_in`` is
+how long that can last; where no time makes the reply count, only a new connection does.
 
-What a flood queued answers nothing either. A kart that sends faster than it is read has more bytes
-waiting on its own side, and nobody knows when it said them: nothing counts during a flood, nor for
-`DEAF` after.
+Bytes queued by a flood have unknown age, so they do not count: a kart that sends faster than it is
+read has more bytes waiting on its own side. Nothing counts during a flood, nor for `DEAF` after
+it.
 """
 
 from __future__ import annotations
@@ -73,53 +71,51 @@ from evgp_protocol.frames import FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 
 FLOOD_BYTES = 4096
-"""Number of bytes in one beat from which on a kart floods; then it is not read until the next
-beat. A kart says some 15 bytes a beat at most."""
+"""Minimum number of bytes in one beat that counts as a flood; the rest is read in the next beat. A
+kart sends at most about 15 bytes a beat."""
 
 FLOOD = 2.0
-"""Maximum duration of a flood, in seconds; then the kart is dropped."""
+"""Maximum duration of a flood, in seconds; after it the kart is dropped."""
 
 DEAF = 1.0
-"""Time after a flood during which nothing a kart says counts as an answer, in seconds. What floods
-again before it is over goes on flooding: a flood that comes in pieces is one."""
+"""Time after a flood during which no reply counts, in seconds. A flood that resumes within it
+counts as the same flood."""
 
 QUIET = 2.0
-"""Time of silence after which a kart has read what its TCP had answered before, in seconds. A kart
-reads something every second, or gives its connection up; its words have another second to come."""
+"""Time of silence after which a kart has read what its TCP had answered, in seconds. A kart reads
+something every second, or drops its connection; its replies have another second to arrive."""
 
 ONCE = 1.5
-"""Time between two words from which on they are not of a kart that says every frame back, in
-seconds. It says one a beat, and if it reads nothing for a second, one after a second."""
+"""Minimum time between two replies that shows that a kart does not echo every frame, in seconds.
+One that does sends a reply each beat, or after one second in which it reads nothing."""
 
 ECHOES = 24
-"""Number of words for one order from which on a kart counts as one that says every frame back, if
-it says no more words than it is sent frames."""
+"""Minimum number of replies to one order from a kart that counts as echoing every frame, if it
+sends no more replies than it is sent frames."""
 
 SLOWEST = 8.0
-"""Minimum rate at which a kart reads frames, Hz. What reads more slowly, only inspection finds."""
+"""Minimum rate at which a kart reads frames, in Hz. Only the inspection finds a slower one."""
 
 SELDOM = 5.0
-"""Rate of words below which a kart does not say every frame back, Hz: it reads `SLOWEST`, and may
-read nothing for a second."""
+"""Rate of replies below which a kart does not echo every frame, in Hz: one that does reads at
+least at `SLOWEST`, and may read nothing for a second."""
 
 PACE_WINDOW = 4.0
-"""Time over which the words of a kart that says every frame back are counted against the frames
-that it is sent, in seconds. Two such times with too few words, one after the other: it reads late.
-"""
+"""Time over which the replies of a kart that echoes every frame are compared with the frames that
+it is sent, in seconds. Two consecutive windows with too few replies mean that it reads late."""
 
 PACE = 0.95
-"""Share of the frames sent that a kart says back at least, if it says every frame that it reads
-back and reads as many as it is sent."""
+"""Minimum share of frames that come back from a kart that echoes every frame and reads in time."""
 
 NO_ORDER = 0
-"""Serial of what cannot answer any order; orders count from 1."""
+"""Serial of a reply that answers no order; orders count from 1."""
 
 _TOO_OLD = -1
-"""In place of where a frame began: during a flood."""
+"""Start of a frame from a flood."""
 
 BUSY = 0.3
-"""Time without a word after which a kart that says every frame back was busy, or had nothing to
-say, rather than slow, in seconds."""
+"""Time without a reply after which a kart that echoes every frame was busy or had nothing to
+report, rather than slow, in seconds."""
 
 Heard = StateFrame | MalformedFrame
 
@@ -127,13 +123,13 @@ Heard = StateFrame | MalformedFrame
 @dataclass
 class _Order:
     """
-    An order that what the kart says may answer.
+    An order that a reply may answer.
 
-    :ivar end: up to where it reaches in the stream to the kart.
-    :ivar answers_from: from where on its answers are in the stream from the kart.
-    :ivar beat: the beat in which it went out.
-    :ivar answered_in: the beat in which the kart's TCP was seen to have answered it.
-    :ivar words: number of words that answered it; ``said_in``: the beat of the last of them.
+    :ivar end: its end in the stream to the kart.
+    :ivar answers_from: place in the stream from the kart before which no reply can answer it.
+    :ivar beat: the beat in which it was sent.
+    :ivar answered_in: the beat in which race control saw that the kart's TCP had answered it.
+    :ivar replies: number of replies that answered it; ``said_in``: the beat of the last of them.
     """
 
     serial: int
@@ -142,126 +138,127 @@ class _Order:
     answers_from: int
     beat: int
     answered_in: int | None = None
-    words: int = 0
+    replies: int = 0
     said_in: int = 0
 
 
 class _Pace:
     """
-    How far a kart that says every frame back may be behind, by its words against the frames.
+    How far a kart that echoes every frame may be behind, by comparing its replies with the frames.
 
-    One that reads all there is at once and says the last back looks the same, if it does so less
-    often than it is sent frames. So what this says is the most that it may be. How soon the kart
-    says a new state shows it.
+    A kart that reads everything at once and replies only to the last frame looks the same if it
+    does so less often than it is sent frames. So the result is an upper bound. How soon the kart
+    replies to a new state shows the truth.
     """
 
     def __init__(self, beat_rate: float) -> None:
         self._beat_rate = beat_rate
         self._window = math.ceil(PACE_WINDOW * beat_rate)
-        # Whether the kart has said the last order back, and since then, up to a window:
-        self._speaks = False
-        self._frames_of_order = self._words_of_order = 0
-        self._frames = self._words = 0
-        # Frames since its last word, until it speaks of the last order: it may be doing that.
+        # Whether the kart has replied to the last order, and since then, up to a window:
+        self._has_replied = False
+        self._frames_of_order = self._replies_of_order = 0
+        self._frames = self._replies = 0
+        # Frames since its last reply, until it replies to the last order: it may be working on it.
         self._unsaid = 0
-        self._slow = 0  # windows with too few words, one after the other
-        self._lost = 0  # frames that were sent and not said back
-        self.speaks_seldom = False
+        self._slow = 0  # consecutive windows with too few replies
+        self._lost = 0  # frames sent but not echoed
+        self.replies_seldom = False
 
     @property
     def behind(self) -> float:
-        """Return how far the kart may be behind, in seconds; 0: nothing says that it is."""
+        """Return how far the kart may be behind, in seconds; 0: nothing suggests that it is."""
         return self._lost / self._beat_rate if self._slow > 1 else 0.0
 
     def begin(self) -> None:
-        """Take note of a new order: the kart says it back when it has done it."""
-        self._speaks = False
+        """Record a new order: the kart replies when it has carried it out."""
+        self._has_replied = False
         self._unsaid = 0
 
     def sent(self) -> None:
-        """Take note of a frame of the last order."""
-        if not self._speaks:
+        """Record a frame of the last order."""
+        if not self._has_replied:
             self._unsaid += 1
             return
         self._frames_of_order += 1
         if self._frames_of_order == self._window:
-            if self._words_of_order > 1:
-                self.speaks_seldom = self._words_of_order < SELDOM * PACE_WINDOW
-            self._frames_of_order = self._words_of_order = 0
+            if self._replies_of_order > 1:
+                self.replies_seldom = self._replies_of_order < SELDOM * PACE_WINDOW
+            self._frames_of_order = self._replies_of_order = 0
         self._frames += 1
         self._judge()
 
     def said(self, after: int | None) -> None:
         """
-        Take note of a word for the last order.
+        Record a reply to the last order.
 
-        :param after: number of beats since the kart's TCP had answered the order, if this is the
-            first word for it.
+        :param after: number of beats since the kart's TCP answered the order, if this is the first
+            reply to it.
         """
         if after is not None:
-            # Of a slow one, all of that may be time for which it has not read the order.
+            # A slow kart may have left the order unread for all of that time.
             self._lost = after if self._slow > 1 else min(self._lost, after)
             if self._lost < 3:
                 self._lost = self._slow = 0
-        if not self._speaks:
-            self._speaks = True
-            self._frames_of_order = self._words_of_order = 0
+        if not self._has_replied:
+            self._has_replied = True
+            self._frames_of_order = self._replies_of_order = 0
         else:
-            self._words += 1
-        self._words_of_order += 1
+            self._replies += 1
+        self._replies_of_order += 1
 
     def said_before(self) -> None:
-        """Take note of a word for what came before the last order: it has not reached that."""
+        """Record a reply to an order before the last: the kart has not reached the last one."""
         if self._unsaid < BUSY * self._beat_rate:  # longer: it was silent for a reason
             self._frames += self._unsaid
-            self._words += 1
+            self._replies += 1
         self._unsaid = 0
         self._judge()
 
     def _judge(self) -> None:
-        """Compare the words of a window with its frames, once it is over."""
+        """Compare the replies of a window with its frames, at its end."""
         if self._frames < self._window:
             return
-        if self._words >= PACE * self._frames:
-            self._lost = max(0, self._lost - max(0, self._words - self._frames))
+        if self._replies >= PACE * self._frames:
+            self._lost = max(0, self._lost - max(0, self._replies - self._frames))
             if self._slow < 2 or not self._lost:
                 self._slow = self._lost = 0
-        elif self._words >= 0.9 * SLOWEST / self._beat_rate * self._frames:
-            self._lost += self._frames - self._words
+        elif self._replies >= 0.9 * SLOWEST / self._beat_rate * self._frames:
+            self._lost += self._frames - self._replies
             self._slow += 1
-        self._frames = self._words = 0
+        self._frames = self._replies = 0
 
 
 class Hearing:
     """
-    Everything that comes from one kart on one connection.
+    Everything that one kart sends on one connection.
 
     Every byte has a place in its stream, counted from 0.
 
-    :param beat_rate: number of beats per second, Hz.
+    :param beat_rate: number of beats per second, in Hz.
     """
 
     def __init__(self, beat_rate: float) -> None:
         self._decoder = FrameDecoder(ready_is_grid_active=True)
-        # The order that the kart's words have reached, and all after it.
+        # The order that the kart's replies have reached, and all later ones.
         self._orders: deque[_Order] = deque()
-        # Whether it has said the last IN_GARAGE back that it is known to have read.
-        self._says_garage = False
-        # Whether it has said more words for an order than it was sent frames.
+        # Whether it acknowledged the last IN_GARAGE that it is known to have read.
+        self._acknowledges_garage = False
+        # Whether it has sent more replies to an order than it was sent frames.
         self._outruns = False
-        # Whether it has said what none of its orders asks for that it may be reading.
+        # Whether it has sent a state that none of these orders asks for.
         self._is_late = False
         # The beat up to whose frame the kart has read at least, at `SLOWEST`.
         self._slowest = 0.0
-        # A word that is for a later order if nothing follows it, and its place; what became so.
+        # A reply that is for a later order if nothing follows it, with its place; and those
+        # that turned out to be.
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
-        # Places in the stream from the kart: up to where it was read and decoded; and a place
-        # before which the frame that the decoder is in did not begin.
+        # Places in the stream from the kart: read and decoded up to here; and the earliest place
+        # at which the decoder's present frame can have begun.
         self._read = 0
         self._decoded = 0
         self._began = 0
-        # Times are in beats: while race control is held up, it reads nothing of the rest.
+        # Times are in beats: while race control is stalled, it reads nothing either.
         self._beats = 0
         self._heard_in = 0
         self._beat_rate = beat_rate
@@ -274,71 +271,71 @@ class Hearing:
 
     @property
     def is_full(self) -> bool:
-        """Return whether so much was read in this beat that the rest waits for the next."""
+        """Return whether this beat's limit is reached, so that the rest waits for the next."""
         return self._read_this_beat >= FLOOD_BYTES
 
     @property
     def waits(self) -> bool:
-        """Return whether the kart's TCP was not seen yet to have answered all orders."""
+        """Return whether the kart's TCP has not yet answered all orders, as far as is known."""
         return bool(self._orders) and self._orders[-1].answered_in is None
 
     @property
     def has_reached_last(self) -> bool:
-        """Return whether no word that comes now can answer an order before the last one."""
+        """Return whether a reply that arrives now can answer only the last order."""
         return len(self._orders) <= 1
 
     @property
     def behind(self) -> float:
-        """Return how far the kart's reading may be behind, in seconds; 0: nothing says so."""
+        """Return the time by which the kart may read late, in seconds; 0: no sign of that."""
         return self._pace.behind
 
     def counts_in(self) -> float:
         """
-        Return in how many seconds a word for the last order's state counts for it, at the latest.
+        Return the maximum time until a reply counts for the last order, in seconds; 0: unknown.
 
-        Ask after ``decode``, of a word that did not count. It holds if the kart goes on saying it,
-        or was heard to say each change once. 0: nobody knows.
+        Call it after ``decode``, for a reply that did not count although the last order asks for
+        its state. It applies if the kart repeats the reply, or is known to send each change once.
         """
         beats = self._pause_beats + 1
         if len(self._orders) < 2:
             return beats / self._beat_rate
         first, last = self._orders[0], self._orders[-1]
-        if first.state is last.state and first.words > 1 and self._alone is None:
+        if first.state is last.state and first.replies > 1 and self._alone is None:
             answered_in = self._orders[1].answered_in
             if answered_in is not None:
                 beats = max(beats - self._beats + answered_in, 1)
             if not self._reads_all:
                 if self._outruns:
                     return 0.0
-                beats = max(beats, max(ECHOES, self._frames_of_first()) - first.words)
+                beats = max(beats, max(ECHOES, self._frames_of_first()) - first.replies)
         return beats / self._beat_rate
 
     def settled(self) -> list[tuple[StateFrame, int]]:
-        """Return the words that turned out to be for a later order since the last call."""
+        """Return the replies that turned out to be for a later order since the last call."""
         settled, self._settled = self._settled, []
         return settled
 
     def sent_again(self) -> None:
-        """Take note that the last order's frame was sent once more."""
+        """Record that the last order's frame was sent once more."""
         self._pace.sent()
 
     def order(self, serial: int, state: RaceState, end: int, unread: int) -> None:
         """
-        Take note that an order goes out now: what has arrived by now is no answer to it.
+        Record that an order is sent now: bytes that have already arrived cannot answer it.
 
         :param serial: the order's number, from 1.
-        :param end: up to where it reaches in the stream to the kart.
-        :param unread: number of bytes that have arrived and were not read yet.
+        :param end: its end in the stream to the kart.
+        :param unread: number of bytes that have arrived but were not read yet.
         """
         self._orders.append(_Order(serial, state, end, self._read + unread, self._beats))
         self._pace.begin()
 
     def look(self, answered: int, unread: int) -> None:
         """
-        Take note of how much the kart's TCP has answered.
+        Record how much the kart's TCP has answered.
 
-        :param answered: up to which place in the stream to the kart.
-        :param unread: number of bytes that had arrived before, and were not read yet.
+        :param answered: up to this place in the stream to the kart.
+        :param unread: number of bytes that had arrived before, but were not read yet.
         """
         for order in reversed(self._orders):
             if order.answered_in is not None:
@@ -349,20 +346,20 @@ class Hearing:
                 order.answers_from = self._read + unread
 
     def read(self, count: int) -> None:
-        """Take note that so many bytes were read; hand them to ``decode`` next."""
+        """Record that `count` bytes were read; pass them to ``decode`` next."""
         self._read += count
         self._read_this_beat += count
         self._heard_in = self._beats
 
     def decode(self, data: memoryview) -> list[tuple[Heard, int]]:
         """
-        Return what the bytes complete, in order, each with the serial of the order it answers.
+        Return the frames that the bytes complete, each with the serial of the order it answers.
 
-        :param data: what was read last, all of it.
+        :param data: all bytes of the last read.
         """
         begin, end = self._decoded, self._decoded + len(data)
         self._decoded = end
-        # A frame that began before a place from which on an order has answers is none of them.
+        # A frame that began before an order's `answers_from` cannot answer it.
         cuts = {order.answers_from for order in self._orders if begin < order.answers_from < end}
         heard: list[tuple[Heard, int]] = []
         at = begin
@@ -381,15 +378,15 @@ class Hearing:
         """
         Begin the next beat.
 
-        :param now: the time, s.
-        :return: whether the kart has flooded for `FLOOD`, with no pause of `DEAF`.
+        :param now: the time, in seconds.
+        :return: whether the kart has flooded for `FLOOD` without a pause of `DEAF`.
         """
         self._beats += 1
         self._slowest = min(self._slowest + SLOWEST / self._beat_rate, self._beats)
         if self._alone is not None and self._silent_for() > self._pause_beats:
-            word, place = self._alone
+            reply, place = self._alone
             self._pass()
-            self._settled.append((word, self._answered_by(word, place)))
+            self._settled.append((reply, self._answered_by(reply, place)))
         while len(self._orders) > 1 and self._has_read_on():
             self._pass()
         if not self.is_full:
@@ -406,9 +403,9 @@ class Hearing:
 
     def _answered_by(self, heard: Heard, place: int) -> int:
         """
-        Return the serial of the order that a frame answers; the kart has reached it then.
+        Return the serial of the order that a frame answers; the kart has then reached it.
 
-        :param place: where the frame began, or a place before that at which it had not begun.
+        :param place: the earliest place at which the frame can have begun.
         """
         self._alone = None
         if self._deaf_beats or not isinstance(heard, StateFrame):
@@ -426,54 +423,54 @@ class Hearing:
         for _ in range(can[0]):
             self._pass()
         order = self._orders[0]
-        once = order.words == 1 and self._beats - order.said_in >= ONCE * self._beat_rate
-        order.words += 1
+        once = order.replies == 1 and self._beats - order.said_in >= ONCE * self._beat_rate
+        order.replies += 1
         order.said_in = self._beats
-        self._says_garage |= order.state is RaceState.IN_GARAGE
+        self._acknowledges_garage |= order.state is RaceState.IN_GARAGE
         self._slowest = max(self._slowest, order.beat)
         if len(self._orders) == 1:
             first_after = None
-            if order.words == 1 and order.answered_in is not None:
+            if order.replies == 1 and order.answered_in is not None:
                 first_after = self._beats - order.answered_in
             self._pace.said(first_after)
         else:
             self._pace.said_before()
         if len(can) == 1:
             if order.state is not RaceState.IN_GARAGE:
-                self._outruns |= order.words > self._frames_of_first()
+                self._outruns |= order.replies > self._frames_of_first()
         elif once:
             self._alone = heard, place
         return order.serial
 
     def _pass(self) -> None:
-        """Take note that the kart has read on from the first order."""
+        """Record that the kart has read beyond the first order."""
         order = self._orders.popleft()
         if order.state is RaceState.IN_GARAGE:
-            self._says_garage = order.words > 0
+            self._acknowledges_garage = order.replies > 0
 
     def _has_read_on(self) -> bool:
-        """Return whether the kart is known to have read the second order, though it says none."""
+        """Return whether the kart is known to have read the second order without a reply to it."""
         first, second = self._orders[0], self._orders[1]
         if second.answered_in is None or self._beats - second.answered_in <= self._pause_beats:
             return False
         if self._silent_for() > self._pause_beats:
             late = self._slowest - self._pause_beats <= second.beat
-            return first.words > 0 or not (self._says_garage or late)
+            return first.replies > 0 or not (self._acknowledges_garage or late)
         if self._reads_all:
-            return first.words > 0
+            return first.replies > 0
         counted = first.state is not RaceState.IN_GARAGE and not self._outruns
-        return counted and first.words >= max(ECHOES, self._frames_of_first())
+        return counted and first.replies >= max(ECHOES, self._frames_of_first())
 
     @property
     def _reads_all(self) -> bool:
-        """Return whether the kart reads all there is at once, by what it has said so far."""
-        return self._pace.speaks_seldom and not self._is_late
+        """Return whether the kart's replies so far show that it reads everything at once."""
+        return self._pace.replies_seldom and not self._is_late
 
     def _frames_of_first(self) -> int:
-        """Return how many frames of the first order were sent at most."""
+        """Return the maximum number of frames of the first order that were sent."""
         until = self._orders[1].beat if len(self._orders) > 1 else self._beats
         return until - self._orders[0].beat + 1
 
     def _silent_for(self) -> int:
-        """Return for how many beats nothing has come."""
+        """Return the number of beats since the last byte arrived."""
         return self._beats - self._heard_in

@@ -4,8 +4,8 @@
 """
 The race states and their strictness (§3.A).
 
-Only the states live here: no wire, no rule, no clock. Everything else in the project
-compares states through ``stricter`` and never by hand.
+Only the states: no wire, rules or clock. The rest of the project compares states only with
+``stricter``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ class RaceState(enum.Enum):
     """
     A race state of the proposal (§3.A); the value is its name on the wire.
 
-    The members stand in the order of their strictness, loosest first.
+    The members are in order of strictness, loosest first.
     """
 
     GREEN_GREEN = 'GREEN_GREEN'
@@ -26,7 +26,7 @@ class RaceState(enum.Enum):
     RED_FLAG = 'RED_FLAG'
     RED_RED = 'RED_RED'
 
-    # Each member is there once. By default Python hashes its name, by a function in Python.
+    # Each member exists once. The default hash is that of its name, computed in Python: slow.
     __hash__ = object.__hash__
 
     def __init__(self, name: str) -> None:

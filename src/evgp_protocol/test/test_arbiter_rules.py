@@ -516,7 +516,7 @@ grid again does not disarm: [drives in garage]
     _command: not to_race => not to_race and state is not RaceState.GRID_ACTIVE
 green needs no grid: verdict: not self._armed => False
 team stop does not disarm: [drives in garage]
-    _on_team_stop: self._disarm('the team stop was engaged since') =>
+    _on_team_stop: self._disarm('a team stop came after it') =>
 remote silence does not disarm: [remote required]
     _pass: len(self._signs) < len(signs) => False
 remote is not missed: [remote required] __init__: settings.tsr_timeout, => 0.0,
@@ -537,7 +537,7 @@ a new command keeps its number: _command: _number() => _order = self._order or s
 the same state has the same number: [drives in garage]
     _command: _number() => _order = 1 + list(RaceState).index(state)
 a number outlives its connection: _lose: self._order = 0 => pass
-the end of a team stop keeps the number: _outcome: self._stopped and not stopped => False
+the end of a team stop keeps the number: _reaction: self._stopped and not stopped => False
 what a team stop takes back keeps its number: _on_team_stop: self._number() =>
 a team stop takes nobody out: _on_team_stop: self._out = True => pass
 a kart that was not ready is out: [drives in garage]

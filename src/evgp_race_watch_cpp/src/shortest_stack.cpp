@@ -20,10 +20,10 @@ using geometry_msgs::msg::Twist;
 using nav_msgs::msg::Odometry;
 
 constexpr double STANDSTILL_TIME = 0.5;  // s; longer than your kart's dead time plus 0.1 s
-constexpr double ODOMETRY_GAP = 0.2;  // s; longer without odometry, and nothing is known
+constexpr double ODOMETRY_GAP = 0.2;  // s; older odometry does not count
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-/// Drives straight ahead where the race state lets it.
+/// Drives straight ahead when the race state allows it.
 class Stack : public rclcpp::Node
 {
 public:
@@ -33,7 +33,7 @@ public:
     motors_ = create_publisher<Twist>("cmd_vel", rclcpp::QoS(1));
     odometry_ = create_subscription<Odometry>(
       "odom", rclcpp::QoS(10), [this](const Odometry & odometry) {hear_odometry(odometry);});
-    timer_ = create_wall_timer(  // a timer on ROS time may stop
+    timer_ = create_wall_timer(  // ROS time may stop
       std::chrono::milliseconds(50), [this]() {
         const auto order = watch_.order();  // RED_RED also when the bridge dies
         if (drive(order.state)) {
@@ -43,11 +43,11 @@ public:
   }
 
 private:
-  /// Drive or brake; return whether the kart has reached the state. Yours goes here.
+  /// Drive or brake; return whether the kart has reached the state. Put your code here.
   bool drive(RaceState state)
   {
     const bool fresh = now_s() - heard_at_ < ODOMETRY_GAP;
-    driving_ = fresh && state == RaceState::GREEN_GREEN;  // never blind
+    driving_ = fresh && state == RaceState::GREEN_GREEN;  // not without odometry
     if (driving_) {
       wanted_ = 6.0;
     } else if (fresh && state == RaceState::RED_FLAG) {  // gently: 10 s from 6 m/s
@@ -66,12 +66,12 @@ private:
     return still && state != RaceState::GREEN_GREEN;
   }
 
-  /// Take the speed, and since when the kart has been standing without a doubt.
+  /// Update the speed, and the time since which the kart certainly stands still.
   void hear_odometry(const Odometry & odometry)
   {
     const double now = now_s();
     speed_ = std::abs(odometry.twist.twist.linear.x);
-    if (driving_ || !(speed_ < 0.05)) {  // also if it is no number
+    if (driving_ || !(speed_ < 0.05)) {  // also NaN
       still_since_ = INFINITE;
     } else if (now - heard_at_ > ODOMETRY_GAP) {
       still_since_ = now;

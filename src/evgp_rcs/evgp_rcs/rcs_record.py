@@ -18,14 +18,13 @@ from types import ModuleType
 
 from evgp_rcs.record import replay, timeline
 from evgp_rcs.record.report import command as report
-from evgp_rcs.record.report import lap_times, results
+from evgp_rcs.record.report import results
 from evgp_rcs.record.runs import CALLED, say, UNREADABLE, UnreadableError
 from evgp_rcs.ros import mcap_export
 
 WAYS: dict[str, tuple[ModuleType, str]] = {
     'show': (timeline, 'print a run as a timeline; the word show may be left out'),
-    'results': (results, 'write who finished when, and who did not and why, as CSV'),
-    'laps': (lap_times, 'write the laps of each race, places and penalties, as CSV or JSON'),
+    'results': (results, 'write the results of each race, with laps and penalties, as CSV'),
     'report': (report, 'write a run, or a part of it, as a report in one HTML file'),
     'replay': (replay, 'run the rules again on what went into them, and compare'),
     'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
@@ -41,7 +40,6 @@ examples:
   rcs_record --run 3 --kart 7                   what happened to kart 7 in run 3
   rcs_record --run 3 --stream                   every entry of run 3, as it is recorded
   rcs_record results -o results.csv             the results, for a spreadsheet
-  rcs_record laps --json -o laps.json           laps, times, places, penalties
   rcs_record report -o report.html              the report, for a jury
   rcs_record report --from 14:05 --to 14:07 -o incident.html
   rcs_record replay race.sqlite3                was the software right?

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.laps import Format, Status
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -75,16 +74,6 @@ ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 
 LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
-
-FORMATS = {each: each.value.replace('_', ' ') for each in Format}
-
-STATUS = {
-    Status.RUNNING: '',
-    Status.CLASSIFIED: 'classified',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: 'disqualified',
-}
 
 
 def headline(race: Snapshot) -> Cell:

@@ -14,7 +14,7 @@ from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
-TOPICS = ('/rcs/race', '/rcs/events', '/rcs/results', '/diagnostics')
+TOPICS = ('/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics')
 
 
 def generate_launch_description() -> LaunchDescription:

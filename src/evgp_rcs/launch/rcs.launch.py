@@ -1,7 +1,13 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Start race control: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml ."""
+"""
+Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml .
+
+The timekeeper ends with race control, and race control needs no timekeeper.
+"""
+
+import os
 
 from evgp_node.launching import keep_trying_if_it_was_up
 from launch import LaunchDescription
@@ -15,20 +21,59 @@ from launch_ros.substitutions import FindPackageShare
 def generate_launch_description() -> LaunchDescription:
     """Return the description that `ros2 launch` looks for."""
     config = PathJoinSubstitution([FindPackageShare('evgp_rcs'), 'config'])
+    of_timing = PathJoinSubstitution([FindPackageShare('evgp_timing'), 'config'])
+    roster = {'roster': ParameterValue(LaunchConfiguration('roster'), value_type=str)}
+    environment = {
+        'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
+        'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
+    }
+    # With SROS2, each has an enclave of its own; what overrides one would override both.
+    override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
+    of_timekeeper = {override: '/timekeeper'} if os.environ.get(override) else {}
+    timekeeper = Node(
+        package='evgp_timing',
+        executable='timekeeper',
+        name='timekeeper',
+        namespace=[LaunchConfiguration('namespace'), '/rcs'],
+        parameters=[LaunchConfiguration('timing_params_file'), roster],
+        additional_env={**environment, **of_timekeeper},
+        output='screen',
+        respawn=True,
+        respawn_delay=1.0,
+        on_exit=keep_trying_if_it_was_up(),
+    )
+    race_control = Node(
+        package='evgp_rcs',
+        executable='rcs_node',
+        name='rcs',
+        namespace=LaunchConfiguration('namespace'),
+        parameters=[LaunchConfiguration('params_file'), roster],
+        additional_env=environment,
+        output='screen',
+        # A race control that died comes back, and its karts stay stopped until then.
+        respawn=True,
+        respawn_delay=1.0,
+        on_exit=keep_trying_if_it_was_up(timekeeper),
+    )
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 'roster',
                 default_value=PathJoinSubstitution([config, 'karts.yaml']),
-                description='The file that lists the karts.',
+                description='The file that lists the karts, for both.',
             ),
             DeclareLaunchArgument(
                 'params_file',
                 default_value=PathJoinSubstitution([config, 'rcs.yaml']),
-                description='The file of the parameters.',
+                description="The file of race control's parameters.",
             ),
             DeclareLaunchArgument(
-                'namespace', default_value='', description='Where the node stands in the graph.'
+                'timing_params_file',
+                default_value=PathJoinSubstitution([of_timing, 'timekeeper.yaml']),
+                description="The file of the timekeeper's parameters.",
+            ),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='Where race control is in the graph.'
             ),
             # Apart from everybody else's graph, unless told otherwise (docs/security.md).
             DeclareLaunchArgument(
@@ -42,24 +87,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
                 description='The ROS domain, 0 to 101.',
             ),
-            Node(
-                package='evgp_rcs',
-                executable='rcs_node',
-                name='rcs',
-                namespace=LaunchConfiguration('namespace'),
-                parameters=[
-                    LaunchConfiguration('params_file'),
-                    {'roster': ParameterValue(LaunchConfiguration('roster'), value_type=str)},
-                ],
-                additional_env={
-                    'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
-                    'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
-                },
-                output='screen',
-                # A race control that died comes back, and its karts stay stopped until then.
-                respawn=True,
-                respawn_delay=1.0,
-                on_exit=keep_trying_if_it_was_up(),
-            ),
+            race_control,
+            timekeeper,
         ]
     )

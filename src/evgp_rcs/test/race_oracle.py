@@ -27,7 +27,6 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.laps import Format, Passing
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -57,8 +56,6 @@ RACE_COMMANDS = (
     'SET_HEAT',
     'OPEN_TRACK',
     'CLOSE_TRACK',
-    'STRIKE_PASSING',
-    'RESTORE_PASSING',
 )
 KART_COMMANDS = (
     *KART_STOPS,
@@ -67,19 +64,6 @@ KART_COMMANDS = (
     'KART_IN_GARAGE',
     'JOIN_RACE',
     'LEAVE_RACE',
-    'COUNT_PASSING',
-    'GIVE_TRANSPONDER',
-    'PENALISE',
-    'UNDO_PENALTY',
-)
-# Bookkeeping of laps and results.
-OF_LAPS = (
-    'COUNT_PASSING',
-    'STRIKE_PASSING',
-    'RESTORE_PASSING',
-    'GIVE_TRANSPONDER',
-    'PENALISE',
-    'UNDO_PENALTY',
 )
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
 NO_BUTTON = (
@@ -89,7 +73,6 @@ NO_BUTTON = (
     'SET_HEAT',
     'OPEN_TRACK',
     'CLOSE_TRACK',
-    *OF_LAPS,
 )
 # What starts karts, releases them or lets humans near, and what of it names the karts concerned.
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
@@ -102,9 +85,7 @@ IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 # What officials are told of a link, which changes nothing.
 OF_A_LINK = ('measured', 'delivered')
 OFFICIAL = 'Anna'
-# Whom a beam sees, and for how long an official can say who it was, in seconds.
-NOBODY, BEAM_PRESS = -1, 3.0
-
+RUN = 'a run'
 # How much of a danger a kart may be.
 HARMLESS, ON_GRID, MOVING = range(3)
 
@@ -123,7 +104,7 @@ PROPERTIES = {
     'uninspected': 'where an inspection is required, no kart without one joins or starts',
     'heat': 'the heat put in last is in the race, until a kart of another one is, or none at all',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
-    'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
+    'results': 'the order of FINISH is told once, when the race is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
     'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
     'ack-survives': 'S: an acknowledgement falls with a new order and with the connection',
@@ -166,9 +147,7 @@ PROPERTIES = {
     'alerts-act': 'S: looking, and alerts, change nothing',
     'false-news': 'what is announced as possible now is possible now',
     'stuck': 'the officials can bring every state home, karts answering or not',
-    'passing-acts': 'S: a passing sends no kart anything and changes no kart; but an auto finish',
-    'laps-act': 'S: a correction, a transponder or a penalty changes nothing but the results',
-    'lap-count': 'the laps that count are those of docs/rules.md',
+    'finish-other': 'S: a FINISH that names another run, race or attempt is refused',
     'abstraction': 'states that the search takes for one behave as one',
 }
 """Every property the oracle looks for, under the name by which a violation is reported."""
@@ -228,11 +207,7 @@ class ThereView(NamedTuple):
 
 
 class View(NamedTuple):
-    """
-    What the oracle sees of the race.
-
-    :param timed: the karts whose laps are counted; ``penalties``: of each penalty, whose it is.
-    """
+    """What the oracle sees of the race."""
 
     state: RaceState
     track_open: bool
@@ -249,8 +224,6 @@ class View(NamedTuple):
     paused: float
     start: StartView | None
     there: ThereView
-    timed: tuple[int, ...]
-    penalties: tuple[int, ...]
     karts: tuple[KartView, ...]
 
 
@@ -266,6 +239,7 @@ class KartFacts(NamedTuple):
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
     :param poor: its link was poor when last measured on its present connection.
+    :param undone: how often its finish was undone in this race.
     """
 
     ready: bool = False
@@ -274,93 +248,7 @@ class KartFacts(NamedTuple):
     missing: float | None = None
     stood: float | None = None
     poor: bool = False
-
-
-class LapFacts(NamedTuple):
-    """
-    What the oracle remembers of the laps of a race, in seconds since GREEN_GREEN.
-
-    :param passings: of each its number, the kart it names (0: it has the transponder; or NOBODY),
-        and when. Those that officials count have numbers below 0.
-    :param out: of each kart that finished or left, until when its passings count.
-    """
-
-    green: float
-    wanted: int
-    karts: tuple[int, ...]
-    times: Any
-    passings: tuple[tuple[int, int, float], ...] = ()
-    struck: frozenset[int] = frozenset()
-    out: tuple[tuple[int, str, float], ...] = ()
-    ended: float = math.inf
-
-    def counting(self, kart: int, owner: int) -> list[tuple[int, float]]:
-        """Return the passings of a kart that count: their numbers, and when."""
-        times = [(0, 0.0)] if self.times.first_crossing == 'ends' else []
-        alone = self.karts[0] if len(self.karts) == 1 else NOBODY
-        for number, named, at in self.passings:
-            mine = (alone if named == NOBODY else named or owner) == kart and kart in self.karts
-            full = self.wanted and len(times) > self.wanted
-            if not mine or number in self.struck or at > self.until(kart, number) or full:
-                continue
-            if not times or at - times[-1][1] >= self.times.min_lap_time:
-                times.append((number, at))
-        return times
-
-    def until(self, kart: int, number: int = 1) -> float:
-        """Return until when a passing of a kart counts."""
-        # What an official counts (a negative number) is a lap that was missed, until all are.
-        by_hand = self.wanted and number < 0
-        outs = [out for out in self.out if not (by_hand and out[1] == 'finish')]
-        return min([self.ended, *(at for each, _, at in outs if each == kart)])
-
-    def crossed(self, kart: int, owner: int) -> list[float]:
-        """Return when a kart crossed the line, as far as that counts."""
-        return [at for _, at in self.counting(kart, owner)]
-
-    def of_nobody(self) -> list[tuple[int, int, float]]:
-        """Return the passings of which nobody knows who it was."""
-        return [
-            each
-            for each in self.passings
-            if each[1] == NOBODY
-            and each[0] not in self.struck
-            and each[2] <= self.ended
-            and len(self.karts) != 1
-        ]
-
-    def pressed(self, kart: int, owner: int, at: float) -> LapFacts:
-        """Return what is remembered once an official says that a kart crossed."""
-        beams = [each for each in self.of_nobody() if at - each[2] <= BEAM_PRESS]
-        if beams:
-            own = (beams[0][0], kart, beams[0][2])
-            then = self._replace(
-                passings=tuple(own if each == beams[0] else each for each in self.passings)
-            )
-            if (own[0], own[2]) in then.counting(kart, owner):
-                return then
-        # Nobody says it again, nor corrects it.
-        return self._replace(passings=(*self.passings, (-1 - len(self.passings), kart, at)))
-
-    def seen(self, serial: int, named: int, owner: int, at: float) -> LapFacts:
-        """Return what is remembered once a source saw somebody cross."""
-        struck = self.struck
-        presses = [each for each in self.passings if each[0] < 0]
-        for number, kart, then in presses if named == NOBODY and len(self.karts) != 1 else ():
-            counting = self.counting(kart, owner)
-            others = [other for press, other in counting if press != number]
-            counts = at <= self.until(kart) and (
-                not others or at - others[-1] >= self.times.min_lap_time
-            )
-            late = at - then > self.times.clock_tolerance
-            if counts and not late and (number, then) in counting:
-                named, struck = kart, struck | {number}
-                break
-        return self._replace(passings=(*self.passings, (serial, named, at)), struck=struck)
-
-    def is_done(self, kart: int, owner: int) -> bool:
-        """Return whether a kart has all its laps."""
-        return bool(self.wanted) and len(self.crossed(kart, owner)) > self.wanted
+    undone: int = 0
 
 
 class Facts(NamedTuple):
@@ -372,11 +260,9 @@ class Facts(NamedTuple):
     :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
-    :param owner: whose the transponder is; 0: nobody's.
-    :param seen: the numbers of all passings; ``struck``: of those after a restart, which no lap is
-        counted by, the numbers of those that are struck out.
     :param met: somebody who could stop this race was there, when it began or since.
     :param left: when the last one left who could stop a race.
+    :param race: how many races have begun in this run.
     """
 
     grid_last: bool
@@ -384,22 +270,18 @@ class Facts(NamedTuple):
     karts: tuple[KartFacts, ...]
     outlived: bool = False
     heat: str | None = ''
-    owner: int = 0
-    seen: frozenset[int] = frozenset()
-    struck: frozenset[int] = frozenset()
-    laps: LapFacts | None = None
     met: bool = False
     left: float = 0.0
+    race: int = 0
 
 
 class Input(NamedTuple):
     """
     One input: a command, a connection change, something a kart says, or time.
 
-    :param kind: which command; of a journal 'stale' if it is not what the start waits for; of a
-        passing 'beam' if it does not say who it was; of who is there 'fault' if something is wrong
-        with a button.
-    :param serial: of what a kart says; of a passing or its correction, its number.
+    :param kind: which command; of a journal 'stale' if it is not what the start waits for; of who
+        is there 'fault' if something is wrong with a button.
+    :param serial: of what a kart says.
     :param statement: what is stated; of a lost connection that its link was silent, of a kart that
         two programs connect as it; of a rival that it is there, of the record that it fails, of
         a journal that it was written, of a link that is measured that it is poor, of who is there
@@ -408,6 +290,7 @@ class Input(NamedTuple):
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
     :param came: when a command came, if before it is judged.
+    :param finish: the run, the race and the attempt that a FINISH is for, if it names them.
     """
 
     what: str
@@ -420,6 +303,7 @@ class Input(NamedTuple):
     hold: RaceState | None = None
     heat: str = ''
     came: float | None = None
+    finish: tuple[str, int, int] | None = None
 
 
 class Judgement(NamedTuple):
@@ -480,8 +364,6 @@ def look(race: Any) -> View:
     start = race.start
     if start is not None:
         start = StartView(start.command.karts, start.came, start.until)
-    laps = race.laps
-    timed = laps.karts, tuple([each.kart for each in laps.penalties])
     there = race.there
     there = ThereView(there.able > 0, bool(there.button_fault))
     around = (
@@ -493,7 +375,7 @@ def look(race: Any) -> View:
         start,
         there,
     )
-    return View(*_RACE(race), *around, *timed, karts)
+    return View(*_RACE(race), *around, karts)
 
 
 def remember(view: View) -> Facts:
@@ -518,6 +400,7 @@ def recall(view: View, now: float, heat: str | None = '') -> Facts:
             for kart in view.karts
         ),
         heat=heat,
+        race=int(bool(view.starters)),
     )
 
 
@@ -647,18 +530,12 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         return Judgement(True)
     if kind == 'SET_HEAT':
         return Judgement(state is IN_GARAGE and bool(view.heats))
-    if kind in ('STRIKE_PASSING', 'RESTORE_PASSING'):
-        return Judgement(bool(view.timed))
-    if kind in OF_LAPS:
-        started = dict.fromkeys(('COUNT_PASSING', 'PENALISE'), view.timed)
-        whose = {**started, 'UNDO_PENALTY': view.penalties}
-        return Judgement(number in whose.get(kind, (number,)))
     kart = next(kart for kart in view.karts if kart.number == number)
     if kind == 'KART_FINISH':
         drives = kart.in_race and kart.connected and kart.hold is None
         return Judgement(drives and state is GREEN_GREEN and not kart.place)
     if kind == 'KART_UNDO_FINISH':
-        # Only while the results of its race are not told.
+        # Only while the order of FINISH of its race is not told.
         return Judgement(kart.place > 0 and bool(view.starters), True)
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and _stands(kart)), (), (number,))
@@ -712,8 +589,6 @@ def fate(
     :param opinion: what ``judge`` says of the command, if that is known.
     """
     waits = given.what == 'command' and given.kind == 'GREEN_GREEN'
-    if given.what == 'passing':
-        return 'finishes' if _finishes(view, facts, given, now) else ''
     if given.what != 'command':
         start = view.start
         if start is None:
@@ -735,12 +610,26 @@ def fate(
         and _is_as_seen(view, given)
         and _heat_exists(view, given)
         and not _heat_is_barred(view, given)
-        and _corrects(facts, given)
+        and not _is_another_finish(facts, view, given)
     ):
         return 'refused'
-    if given.kind == 'COUNT_PASSING' and _finishes(view, facts, given, now):
-        return 'finishes'
     return 'waits' if waits else 'accepted'
+
+
+def finishes(facts: Facts, view: View, number: int) -> list[tuple[str, int, int]]:
+    """Return what a FINISH of a kart may name: what is under way, then what is not."""
+    known = {kart.number: memory for kart, memory in zip(view.karts, facts.karts, strict=True)}
+    undone = known[number].undone
+    return [
+        (RUN, facts.race, undone),
+        ('another run', facts.race, undone),
+        (RUN, facts.race - 1, undone),
+        (RUN, facts.race, abs(undone - 1)),
+    ]
+
+
+def _is_another_finish(facts: Facts, view: View, given: Input) -> bool:
+    return given.finish is not None and given.finish != finishes(facts, view, given.kart)[0]
 
 
 def _heat_in_race(view: View, facts: Facts) -> Any:
@@ -752,49 +641,6 @@ def _heat_in_race(view: View, facts: Facts) -> Any:
 
 def _heat_exists(view: View, given: Input) -> bool:
     return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
-
-
-def _corrects(facts: Facts, given: Input) -> bool:
-    """Return whether there is what a correction corrects."""
-    if given.kind not in ('STRIKE_PASSING', 'RESTORE_PASSING'):
-        return True
-    laps = facts.laps
-    known, struck = facts.seen, facts.struck
-    if laps is not None:
-        known, struck = frozenset([number for number, _, _ in laps.passings]), laps.struck
-    struck_out = given.serial in struck
-    return given.serial in known and struck_out == (given.kind == 'RESTORE_PASSING')
-
-
-def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
-    """Return what is remembered with a passing; one that is said again is known."""
-    laps, serial = facts.laps, given.serial
-    if given.what == 'command':
-        if laps is None:  # those of a race before race control was started
-            return facts
-        return facts._replace(laps=laps.pressed(given.kart, facts.owner, now - laps.green))
-    if laps is not None and serial not in facts.seen:
-        named = NOBODY if given.kind == 'beam' else given.kart
-        laps = laps.seen(serial, named, facts.owner, now - laps.green)
-    return facts._replace(laps=laps, seen=facts.seen | {serial})
-
-
-def _whose(facts: Facts, given: Input) -> int:
-    """Return which kart it is that crosses; a beam knows it only of one that races alone."""
-    if given.kind != 'beam':
-        return given.kart or facts.owner
-    karts = () if facts.laps is None else facts.laps.karts
-    return karts[0] if len(karts) == 1 else NOBODY
-
-
-def _finishes(view: View, facts: Facts, given: Input, now: float) -> bool:
-    """Return whether race control gives a kart FINISH because of this passing."""
-    then = _with_passing(facts, given, now).laps
-    whose = _whose(facts, given)
-    if then is None or facts.laps is None or not then.times.auto_finish:
-        return False
-    done = then.is_done(whose, facts.owner) and not facts.laps.is_done(whose, facts.owner)
-    return done and judge(view, facts, 'KART_FINISH', whose).allowed
 
 
 def _is_barred(view: View, given: Input) -> bool:
@@ -864,10 +710,8 @@ def expect(
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
     state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut = view[:9]
-    trouble, heats, starters, paused, start, there, timed, penalties, karts = view[9:]
+    trouble, heats, starters, paused, start, there, karts = view[9:]
     what, kind, number = given.what, given.kind, given.kart
-    if becomes == 'finishes':
-        what, kind, becomes = 'command', 'KART_FINISH', 'accepted'
     if kind in STOPS:
         paused = max(paused, now + times.pause)
     elif what == 'held up':
@@ -911,7 +755,7 @@ def expect(
         there = ThereView(given.statement, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
+    elif what in OF_A_START or what in OF_A_LINK:
         pass
     elif what == 'cut off':
         cut = given.statement
@@ -947,12 +791,11 @@ def expect(
         pass
     elif kind == 'GRID_ACTIVE':
         state, msr_used, places, starters = GRID_ACTIVE, False, 0, ()
-        timed, penalties = (), ()
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
         state = GREEN_GREEN
-        timed = starters = tuple(kart.number for kart in karts if kart.in_race)
+        starters = tuple(kart.number for kart in karts if kart.in_race)
     elif kind == 'RACE_OVER':
         state, over, starters = RED_RED, True, ()
     elif kind == 'IN_GARAGE':
@@ -990,13 +833,6 @@ def expect(
             each['in_race'] = each['number'] in chosen
     elif kind == 'OPEN_TRACK':
         track_open, unstated = True, False
-    elif kind == 'PENALISE':
-        penalties = (*penalties, number)
-    elif kind == 'UNDO_PENALTY':
-        last = len(penalties) - penalties[::-1].index(number) - 1
-        penalties = tuple(each for place, each in enumerate(penalties) if place != last)
-    elif kind in OF_LAPS:
-        pass
     else:
         assert kind == 'CLOSE_TRACK', given
         if track_open:
@@ -1009,7 +845,7 @@ def expect(
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
     race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut)
-    return View(*race, trouble, heats, starters, paused, start, there, timed, penalties, seen)
+    return View(*race, trouble, heats, starters, paused, start, there, seen)
 
 
 def is_cut_off(view: View, given: Input, now: float) -> bool:
@@ -1101,13 +937,6 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         alerts.add(('NOBODY_THERE', 0))
     if view.there.fault:
         alerts.add(('BUTTON_FAULT', 0))
-    laps = facts.laps
-    if laps is not None:
-        unknown = [each for each in laps.passings if not each[1] and each[0] not in laps.struck]
-        if not facts.owner and any(at <= laps.ended for _, _, at in unknown):
-            alerts.add(('LAPS_SOURCE', 0))
-        if any(now - laps.green - at > BEAM_PRESS for _, _, at in laps.of_nobody()):
-            alerts.add(('LAPS_SOURCE', 0))
     return alerts
 
 
@@ -1145,16 +974,17 @@ def learn(
         met = met or given.statement
         left = now if before.there.able and not given.statement else left
     met = before.there.able if gridded else met
-    facts = facts._replace(met=met, left=left)
-    facts = _learn_laps(before, facts, given, becomes, after, now, times)
-    if becomes == 'finishes':
-        grid_last = False
+    facts = facts._replace(met=met, left=left, race=facts.race + gridded)
+    if given.kind == 'SET_HEAT' and success and facts.heat is not None:
+        facts = facts._replace(heat=given.heat)
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood, poor = memory
+        ready, lost, phase, missing, stood, poor, undone = memory
         if given.what == 'command' and success:
             if gridded:
-                ready = False
+                ready, undone = False, 0
+            if given.kind == 'KART_UNDO_FINISH' and given.kart == kart.number:
+                undone += 1
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
             if given.kind == 'IN_GARAGE' and _is_covered(before, old):
@@ -1193,52 +1023,8 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood, poor))
+        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone))
     return Facts(grid_last, paused, tuple(karts), outlived, *facts[4:])
-
-
-def _learn_laps(
-    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
-) -> Facts:
-    """Return what the oracle remembers of the laps after an input."""
-    counted = given.kind == 'COUNT_PASSING' and becomes != 'refused'
-    if given.what == 'passing' or counted:
-        facts = _with_passing(facts, given, now)
-    kind, kart = given.kind, given.kart
-    if becomes == 'finishes':
-        kind, kart = 'KART_FINISH', _whose(facts, given)
-    elif given.what == 'command' and becomes != 'accepted':
-        return facts
-    if kind == 'SET_HEAT':
-        return facts if facts.heat is None else facts._replace(heat=given.heat)
-    if kind == 'GIVE_TRANSPONDER':
-        return facts._replace(owner=kart)
-    if kind == 'GRID_ACTIVE' and before.state is IN_GARAGE:
-        return facts._replace(laps=None)
-    if kind == 'GREEN_GREEN':
-        heat = _heat_in_race(after, facts)
-        return facts._replace(laps=LapFacts(now, heat.laps if heat else 0, after.timed, times))
-    laps = facts.laps
-    if laps is None:
-        if kind == 'STRIKE_PASSING':
-            return facts._replace(struck=facts.struck | {given.serial})
-        if kind == 'RESTORE_PASSING':
-            return facts._replace(struck=facts.struck - {given.serial})
-        return facts
-    since = now - laps.green
-    if kind == 'KART_FINISH':
-        laps = laps._replace(out=(*laps.out, (kart, 'finish', since + times.clock_tolerance)))
-    elif kind == 'KART_UNDO_FINISH':
-        laps = laps._replace(out=tuple(each for each in laps.out if each[:2] != (kart, 'finish')))
-    elif kind == 'KART_IN_GARAGE' and before.state is not IN_GARAGE:
-        laps = laps._replace(out=(*laps.out, (kart, 'left', since)))
-    elif kind == 'STRIKE_PASSING':
-        laps = laps._replace(struck=laps.struck | {given.serial})
-    elif kind == 'RESTORE_PASSING':
-        laps = laps._replace(struck=laps.struck - {given.serial})
-    if after.state is not GREEN_GREEN:
-        laps = laps._replace(ended=min(laps.ended, since))
-    return facts._replace(laps=laps)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1253,15 +1039,9 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.statement,
             given.karts,
             given.hold,
-            # Penalties in the results of other heats: test_heats.py.
-            '' if given.kind in ('PENALISE', 'UNDO_PENALTY') else given.heat,
+            given.heat,
             OFFICIAL,
-            'line',
-            str(given.serial),
-            given.serial,
-            'T',
-            seconds=5,
-            reason='so it was',
+            *(given.finish or ()),
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
@@ -1286,11 +1066,6 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.measured(given.kart, NOT_MEASURED._replace(grade=grade, worst_answer=0.0), now)
     if given.what == 'delivered':
         return race.delivered(given.kart, given.serial, now, now)
-    if given.what == 'passing':
-        # Each of a session of its own: the time of arrival is the time.
-        named = (given.kart, '' if given.kart or given.kind == 'beam' else 'T')
-        passing = Passing('line', str(given.serial), given.serial, *named)
-        return race.passed([passing], 0, now)
     if given.what == 'rival':
         return race.rival(given.statement, now)
     if given.what == 'there':
@@ -1357,6 +1132,8 @@ def check_input(
                 name = 'statement' if seen else 'as-seen'
                 if seen and stated and 'state that' not in message:
                     name = 'availability'
+            if success and _is_another_finish(facts, before, given):
+                name = 'finish-other'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
             unchanged = before._replace(paused=after.paused) if kind in STOPS else before
@@ -1371,11 +1148,6 @@ def check_input(
         given = of_start(before.start)
         what, kind = given.what, given.kind
     _check_safety(before, facts, given, outcome, after, now, race.times.settle)
-    if what == 'passing' and (outcome.orders or (after != before and becomes != 'finishes')):
-        raise RuleBrokenError('passing-acts', f'{given}: {before} became {after} with {outcome}')
-    same = after._replace(penalties=before.penalties) == before
-    if kind in OF_LAPS and (outcome.orders or not (same or becomes == 'finishes')):
-        raise RuleBrokenError('laps-act', f'{given}: {before} became {after} with {outcome}')
     _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now, race.times)
     if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
@@ -1385,15 +1157,17 @@ def check_input(
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     _check_memory(after, memory)
+    # What a FINISH may name is shown; so the search need not tell attempts apart.
+    attempts = [kart.attempt for kart in race.karts.values()]
+    shown = race.number if after.state in IN_MOTION else memory.race, attempts
+    if shown != (memory.race, [known.undone for known in memory.karts]):
+        raise RuleBrokenError('finish-other', f'{given}: shows {shown}, with {memory}')
     if race.nobody_since != (memory.left if _nobody(after, memory) else None):
         raise RuleBrokenError('nobody-there', f'{given}: {race.nobody_since} with {memory}')
-    _check_laps(race, memory)
     _check_results(race, before, given, outcome, after)
     if kind == 'SET_HEAT':
         _check_heat(before, given, outcome, after)
     left = before._replace(start=None) if started else before
-    if becomes == 'finishes':
-        given = given._replace(kart=_whose(facts, given))
     expected = expect(left, given, now, race.times, becomes, abandoned)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
@@ -1592,8 +1366,8 @@ def _check_heat(before: View, given: Input, outcome: Any, after: View) -> None:
 
 
 def _check_results(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
-    """Check that the results come when they must, once, and name every kart that started."""
-    told = [event.text for event in outcome.events if event.kind.name == 'RESULTS']
+    """Check that the order of FINISH comes when it must, once, with every kart that started."""
+    told = [event.text for event in outcome.events if event.kind.name == 'ORDER_OF_FINISH']
     ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
     due = bool(before.starters) and ends
     if len(told) != due or (due and after.starters):
@@ -1674,16 +1448,13 @@ def check_recovery(
     def broken(why: str = '') -> RuleBrokenError:
         return RuleBrokenError('restart', f'{why}{view} became {after} with {outcome.events}')
 
-    laps = {'timed': view.timed, 'penalties': view.penalties} if known else {}
     if last_run.name != 'UNKNOWN' and (home or not known):
         begins = fresh._replace(
-            track_open=last_run.name == 'ENDED_OPEN', unstated=last_run.name == 'NONE', **laps
+            track_open=last_run.name == 'ENDED_OPEN', unstated=last_run.name == 'NONE'
         )
         if outcome.orders or after != begins:
             raise broken()
         return
-    if (after.timed, after.penalties) != ((view.timed, view.penalties) if known else ((), ())):
-        raise broken('laps: ')
     if outcome.orders or not _is_unknown(after) or after.over:
         raise broken()
     if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
@@ -1755,17 +1526,6 @@ def _check_memory(after: View, facts: Facts) -> None:
             raise RuleBrokenError('red-to-green', f'{kart} {memory}')
         if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
             raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
-
-
-def _check_laps(race: Any, facts: Facts) -> None:
-    """Check that the laps are counted that the oracle counts."""
-    laps = facts.laps
-    if laps is None or not laps.passings:
-        return
-    for kart in laps.karts:
-        found, wanted = race.laps.counted[kart], laps.crossed(kart, facts.owner)
-        if list(found) != wanted:
-            raise RuleBrokenError('lap-count', f'kart {kart}: {found}, expected {wanted}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
@@ -1973,6 +1733,8 @@ class Search:
     - the number of a place, and how many are given: only whether a kart has one in a race whose
       results are not told yet (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
+    - the number of the race, and how often a finish was undone: a FINISH names what is shown, or
+      something else;
     - when a pause ended, and when a start came, but for whether the pause refuses it;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
@@ -1999,8 +1761,7 @@ class Search:
     :param then: what happens before the search begins; each tick takes 1 s.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
-    :param laps: a source sees karts cross the line, and officials correct that; the karts of the
-        race are a heat of one lap.
+    :param heats: which heat is in the race is looked at.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
         is held up. If not, what a start waits for is so at once, and there is no pause.
     """
@@ -2021,7 +1782,7 @@ class Search:
         begin: str = 'garage',
         without: Container[str] = (),
         waits: bool = False,
-        laps: bool = False,
+        heats: bool = False,
         then: Iterable[Input] = (),
     ) -> None:
         self.rules = rules
@@ -2038,7 +1799,6 @@ class Search:
                 'journal_timeout': 1.0,
                 'nobody_there': 2.0,
                 'settle': 1.0,
-                'min_lap_time': 1.0,
                 **(times or {}),
             }
         )
@@ -2051,15 +1811,15 @@ class Search:
             for number in range(1, racing + outside + 1)
         ]
         numbers = [kart.number for kart in karts]
-        heats = [
-            rules.Heat(f'heat {chosen}', chosen, Format.RACE, int(laps))
+        of_roster = [
+            rules.Heat(f'heat {chosen}', chosen)
             for size in range(1, len(numbers) + 1)
             for chosen in itertools.combinations(numbers, size)
         ]
-        self.race = rules.Race(karts, self.times, heats=heats)
+        self.race = rules.Race(karts, self.times, heats=of_roster, run=RUN)
         self.begin = begin
-        without = {*without, *(() if track else ('OPEN_TRACK',)), *(() if laps else OF_LAPS)}
-        self.laps = laps
+        without = {*without, *(() if track else ('OPEN_TRACK',))}
+        self.heats = heats
         self.then = then
         self.commands = [(kind, 0) for kind in RACE_COMMANDS if kind not in without]
         for kind in KART_COMMANDS:
@@ -2109,17 +1869,9 @@ class Search:
             waiting,
             view.there.able,
             missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
-            self.laps and self._lap_key(view, facts, now),
+            facts.heat,
         )
         return (self._names.setdefault(race, len(self._names)), *karts)
-
-    @staticmethod
-    def _lap_key(view: View, facts: Facts, now: float) -> tuple[Any, ...]:
-        """Return all that is known of the laps: there is no end of it, and of such a search."""
-        laps = facts.laps
-        since = laps is not None and (now - laps.green, laps.passings, laps.struck, laps.out)
-        known = facts.seen if laps is None else len(facts.seen)
-        return facts.heat, facts.owner, known, facts.struck, view.timed, view.penalties, since
 
     def _kart_key(
         self,
@@ -2193,14 +1945,14 @@ class Search:
             memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
-            return recall(look(self.race), 0.0, '' if self.laps else None), 0.0
+            return recall(look(self.race), 0.0, '' if self.heats else None), 0.0
         if self.begin == 'first':
             self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
-        if not self.laps:
+        if not self.heats:
             facts = facts._replace(heat=None)
         way = []
-        if self.laps:
+        if self.heats:
             chosen = tuple(n for n in self.numbers if self.race.karts[n].in_race)
             way.append(Input('command', 'SET_HEAT', heat=f'heat {chosen}'))
         if self.begin in ('grid', 'green'):
@@ -2320,7 +2072,7 @@ class Search:
                     yield Input('command', kind, heat=heat.name), now
                 yield Input('command', kind, heat='no such heat'), now
                 continue
-            right = as_seen(view, Input('command', kind, number, True, len(facts.seen)))
+            right = as_seen(view, Input('command', kind, number, True))
             if opinion.allowed and opinion.needs_statement:
                 yield right._replace(statement=False), now
             yield right, now
@@ -2328,6 +2080,9 @@ class Search:
                 yield right._replace(statement=False), now
             if opinion.allowed and kind in NAMING:
                 yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
+            if opinion.allowed and kind == 'KART_FINISH':
+                for named in finishes(facts, view, number):
+                    yield right._replace(finish=named), now
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
             if self.waits and kind in LOOSENING:
@@ -2356,12 +2111,6 @@ class Search:
         if self.people:
             for kind, able in (('', True), ('fault', True), ('', False)):
                 yield Input('there', kind, statement=able), now
-        if self.laps:
-            for number in (0, *self.numbers):
-                yield Input('passing', '', number, serial=len(facts.seen) + 1), now
-            yield Input('passing', '', self.numbers[0], serial=len(facts.seen)), now
-            if len(view.timed) > 1:
-                yield Input('passing', 'beam', serial=len(facts.seen) + 1), now
         if self.waits:
             yield Input('held up'), now
         if view.start is not None:

@@ -13,6 +13,7 @@ import random
 import sqlite3
 from typing import Any, cast
 
+from evgp_node.stream import Began, Block, Gap
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report.model import Account
@@ -20,20 +21,7 @@ from evgp_rcs.record.runs import Kept
 from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    Entrant,
-    entries_of,
-    Entry,
-    Gap,
-    Log,
-    Rules,
-    Setup,
-)
-from evgp_rcs.rules.laps import Passing
+from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Command,
@@ -72,7 +60,6 @@ class PaperRace:
         self.log = Log()
         self.batches: list[Batch] = []
         self._sequence = itertools.count(1)
-        self._passings = itertools.count(1)
 
     def feed(self, given: inputs.Input) -> Outcome:
         """Feed and log an input, as the kart server does it."""
@@ -158,17 +145,6 @@ class PaperRace:
         hold = self.race.karts[number].hold if number else None
         command = Command(kind, kart, True, frozenset(seen), hold, heat, official)
         return self.feed(inputs.Commanded(self.now, command._replace(**fields), self.now))
-
-    def cross(self, kart: int = 0, transponder: str = '') -> None:
-        """Have the source `line` see somebody cross the timing line."""
-        number, stamp = next(self._passings), round(self.now * 1e9)
-        passing = Passing('line', 'today', number, kart, transponder, stamp)
-        self.feed(inputs.Passed(self.now, (passing,), 0))
-
-    def strike(self, number: int, reason: str, official: str) -> None:
-        """Have an official strike out what `line` saw."""
-        terms: dict[str, Any] = {'session': 'today', 'number': number, 'reason': reason}
-        self.command(CommandKind.STRIKE_PASSING, official=official, source='line', **terms)
 
     def drive(self) -> None:
         """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""

@@ -14,24 +14,15 @@ import json
 import pathlib
 from typing import Any, get_args, get_type_hints
 
+from evgp_node.encoding import read, written
+from evgp_node.stream import Began, Block, DamagedError, Gap, joined
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import process as kart_process
 from evgp_rcs.karts import server as kart_server
-from evgp_rcs.rules import inputs, laps
+from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.encoding import read, written
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Block,
-    decode,
-    encode,
-    entries_of,
-    Gap,
-    InputsError,
-    joined,
-    Log,
-)
+from evgp_rcs.rules.inputs import Batch, decode, encode, entries_of, Log
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     AlertKind,
@@ -72,37 +63,10 @@ COMMANDS = st.builds(
     hold=st.none() | STATES,
     heat=TEXTS,
     official=TEXTS,
-    source=TEXTS,
-    number=NUMBERS,
-    seconds=NUMBERS,
-    laps=NUMBERS,
-    disqualified=FLAGS,
+    run=TEXTS,
+    race=NUMBERS,
+    attempt=NUMBERS,
     age=st.floats(0.0, 86_400.0),
-)
-PENALTIES = st.builds(
-    laps.Penalty, NUMBERS, NUMBERS, NUMBERS, disqualified=FLAGS, reason=TEXTS, official=TEXTS
-)
-LAPS = st.builds(
-    laps.LapsMemory,
-    format=st.sampled_from(laps.Format),
-    wanted=NUMBERS,
-    crossed=st.dictionaries(KARTS, st.lists(TIMES).map(tuple)),
-    finished=st.lists(KARTS).map(tuple),
-    penalties=st.lists(PENALTIES).map(tuple),
-    heat=TEXTS,
-    grid=st.lists(KARTS).map(tuple),
-)
-PASSINGS = st.builds(
-    laps.Passing,
-    source=TEXTS,
-    session=TEXTS,
-    number=NUMBERS,
-    kart=KARTS,
-    transponder=TEXTS,
-    stamp_ns=NUMBERS,
-    clock=NUMBERS,
-    hits=NUMBERS,
-    strength=st.none() | TIMES,
 )
 MEMORIES = st.builds(
     RaceMemory,
@@ -110,9 +74,7 @@ MEMORIES = st.builds(
     karts=st.dictionaries(KARTS, st.builds(KartMemory, place=NUMBERS)),
     track_open=FLAGS,
     unstated=FLAGS,
-    laps=LAPS,
-    heats=st.lists(LAPS, max_size=2).map(tuple),
-    given=st.lists(st.builds(laps.Owner, TEXTS, KARTS)).map(tuple),
+    heat=TEXTS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
 LINKS = st.builds(
@@ -140,6 +102,7 @@ SETUPS = st.builds(
     ),
     heats=st.lists(st.builds(Heat, SETUP_TEXTS, st.lists(SETUP_KARTS).map(tuple))).map(tuple),
     now=TIMES,
+    run=TEXTS,
 )
 EVENTS = st.builds(
     Event,
@@ -153,13 +116,12 @@ EVENTS = st.builds(
     after=TIMES,
     alert=st.none() | st.sampled_from(AlertKind),
     grade=st.none() | st.sampled_from(Grade),
-    lap=SETUP_KARTS,
     hold=st.none() | STATES,
     race=SETUP_KARTS,
     heat=SETUP_TEXTS,
 )
 ENTRIES = st.one_of(
-    st.builds(inputs.Began, TEXTS, TEXTS, NUMBERS),
+    st.builds(Began, TEXTS, TEXTS, NUMBERS),
     st.builds(inputs.Rules, TEXTS, SETUPS),
     st.builds(StampedEvent, NUMBERS, NUMBERS, TIMES, EVENTS),
     st.builds(inputs.Commanded, TIMES, COMMANDS, TIMES),
@@ -168,7 +130,6 @@ ENTRIES = st.one_of(
     st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES, TIMES),
     st.builds(inputs.Delivered, TIMES, KARTS, KARTS, TIMES),
     st.builds(inputs.Measured, TIMES, KARTS, LINKS),
-    st.builds(inputs.Passed, TIMES, st.lists(PASSINGS).map(tuple), NUMBERS),
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),
@@ -256,14 +217,14 @@ def test_whatever_stands_in_an_input_it_is_read_or_refused(
 ) -> None:
     text = encode(entry).decode()
     where = data.draw(st.sampled_from([*places_in(json.loads(text))]))
-    with contextlib.suppress(InputsError):
+    with contextlib.suppress(DamagedError):
         list(decode(with_hostile(text, where, hostile).encode('latin-1')))
 
 
 def test_a_block_of_which_one_byte_was_changed_is_refused() -> None:
     data = bytearray(Block(0, encode(inputs.Connected(1.0, 7))).compressed())
     data[len(data) // 2] ^= 1
-    with pytest.raises(InputsError):
+    with pytest.raises(DamagedError):
         Block.of(bytes(data))
 
 

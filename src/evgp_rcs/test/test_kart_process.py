@@ -16,10 +16,10 @@ import sys
 import threading
 from typing import Any
 
+from evgp_node.roster import Roster, RosterEntry
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs.files.roster import Roster, RosterEntry
 from evgp_rcs.karts.channel import (
     Alive,
     ANSWER_TIMEOUT,

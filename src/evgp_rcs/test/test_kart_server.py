@@ -9,7 +9,6 @@ import asyncio
 from collections.abc import Callable, Iterator
 import concurrent.futures
 import contextlib
-import itertools
 import queue
 import resource
 import socket
@@ -26,8 +25,6 @@ from evgp_rcs.karts import server as kart_server
 from evgp_rcs.karts.channel import (
     Alive,
     Happened,
-    Passings,
-    PassingsTaken,
     ServerSettings,
     Unpacker,
 )
@@ -36,14 +33,12 @@ from evgp_rcs.karts.server import (
     HELD_UP,
     KartServer,
     KartServerError,
-    RESULTS_EVERY,
     ROS_HALF_SILENCE,
     RosHalfGoneError,
     Waiting,
 )
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, Commanded, Ordered, Passed
-from evgp_rcs.rules.laps import Format, Laps, Passing
+from evgp_rcs.rules.inputs import Batch, Commanded, Ordered
 from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
@@ -57,7 +52,7 @@ from evgp_rcs.rules.race import (
     RaceTimes,
     StampedEvent,
 )
-from evgp_rcs.rules.snapshot import Snapshot, Standings
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
@@ -1054,24 +1049,6 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
     assert running.failure is None
 
 
-# ----- the timing line ----------------------------------------------------------------------
-
-
-def passings(*numbers: int) -> Passings:
-    return Passings(tuple(Passing('line', 'today', number, 1) for number in numbers), 0)
-
-
-def heard_of(running: Running, kind: type[Any]) -> list[Any]:
-    """Return what the ROS half was sent of this kind, once there is any."""
-    with running._news:
-
-        def found() -> list[Any]:
-            return [each for each in running.messages if isinstance(each, kind)]
-
-        assert running._news.wait_for(lambda: bool(found()), TIMEOUT)
-        return found()
-
-
 def logged(running: Running, kind: type[Any]) -> list[Any]:
     """Return what went into the rules, once there is any of this kind."""
     with running._news:
@@ -1102,45 +1079,3 @@ def test_what_an_input_has_made_is_handed_to_the_record_with_it(
         batches = [batch.entries for batch in running.log]
     assert sum(batch.count(None) for batch in batches) > 5
     assert not any(batch[0] is None or isinstance(batch[0], Ordered) for batch in batches)
-
-
-def test_passings_are_taken_one_batch_after_the_other_and_told(run: Run) -> None:
-    running = run()
-    running.say(passings(1, 2))
-    assert heard_of(running, PassingsTaken) == [PassingsTaken()]
-    running.wait_for(EventKind.PASSING, 1, 2)
-    (taken,) = (each for each in logged(running, Passed) if isinstance(each, Passed))
-    assert [each.number for each in taken.passings] == [1, 2]
-
-
-def test_a_stop_that_comes_behind_passings_is_judged_before_them(
-    run: Run, connect: Connect
-) -> None:
-    running = run(NO_BEAT)
-    client = connect(running, 1)
-    read_until(client, IN_GARAGE)
-    stop = Command(CommandKind.ALL_KILL, official='Anna')
-    running._said.put(passings(1))
-    running.submit(stop).result(TIMEOUT)
-    heard_of(running, PassingsTaken)
-    inputs = logged(running, Passed)
-    kinds = [type(each) for each in inputs if isinstance(each, Passed | Commanded)]
-    assert kinds == [Commanded, Passed]
-
-
-def test_results_are_sent_once_there_are_laps_and_not_more_than_once_a_second(run: Run) -> None:
-    running = run()
-    # The first message may go out before there are laps.
-    heard_of(running, Standings)
-    with running._news:
-        running.race.laps = Laps(running.race.times, Format.RACE, 0, clock.now(), (1,)).again()
-    numbers = itertools.count(1)
-    while len(standings := heard_of(running, Standings)) < 3:
-        # Race control would end if it heard nothing of its ROS half for so long.
-        running.say(passings(next(numbers)))
-        with running._news:
-            running._news.wait(0.1)
-    assert [[each.kart for each in message.karts] for message in standings] == [[], [1], [1]]
-    assert all(
-        after.stamp - at.stamp >= RESULTS_EVERY for at, after in itertools.pairwise(standings)
-    )

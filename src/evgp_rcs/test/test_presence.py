@@ -7,7 +7,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from evgp_rcs.ros.presence import BUTTON, MOST_PROGRAMS, Presences, SILENT_AFTER
+from evgp_rcs.ros.presence import (
+    BUTTON,
+    MOST_PROGRAMS,
+    Presences,
+    SILENT_AFTER,
+    TIMEKEEPER,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -57,6 +63,14 @@ def test_a_fault_that_lasts_counts_as_silence_and_one_that_is_over_does_not(
 def test_a_window_that_has_a_fault_from_the_start_does_not_count(presences: Presences) -> None:
     presences.hear(Word(fault='race control is gone'), 10.0)
     assert presences.attendance(10.0).able == 0
+
+
+@pytest.mark.parametrize('word', [Word(program=TIMEKEEPER), Word(official=TIMEKEEPER)])
+def test_the_timekeeper_never_counts(presences: Presences, word: Word) -> None:
+    presences.hear(word, 10.0)
+    assert presences.attendance(10.0) == (0, '', '')
+    presences.hear(Word(official='Anna'), 10.0)
+    assert presences.attendance(10.0).able == 1
 
 
 def test_a_button_with_a_fault_is_told_until_it_works_again(presences: Presences) -> None:

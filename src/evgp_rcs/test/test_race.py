@@ -6,19 +6,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
-from typing import Any
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.link_quality import NOT_MEASURED, POOR_LATELY
 from evgp_rcs.rules.race import (
     AlertKind,
     Answer,
     Attendance,
-    AUTO_FINISH,
     Command,
     Doubt,
     EventKind,
@@ -26,7 +22,6 @@ from evgp_rcs.rules.race import (
     Kart,
     KartMemory,
     LastRun,
-    MOST_GIVEN,
     NOBODY_THERE,
     Outcome,
     Race,
@@ -469,6 +464,73 @@ def test_the_last_delay_serves_all_further_places() -> None:
     assert RaceTimes(finish_delays=()).finish_delay(1) == 0.0
 
 
+RUN = 'run-of-today'
+
+
+@pytest.fixture
+def green() -> Officials:
+    """Return officials whose race has a name, and is in GREEN_GREEN."""
+    officials = Officials()
+    officials.race.run = RUN
+    STATES['GREEN_GREEN'](officials)
+    return officials
+
+
+def finish(officials: Officials, run: str, race: int, attempt: int) -> Answer:
+    """Give the FINISH of kart 1 as the timekeeper does, which names what it is for."""
+    command = Command(
+        CommandKind.KART_FINISH, 1, official='timekeeper', run=run, race=race, attempt=attempt
+    )
+    answer = officials.race.command(command, officials.now).answer
+    assert answer is not None
+    return answer
+
+
+ANOTHER_FINISH = 'KART_FINISH refused: it is for another race, or the finish of kart 1 (Ohm) was'
+
+
+@pytest.mark.parametrize('named', [('run-of-yesterday', 1, 0), (RUN, 2, 0), (RUN, 1, 1)])
+def test_a_finish_that_names_another_run_race_or_attempt_is_refused(
+    named: tuple[str, int, int], green: Officials
+) -> None:
+    answer = finish(green, *named)
+    assert not answer.success
+    assert answer.message.startswith(ANOTHER_FINISH)
+    assert green.race.karts[1].place == 0
+    assert finish(green, RUN, 1, 0).success
+
+
+def test_a_finish_for_an_attempt_that_was_undone_is_refused_but_not_the_next_one(
+    green: Officials,
+) -> None:
+    assert finish(green, RUN, 1, 0).success
+    green.does('KART_UNDO_FINISH', 1)
+    assert not finish(green, RUN, 1, 0).success
+    assert snapshot_of(green.race, green.now).karts[0].attempt == 1
+    assert finish(green, RUN, 1, 1).success
+
+
+def test_a_finish_of_an_official_names_nothing_and_is_for_the_race_under_way(
+    green: Officials,
+) -> None:
+    green.does('KART_FINISH', 1)
+    green.does('KART_UNDO_FINISH', 1)
+    green.does('KART_FINISH', 1)
+    assert green.race.karts[1].place == 1
+
+
+def test_the_attempts_of_a_kart_are_counted_in_each_race(green: Officials) -> None:
+    green.does('KART_FINISH', 1)
+    green.does('KART_UNDO_FINISH', 1)
+    green.does('RACE_OVER')
+    green.acknowledge(1, 2)
+    green.does('IN_GARAGE')
+    STATES['GREEN_GREEN'](green)
+    assert green.race.karts[1].attempt == 0
+    assert not finish(green, RUN, 1, 0).success
+    assert finish(green, RUN, 2, 0).success
+
+
 def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
     officials.to_over()
     officials.says(1, RED_RED)
@@ -650,9 +712,7 @@ def test_alerts_come_newest_first(officials: Officials) -> None:
 
 
 @pytest.mark.parametrize('reach', STATES.values(), ids=STATES)
-@pytest.mark.parametrize(
-    'kind', sorted(kind.name for kind, entry in CATALOGUE.items() if not entry.of_laps)
-)
+@pytest.mark.parametrize('kind', sorted(kind.name for kind, entry in CATALOGUE.items()))
 def test_a_command_is_refused_for_the_announced_reason_and_only_then(
     kind: str, reach: Reach, officials: Officials
 ) -> None:
@@ -994,96 +1054,3 @@ def test_when_the_race_began_is_when_grid_active_was_accepted_last(officials: Of
     officials.wait(1.0)
     officials.does('ALL_KILL')
     assert race.race_since == since
-
-
-# ----- laps ---------------------------------------------------------------------------------
-
-
-def crossing(officials: Officials, kart: int, number: int) -> Outcome:
-    passing = Passing('line', 'today', number, kart, stamp_ns=round(officials.now * 1e9))
-    return officials.race.passed([passing], 0, officials.now)
-
-
-def corrects(officials: Officials, kind: str, kart: int = 0, **fields: Any) -> str:
-    """Give a correction, and return what the official reads if it is refused."""
-    command = Command(CommandKind[kind], kart, official='Anna', **fields)
-    outcome = officials.race.command(command, officials.now)
-    assert outcome.answer is not None
-    assert not outcome.orders
-    return '' if outcome.answer.success else outcome.answer.message
-
-
-def test_a_lap_is_told_with_its_number_and_its_time(officials: Officials) -> None:
-    officials.to_green()
-    crossing(officials, 1, 1)
-    officials.wait(12.5)
-
-    told = {event.kind: event for event in crossing(officials, 1, 2).events}
-
-    assert told[EventKind.PASSING].chatter
-    lap = told[EventKind.LAP]
-    assert (lap.kart, lap.lap, lap.after) == (1, 1, pytest.approx(12.5))
-
-
-def test_passings_from_before_green_that_are_said_again_count_for_nothing(
-    officials: Officials,
-) -> None:
-    """A source keeps its last passings for whoever finds it late, as after a pulled cable."""
-    officials.to_ready()
-    crossing(officials, 1, 1)
-    officials.does('GREEN_GREEN')
-    officials.wait(10.0)
-
-    assert crossing(officials, 1, 1).events == ()
-    assert officials.race.laps.crossings == ()
-
-
-def test_a_finish_that_race_control_gives_names_itself_as_the_cause() -> None:
-    times = dataclasses.replace(NO_PAUSE, auto_finish=True)
-    officials = Officials(times)
-    officials.race.heats = (dataclasses.replace(HEATS[0], laps=1),)
-    officials.command('SET_HEAT')
-    officials.to_green()
-    crossing(officials, 1, 1)
-    officials.wait(10.0)
-
-    (given,) = (each for each in crossing(officials, 1, 2).events if each.command is not None)
-
-    assert (given.kind, given.command) == (EventKind.COMMAND, CommandKind.KART_FINISH)
-    assert (given.official, given.kart) == (AUTO_FINISH, 1)
-    assert officials.race.karts[1].place == 1
-
-
-def test_a_correction_and_a_penalty_say_why_and_what(officials: Officials) -> None:
-    officials.to_green()
-    crossing(officials, 1, 1)
-    which = {'source': 'line', 'session': 'today', 'number': 1}
-
-    assert corrects(officials, 'STRIKE_PASSING', **which)
-    assert not corrects(officials, 'STRIKE_PASSING', **which, reason='nobody crossed')
-    assert corrects(officials, 'STRIKE_PASSING', **which, reason='again')
-    assert not corrects(officials, 'RESTORE_PASSING', **which)
-    assert corrects(officials, 'RESTORE_PASSING', **which)
-    assert corrects(officials, 'PENALISE', 1, reason='a short cut')
-    assert corrects(officials, 'PENALISE', 1, seconds=5)
-    assert not corrects(officials, 'PENALISE', 1, seconds=5, reason='a short cut')
-    assert corrects(officials, 'GIVE_TRANSPONDER', 1)
-
-
-def test_a_transponder_that_was_given_can_be_given_again_when_no_other_can(
-    officials: Officials,
-) -> None:
-    for number in range(MOST_GIVEN):
-        assert not corrects(officials, 'GIVE_TRANSPONDER', 1, transponder=f't{number}')
-
-    assert corrects(officials, 'GIVE_TRANSPONDER', 1, transponder='another')
-    assert not corrects(officials, 'GIVE_TRANSPONDER', 2, transponder='t0')
-    assert len(officials.race.given) == MOST_GIVEN
-
-
-def test_a_passing_of_a_kart_that_is_not_in_the_roster_is_told_of_no_kart(
-    officials: Officials,
-) -> None:
-    (told,) = crossing(officials, 4711, 1).events
-    assert (told.kind, told.kart) == (EventKind.PASSING, 0)
-    assert '4711' in told.text

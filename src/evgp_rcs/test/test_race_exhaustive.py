@@ -169,12 +169,8 @@ def test_the_nearest_states_of_starts_that_wait_while_people_come_and_go() -> No
     assert search.run(500).pairs_compared > 20
 
 
-# Every passing is remembered, so this search has no end; what a passing must not do, the nearest
-# states show, and random races.
-@pytest.mark.parametrize('auto_finish', [True, False])
-def test_the_nearest_states_of_karts_whose_laps_are_counted(auto_finish: bool) -> None:
-    times = {'auto_finish': auto_finish}
-    search = oracle.Search(race, racing=1, outside=1, begin='green', laps=True, times=times)
+def test_the_nearest_states_of_heats_and_of_finishes_that_name_their_race() -> None:
+    search = oracle.Search(race, racing=1, outside=1, begin='green', heats=True)
     assert search.run(300).states == 300
 
 

@@ -22,12 +22,7 @@ pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
 REQUIRED = {'require_inspection': True}
 AT_ONCE = {'settle': 0.0}
-LAPS = {'auto_finish': True}
 ALL_OF_ONE = oracle.KART_COMMANDS
-CROSSES = oracle.Input('passing', '', 1, serial=1)
-SEEN = oracle.Input('passing', 'beam', serial=1)
-STOPPED = oracle.Input('command', 'KART_RED_RED', 1, True)
-MARKED = oracle.Input('command', 'KART_FINISH', 1, True)
 
 ONE_SILENT = (
     oracle.Input('connected', '', 1),
@@ -39,17 +34,21 @@ ON_THE_GRID = oracle.Input('command', 'GRID_ACTIVE', 0, True)
 ANNA = oracle.Input('there', statement=True)
 NOBODY = oracle.Input('there')
 
+UNDONE_AND_HOME = (
+    oracle.Input('command', 'KART_FINISH', 1),
+    oracle.Input('command', 'KART_UNDO_FINISH', 1, True),
+    oracle.Input('command', 'RACE_OVER'),
+    oracle.Input('command', 'KART_IN_GARAGE', 1, True),
+    oracle.Input('command', 'IN_GARAGE', 0, True),
+    oracle.Input('command', 'JOIN_RACE', 1),
+)
+
 World = tuple[int, dict[str, Any]]
 
 
 def world(most: int, racing: int, outside: int, begin: str = 'garage', **more: object) -> World:
     """Return a small world, and the number of its states that are searched."""
     return most, {'racing': racing, 'outside': outside, 'begin': begin, **more}
-
-
-def lapping(*then: oracle.Input, **more: object) -> World:
-    """Return a world in which one kart races, and this has happened."""
-    return world(60, 1, 0, 'green', laps=True, then=then, **more)
 
 
 # Each fault is found in one of them well before so many states.
@@ -78,15 +77,9 @@ WORLDS = {
     'two in green': world(300, 2, 0, 'green'),
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
-    'laps': world(120, 1, 0, 'green', laps=True, times=LAPS),
-    'laps by hand': world(120, 1, 0, 'green', laps=True),
-    'laps of a kart that is held': lapping(CROSSES, STOPPED, times=LAPS),
-    'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
-    'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
-    'laps of two': world(40, 2, 0, 'green', laps=True, then=(SEEN,)),
-    'laps in the garage': world(60, 1, 1, laps=True),
-    'laps outside': world(5, 1, 1, 'green', laps=True),
-    'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
+    'heats': world(60, 1, 1, heats=True),
+    'an undone finish': world(20, 1, 0, 'green', then=UNDONE_AND_HOME, times=AT_ONCE),
+    'two heats': world(60, 1, 1, 'green', heats=True),
     'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
     'people in green': world(100, 1, 0, 'green', people=True, then=(ANNA,)),
     'nobody told': world(
@@ -195,7 +188,7 @@ later places stay when a finish is undone: effect [two in green]
     _kart_undo_finish: each.place -= 1 => pass
 a place that was taken back counts for the next one: effect
     _kart_undo_finish: self.places_given -= 1 =>
-a finish is undone when the results are out: availability [green]
+a finish is undone when the order of FINISH was told: availability [green]
     _no_undo_finish: kart.number not in self.starters => False
 a finish is undone without the statement that the kart has not finished: statement
     COMMANDS: f'{race.karts[command.kart]} has not finished' => ''
@@ -243,13 +236,14 @@ a heat that is not in the roster is refused without those that are: refusal-sile
     _no_such_heat: ', '.join(f'"{heat.name}"' for heat in self.heats) => 'others'
 the places are gone with IN_GARAGE: results, effect [green]
     _race_in_garage: finish_due = None => finish_due = None ¶ each.place = 0
-the results of a race that was stopped are never told: results
-    _race_in_garage: self._tell_results() # of a race that was stopped and never declared over =>
-        pass
-the results are told again with every RACE_OVER: results _tell_results: self.starters = () =>
-the results leave out who did not finish: results
-    _tell_results: not each.place => not each.place and each.in_race
-a restart forgets that the results were never told: restart
+the order of FINISH of a race that was stopped is never told: results
+    _race_in_garage: self._tell_order_of_finish() # of a race that was stopped and never declared
+        over => pass
+the order of FINISH is told again with every RACE_OVER: results
+    _tell_order_of_finish: self.starters = () =>
+the order of FINISH leaves out who did not finish: results
+    _tell_order_of_finish: not each.place => not each.place and each.in_race
+a restart forgets that the order of FINISH was never told: restart
     recover: in (GREEN_GREEN, RED_FLAG) => is RED_FLAG
 a kart that is held is given a place: availability
     _no_finish: if kart.hold is not None: return f'{kart} is held: {kart.hold_reason}' => pass
@@ -439,8 +433,8 @@ a race starts with a kart as which two programs connect: availability, contested
     _no_green_green: unfit := self._contested(racing) or => unfit :=
 two programs of one kart raise no alert: alerts [network]
     _current_alerts: if kart.contested => if kart.contested and self.has_rival
-GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-there, results
-    [grid]
+GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
+    results [grid]
     _grid_active: return 'GRID_ACTIVE is the last command again; who has acknowledged it need not
         again' => self.places_given += 1
 GRID_ACTIVE is not given again: availability
@@ -598,64 +592,24 @@ a race never goes home from the grid with a kart on it: availability, stuck
     _no_in_garage: may_be_moving or (each.doubt and not each.connected) => doubt
 a race cannot go home without a record: availability [around]
     _no_in_garage: if not missing: return '' => if not missing: ¶> return self._no_record()
-a kart finishes with its last lap though nobody set it: passing-acts, laps-act [laps by hand]
-    _take_passings: self.times.auto_finish and =>
-a kart does not finish with its last lap though it is set: effect [laps]
-    _take_passings: self._decide(last, '', now) => pass
-a kart that is held finishes with its last lap: effect, passing-acts, laps-act [laps of a kart
-    that is held]
-    _take_passings: and not self._refusal(last) =>
-a passing sends a kart RED_FLAG: passing-acts, laps-act, sent-wrong, order-wrong [laps by hand]
-    _take_passings: kart = self.karts[number] => kart = self.karts[number] ¶ self._hold(kart,
-        RED_FLAG, 'crossed the line', now)
-a passing ends a hold: passing-acts, hold-forgotten, red-loosened [laps by hand]
-    passed: self._seen |= => for each in self.karts.values(): ¶> self._unhold(each) ¶ self._seen |=
-a passing counts for an acknowledgement: passing-acts, ack-from-nothing [laps by hand]
-    passed: self._seen |= => for each in self.karts.values(): ¶> each.acknowledged = each.connected
-        ¶ self._seen |=
-a passing that is said again counts again: lap-count [laps by hand]
-    passed: if each.identity not in self._seen =>
-laps are counted after the race was stopped: lap-count, alerts [laps by hand]
-    _go: self.laps = self.laps.end(now) => pass
-laps are counted after the finish: lap-count [laps by hand]
-    _kart_finish: self.laps = self.laps.finish(kart.number, now) => pass
-a finish that is undone leaves the laps at an end: lap-count [laps with a finish undone]
-    _kart_undo_finish: self.laps = self.laps.undo_finish(kart.number) => pass
-a kart that was taken out of the race goes on with its laps: lap-count [laps of a kart that was
-    released]
-    _release_kart: self.laps = self.laps.leave(kart.number, now) => pass
-a passing that an official counts is forgotten: lap-count [laps by hand]
-    _count_passing: self._take_passings([seen], 0, now) => []
-a press counts beside what the beam saw: lap-count, alerts [laps of two]
-    _count_passing: Passing(BY_HAND => Passing('hand'
-a passing that an official counts sends a kart RED_FLAG: laps-act, sent-wrong, order-wrong [laps
-    by hand]
-    _count_passing: marks = => self._hold(self.karts[command.kart], RED_FLAG, 'counted', now) ¶
-        marks =
-a passing that is struck out counts: lap-count, alerts [laps by hand]
-    _correct_passing: self.laps = self.laps.strike(command.passing, why) => pass
-a passing that is put back does not count: lap-count, availability, alerts [laps by hand]
-    _correct_passing: self.laps = self.laps.restore(command.passing) => pass
-a passing that nobody saw is struck out: availability [laps by hand]
-    _no_such_correction: not self.laps.knows(command.passing) => False
-a transponder that is given counts from now on only: lap-count, alerts [laps by hand]
-    _give_transponder: self.laps.again( => dataclasses.replace(self.laps,
-a transponder takes GREEN_GREEN away: available-from, availability [laps on the grid]
-    _decide: CATALOGUE[command.kind].bookkeeping => (CATALOGUE[command.kind].bookkeeping and
-        command.kind is not CommandKind.GIVE_TRANSPONDER)
-a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps by hand]
-    _penalise: self.laps = self.laps.penalise(penalty, command.heat) => self.laps =
-        self.laps.penalise(penalty, command.heat) ¶ self._hold(self.karts[command.kart], RED_RED,
-        'penalty', now)
-a kart is penalised that did not start: availability [laps outside]
-    _not_started: if kart.number in self.laps.of_heat(heat).karts => if True
-a penalty is taken back that there is not: availability [laps by hand]
-    _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
-a heat stays in the race with karts of another one: heat [laps in the garage]
-    _heat: if heat.name == self._put_in and racing and racing <= {*heat.karts} => if
-        heat.name == self._put_in and racing
-a restart forgets the laps: restart [laps by hand]
-    recover: self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats)) => pass
+a FINISH of another run of race control is taken: finish-other [green]
+    _no_finish: meant != (self.run, self => meant[1:] != (self
+a FINISH of another race is taken: finish-other [green]
+    _no_finish: self.number, kart => command.race, kart
+a FINISH that was undone is taken again: finish-other [green]
+    _no_finish: kart.attempt) => command.attempt)
+an undone finish is no attempt: finish-other, availability [green]
+    _kart_undo_finish: kart.attempt += 1 => pass
+the attempts of a race go on in the next one: finish-other [an undone finish]
+    _grid_active: each.place = each.attempt = 0 => each.place = 0
+a FINISH that names no race is refused: availability [green]
+    _no_finish: if command.run and meant => if meant
+a FINISH counts as somebody who is there: nobody-there [people in green]
+    _kart_finish: self.places_given += 1 => self.places_given += 1 ¶ self.nobody_since = None
+a heat stays in the race with karts of another one: heat [heats]
+    heat: and racing <= {*heat.karts} =>
+a heat stays in the race without any kart: heat [heats]
+    heat: if inside and racing => if inside
 a race that nobody can stop goes on: nobody-there, effect [people in green]
     tick: self._go(RED_FLAG, now, NOBODY_THERE) => pass
 the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
@@ -700,8 +654,6 @@ a button at fault raises no alert: alerts [people in green]
 a button at fault stops the race: there-acts, effect [people in green]
     attended: self.there = there => self.there = there ¶ if there.button_fault: ¶>
         self._go(RED_RED, now, 'button')
-an unknown transponder raises no alert: alerts [laps by hand]
-    _current_alerts: trouble := self.laps.trouble(now) => trouble := False
 """
 )
 """Each fault under what it would mean on the track."""

@@ -9,7 +9,6 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules import race as rules
-from evgp_rcs.rules.snapshot import snapshot_of
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -33,7 +32,6 @@ STEPS = st.one_of(
     st.floats(0.0, 200.0, allow_nan=False),
 )
 KARTS = st.integers(1, MOST_KARTS)
-SERIALS = st.integers(1, 12)
 HEATS = st.integers(1, MOST_HEATS).map('heat {}'.format)
 TIMES = st.builds(
     rules.RaceTimes,
@@ -48,10 +46,6 @@ TIMES = st.builds(
     pause_after_held_up=st.floats(0.0, 10.0),
     journal_timeout=st.floats(0.0, 5.0),
     settle=st.floats(0.0, 10.0),
-    min_lap_time=st.floats(0.0, 10.0),
-    first_crossing=st.sampled_from(('starts', 'ends')),
-    clock_tolerance=st.floats(0.0, 5.0),
-    auto_finish=st.booleans(),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
 )
 OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', 'withdrawn', ''))
@@ -65,9 +59,7 @@ class Races(RuleBasedStateMachine):
         times=st.one_of(st.just(rules.RaceTimes()), TIMES),
         now=st.floats(0.0, 1e6),
         linked=st.booleans(),
-        heats=st.lists(
-            st.tuples(st.frozensets(KARTS, min_size=1), st.integers(0, 2)), max_size=MOST_HEATS
-        ),
+        heats=st.lists(st.frozensets(KARTS, min_size=1), max_size=MOST_HEATS),
     )
     def line_up(
         self,
@@ -75,7 +67,7 @@ class Races(RuleBasedStateMachine):
         times: rules.RaceTimes,
         now: float,
         linked: bool,
-        heats: list[tuple[frozenset[int], int]],
+        heats: list[frozenset[int]],
     ) -> None:
         karts = [rules.Kart(number, in_race=each) for number, each in enumerate(racing, 1)]
         self.race = rules.Race(
@@ -83,13 +75,10 @@ class Races(RuleBasedStateMachine):
             times,
             now,
             [
-                rules.Heat(
-                    f'heat {name}',
-                    tuple(sorted({1 + n % len(karts) for n in chosen})),
-                    laps=laps,
-                )
-                for name, (chosen, laps) in enumerate(heats, 1)
+                rules.Heat(f'heat {name}', tuple(sorted({1 + n % len(karts) for n in chosen})))
+                for name, chosen in enumerate(heats, 1)
             ],
+            oracle.RUN,
         )
         self.now = now
         self.facts = oracle.remember(oracle.look(self.race))
@@ -111,22 +100,14 @@ class Races(RuleBasedStateMachine):
             oracle.check_announced(
                 rules, self.race, before, self.facts, given.kind, given.kart, self.now
             )
-        offered = self.offered() if given.what == 'passing' else []
         outcome = oracle.give(rules, self.race, given, self.now)
         after = oracle.look(self.race)
-        if given.what == 'passing' and after == before:
-            assert self.offered() == offered
         self.facts = oracle.check_input(
             self.race, before, self.facts, given, outcome, after, self.now
         )
         oracle.check_news(rules, self.race, outcome, self.now)
         oracle.check_state(self.race, after, self.facts, self.now)
         return outcome
-
-    def offered(self) -> list[Any]:
-        """Return what officials are offered now."""
-        seen = snapshot_of(self.race, self.now)
-        return [seen.commands, *(kart.commands for kart in seen.karts)]
 
     def let_pass(self, step: float) -> None:
         self.now += step
@@ -189,8 +170,7 @@ class Races(RuleBasedStateMachine):
         ]
         kind, number = data.draw(st.sampled_from(allowed))
         heat = data.draw(HEATS)
-        serial = data.draw(SERIALS)
-        self.give(oracle.Input('command', kind, number, True, serial, heat=heat))
+        self.give(oracle.Input('command', kind, number, True, heat=heat))
 
     @rule(kart=st.integers(MOST_KARTS + 1, 300), kind=st.sampled_from(oracle.KART_COMMANDS))
     def command_a_kart_that_is_not_in_the_roster(self, kart: int, kind: str) -> None:
@@ -254,48 +234,14 @@ class Races(RuleBasedStateMachine):
         self.let_become_of_a_start(then)
 
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
-    @rule(kart=KARTS, step=st.floats(0.0, 12.0))
-    def finish(self, kart: int, step: float) -> None:
-        self.give(oracle.Input('command', 'KART_FINISH', kart))
+    @rule(kart=KARTS, named=st.integers(0, 4), undo=st.booleans(), step=st.floats(0.0, 12.0))
+    def finish(self, kart: int, named: int, undo: bool, step: float) -> None:
+        kart = 1 + kart % len(self.race.karts)
+        of = (None, *oracle.finishes(self.facts, oracle.look(self.race), kart))[named]
+        self.give(oracle.Input('command', 'KART_FINISH', kart, finish=of))
+        if undo:
+            self.give(oracle.Input('command', 'KART_UNDO_FINISH', kart, True))
         self.let_pass(step)
-
-    @rule(kind=st.sampled_from(oracle.OF_LAPS), kart=KARTS, serial=SERIALS)
-    def correct_laps(self, kind: str, kart: int, serial: int) -> None:
-        kart = kart if kind in oracle.KART_COMMANDS else 0
-        self.give(oracle.Input('command', kind, kart, serial=serial))
-
-    # ----- the timing line ----------------------------------------------------------------
-
-    @rule(kart=st.integers(0, MOST_KARTS), serial=SERIALS, step=st.floats(0.0, 12.0))
-    def somebody_crosses_the_line(self, kart: int, serial: int, step: float) -> None:
-        self.let_pass(step)
-        self.give(oracle.Input('passing', '', kart, serial=serial))
-
-    @rule(
-        serial=SERIALS,
-        step=st.floats(0.0, 12.0),
-        before=st.lists(KARTS, max_size=2),
-        after=st.lists(KARTS, max_size=2),
-        later=st.sampled_from((0.0, 0.2, 0.5, 1.5, 3.0, 3.1)),
-    )
-    def a_beam_sees_somebody_and_officials_say_who(
-        self, serial: int, step: float, before: list[int], after: list[int], later: float
-    ) -> None:
-        self.let_pass(step)
-        for kart in (*before, 0, *after):
-            if kart:
-                self.give(oracle.Input('command', 'COUNT_PASSING', kart))
-            else:
-                fresh = serial if serial not in self.facts.seen else 1000 + len(self.facts.seen)
-                self.give(oracle.Input('passing', 'beam', serial=fresh))
-            self.let_pass(later)
-
-    @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
-    @rule()
-    def every_kart_crosses_the_line(self) -> None:
-        for number in self.race.karts:
-            serial = 1000 + len(self.facts.seen)
-            self.give(oracle.Input('passing', '', number, serial=serial))
 
     # ----- karts --------------------------------------------------------------------------
 
@@ -337,14 +283,14 @@ class Races(RuleBasedStateMachine):
     @rule(known=st.sampled_from((True, True, False)), last_run=st.sampled_from(rules.LastRun))
     def race_control_is_restarted(self, known: bool, last_run: rules.LastRun) -> None:
         """Nothing moves after it; unless all was home, every kart is held."""
-        left, owner, heat = self.race, self.facts.owner, self.facts.heat
+        left, heat = self.race, self.facts.heat
         before = oracle.look(left)
         # Of a race that crashed while a start waited, it knows what was written for the start.
         started = left.start.command.karts if left.start is not None else frozenset()
         if not started:
             oracle.check_recovery(rules, left, before, self.now, known, last_run)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
-        self.race = rules.Race(karts, left.times, self.now, left.heats)
+        self.race = rules.Race(karts, left.times, self.now, left.heats, oracle.RUN)
         memory = left.memory() if known else None
         outcome = self.race.recover(memory, last_run, self.now)
         assert not outcome.orders
@@ -360,8 +306,6 @@ class Races(RuleBasedStateMachine):
                 assert kart.hold is kart.sent is RaceState.RED_RED
                 assert kart.moving or not known or kart.number not in started
             self.facts = oracle.recall(view, self.now, heat if known else '')
-        if known:
-            self.facts = self.facts._replace(owner=owner)
         oracle.check_state(self.race, view, self.facts, self.now)
 
     @rule()

@@ -18,12 +18,13 @@ import sqlite3
 import subprocess
 import sys
 
+from evgp_node.stream import Block
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
 from evgp_rcs.record.store import default_path, Record, rules_version
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, Block, encode, Rules
+from evgp_rcs.rules.inputs import Batch, encode, Rules
 import pytest
 from recorded_races import PaperRace
 from rig.needs import need_program

@@ -14,6 +14,7 @@ import sqlite3
 import subprocess
 import time
 
+from evgp_node.stream import Began, Block
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as print_timeline
 from evgp_rcs.record.runs import PARTLY
@@ -28,18 +29,7 @@ from evgp_rcs.record.store import (
     sessions,
 )
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    entries_of,
-    Entry,
-    Rules,
-    Setup,
-    Tick,
-)
-from evgp_rcs.rules.laps import LapsMemory
+from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.rules.race import (
     Command,
     Doubt,
@@ -184,24 +174,6 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
     record.remember(RACING)
     record.end()
     assert begin().left_behind == RACING
-
-
-@pytest.mark.parametrize('days', [2, 4])
-def test_results_are_left_behind_for_the_days_of_one_event(
-    begin: Begin, path: pathlib.Path, days: int
-) -> None:
-    """The heats of the next event may have the same names."""
-    of_laps = LapsMemory(heat='Heat 1', crossed={7: (0.0, 10.0)})
-    memory = dataclasses.replace(RACING, laps=of_laps, heats=(of_laps,))
-    record = begin()
-    record.remember(memory)
-    record.end()
-    began_ns = time.time_ns() - days * 86_400 * 10**9
-    with contextlib.closing(sqlite3.connect(path)) as database, database:
-        began = Block(0, encode(Began('1', PROGRAM, began_ns))).compressed()
-        database.execute('UPDATE block SET data = ?', (began,))
-
-    assert begin().left_behind == (memory if days == 2 else RACING)
 
 
 def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin) -> None:

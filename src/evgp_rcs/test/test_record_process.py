@@ -13,13 +13,14 @@ import signal
 import threading
 import time
 
+from evgp_node.stream import Gap
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts import record_process
 from evgp_rcs.karts.channel import Happened, pack
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.record.run_mark import RUN_BEGAN
 from evgp_rcs.record.store import blocks_of, events, open_read_only, Record, RecordError
-from evgp_rcs.rules.inputs import Batch, entries_of, Gap
+from evgp_rcs.rules.inputs import Batch, entries_of
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_testing.process import freeze, wait_until_ended
 import pytest

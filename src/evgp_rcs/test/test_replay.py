@@ -22,7 +22,6 @@ from evgp_rcs.rules import inputs
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.inputs import Entrant, Entry, Ordered, Rules, Setup
-from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.race import (
     Attendance,
     Command,
@@ -42,15 +41,13 @@ KARTS = range(1, 5)
 SETUP = Setup(
     tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
     RaceTimes(
-        min_lap_time=0.5,
-        auto_finish=True,
         finish_delays=(0.5,),
         finish_stop=2.0,
         pause=0.3,
         pause_after_held_up=0.5,
         nobody_there=1.0,
     ),
-    (Heat('first', (1, 2), laps=2), Heat('second', (3, 4))),
+    (Heat('first', (1, 2)), Heat('second', (3, 4))),
     now=1000.1,
 )
 
@@ -103,10 +100,6 @@ class Running(PaperRace):
             return inputs.Connected(self.now, kart.number)
         if what < 0.53:
             return inputs.Disconnected(self.now, kart.number, 'it was closed')
-        if what < 0.54:
-            number = self.chance.randrange(40)
-            passing = Passing('line', 'today', number, self.chance.randrange(6), stamp_ns=number)
-            return inputs.Passed(self.now, (passing,), 0)
         if what < 0.56:
             rare: tuple[inputs.Input, ...] = (
                 inputs.HeldUp(self.now, 1.5),
@@ -139,13 +132,6 @@ class Running(PaperRace):
             self.race.karts[kart].hold if one else None,
             self.chance.choice(('first', 'second', 'none')),
             self.chance.choice(('', 'Anna', '<b>')),
-            'line',
-            'today',
-            self.chance.randrange(40),
-            transponder='4711',
-            seconds=5,
-            disqualified=self.chance.random() < 0.1,
-            reason='a short cut',
         )
         return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 
@@ -367,9 +353,9 @@ HARMS: dict[str, Harm] = {
             'kart': 99,
             'official': 'somebody else',
             'success': False,
-            'command': rules.CommandKind.PENALISE,
+            'command': rules.CommandKind.KART_UNDO_FINISH,
             'state': RaceState.GREEN_GREEN,
-            'kind': EventKind.RESULTS,
+            'kind': EventKind.ORDER_OF_FINISH,
             'alert': rules.AlertKind.NOT_READY,
             'hold': RaceState.RED_FLAG,
             'race': 99,
@@ -577,7 +563,6 @@ def test_whatever_was_done_to_a_record_it_is_read_or_refused_and_a_change_is_fou
         ['replay'],
         ['show'],
         ['results'],
-        ['laps'],
         ['report', '-o', page],
         ['show', '--list'],
     ]

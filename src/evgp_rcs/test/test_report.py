@@ -5,11 +5,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import contextlib
+import csv
 import hashlib
+import io
 import pathlib
 import random
 import re
+import sqlite3
 
+from evgp_node.results import (
+    Act,
+    Corrected,
+    Correction,
+    Identity,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    Penalty,
+    Standings,
+    Status,
+)
+from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
@@ -29,6 +48,7 @@ from evgp_rcs.record.report.model import (
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import open_runs, PARTLY
 from evgp_rcs.record.store import Record
+from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
@@ -590,74 +610,177 @@ def table(page: str, kind: str) -> list[list[str]]:
     return [[' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in row] for row in rows]
 
 
-def with_laps(paper: PaperRace) -> None:
-    """Have 7 and 8 drive two laps, where 8 overtakes; 9 does one, and is seen twice."""
+def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
+    """Write the timekeeper's book beside a record, about the races of its newest run."""
+    with open_runs(record) as runs:
+        run = runs.choose(None).id
+    stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
+    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run) for each in results)
+    block = Block(0, b''.join(map(stream.encode, entries))).compressed()
+    with contextlib.closing(sqlite3.connect(record.with_name(BOOK))) as database, database:
+        database.execute('CREATE TABLE block (run, number, data)')
+        database.execute('INSERT INTO block VALUES (1, 1, ?)', (block,))
+        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
+    return record
+
+
+def drive_and_stop(paper: PaperRace) -> None:
+    """Have 7 finish before 8, and 9 not at all."""
     paper.drive()
-    for crossing in ((7, 8, 9), (8, 7, 9, 9), (8, 7)):
-        for kart in crossing:
-            paper.wait(1.0)
-            paper.cross(kart)
-        paper.wait(10.0)
-    paper.cross(transponder='4711')
+    paper.wait(40.0)
     paper.command(CommandKind.KART_FINISH, 7)
+    paper.wait(1.0)
     paper.command(CommandKind.KART_FINISH, 8)
     paper.command(CommandKind.ALL_KILL)
 
 
-def test_a_race_has_its_results_by_laps_its_lap_times_and_its_lap_chart(
+LAPS = Standings(
+    race=1,
+    heat='Heat A',
+    laps=2,
+    karts=(
+        KartResult(8, 1, Status.CLASSIFIED, 2, 28.0, (12.0, 14.0), ()),
+        KartResult(9, 0, Status.DNF, 1, 16.0, (13.0,), ()),
+        KartResult(
+            7,
+            0,
+            Status.DISQUALIFIED,
+            2,
+            29.0,
+            (14.0, 14.0),
+            (Penalty(7, 0, 0, True, 'it was pushed', 'Grace'),),
+        ),
+    ),
+    passings=(
+        Judged(Passing('line', 'today', 7), 9, Mark.DOUBTFUL, 29.0, ''),
+        Judged(Passing('line', 'today', 10, transponder='4711'), 0, Mark.UNKNOWN, 40.0, ''),
+        Judged(Passing('line', 'today', 2), 9, Mark.STRUCK, 16.0, 'it was 8, by Grace'),
+    ),
+)
+
+
+def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_chart(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
-    with_laps(paper)
-    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    drive_and_stop(paper)
+    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), Standings(race=1), LAPS))
     assert 'no difference' in page
     assert table(page, 'order results') == [
         ['1.', 'Kart 8 (Michigan)', '2', '28.000 s', '12.000 s', '', 'CLASSIFIED'],
-        ['2.', 'Kart 7 (Purdue)', '2', '29.000 s', '14.000 s', '', 'CLASSIFIED'],
         ['-', 'Kart 9 (Kennesaw)', '1', '16.000 s', '13.000 s', '', 'DNF'],
+        [
+            '-',
+            'Kart 7 (Purdue)',
+            '2',
+            '29.000 s',
+            '14.000 s',
+            'disqualified: it was pushed (Grace)',
+            'DISQUALIFIED',
+        ],
     ]
     assert [row[1] for row in table(page, 'laps')] == [
         '1: 12.000 ★ 2: 14.000',
-        '1: 14.000 ★ 2: 14.000 ★',
         '1: 13.000 ★',
+        '1: 14.000 ★ 2: 14.000 ★',
     ]
     assert table(page, 'chart') == [['1', '8', '7', '9'], ['2', '8', '7']]
-    seen = [row[1:] for row in table(page, 'passings')]
-    assert seen == [
+    assert [row[1:] for row in table(page, 'passings')] == [
         ['Kart 9 (Kennesaw)', 'line 7', 'doubtful'],
         ['not known', 'line 10, transponder 4711', 'unknown'],
+        ['Kart 9 (Kennesaw)', 'line 2', 'struck out: it was 8, by Grace'],
     ]
 
 
-def test_a_race_has_its_corrections_until_the_next_one_begins(
+def test_a_disqualified_winner_has_no_place_in_the_table_either(
+    paper: PaperRace, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive_and_stop(paper)
+    record = timed(paper.write(tmp_path / 'record.sqlite3'), LAPS)
+    assert rcs_record(['results', str(record)]) == 0
+    rows = {row['kart']: row for row in csv.DictReader(io.StringIO(capsys.readouterr().out))}
+    found = {kart: (row['place'], row['finish'], row['result']) for kart, row in rows.items()}
+    assert found == {
+        '7': ('', '1', 'DISQUALIFIED'),
+        '8': ('1', '2', 'FINISHED'),
+        '9': ('', '', 'RACE_STOPPED'),
+    }
+    assert rows['7']['penalties'] == 'disqualified: it was pushed (Grace)'
+
+
+def test_a_race_has_the_corrections_of_the_timekeeper_but_no_laps_by_hand(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
+    drive_and_stop(paper)
+    asked = (
+        Correction(Act.PENALISE, 'Grace', 8, seconds=5, reason='it cut the corner'),
+        Correction(Act.COUNT, 'Ben', 8),
+        Correction(Act.STRIKE, 'Ben', passing=Identity('line', 'today', 2), reason='it was 8'),
+    )
+    given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
+    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), LAPS, *given))
+    assert [cells[1:] for cells in table(page, 'of_timing')] == [
+        ['Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
+        ['Ben', 'strike a passing out, passing line 2: it was 8'],
+    ]
+
+
+def without(book: pathlib.Path) -> None:
+    book.unlink()
+
+
+def no_database(book: pathlib.Path) -> None:
+    book.write_bytes(bytes(range(256)) * 40)
+
+
+def damaged_blocks(book: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(book)) as database, database:
+        database.execute("UPDATE block SET data = x'00112233'")
+
+
+def another_version(book: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(book)) as database:
+        database.execute('PRAGMA user_version = 1')
+
+
+@pytest.mark.parametrize(
+    ('harm', 'sentence'),
+    [
+        (without, 'there is only the order of FINISH'),
+        (no_database, 'results of the timekeeper are missing'),
+        (damaged_blocks, 'results may be missing'),
+        (another_version, 'its version is 1, not'),
+    ],
+)
+def test_without_a_book_that_can_be_read_there_is_a_sentence_and_the_order_of_finish(
+    paper: PaperRace,
+    tmp_path: pathlib.Path,
+    capsys: pytest.CaptureFixture[str],
+    harm: Callable[[pathlib.Path], None],
+    sentence: str,
+) -> None:
+    drive_and_stop(paper)
+    record = timed(paper.write(tmp_path / 'record.sqlite3'), LAPS)
+    harm(record.with_name(BOOK))
+    page = report(record)
+    assert sentence in capsys.readouterr().err
+    assert 'class="order results"' not in page
+    assert [row[:2] for row in table(page, 'order')][:2] == [
+        ['1.', 'Kart 7 (Purdue)'],
+        ['2.', 'Kart 8 (Michigan)'],
+    ]
+    assert rcs_record(['results', str(record)]) == 0
+    said = capsys.readouterr()
+    assert sentence in said.err
+    assert 'Traceback' not in said.err
+
+
+def test_an_undone_finish_is_a_correction(paper: PaperRace, tmp_path: pathlib.Path) -> None:
     paper.drive()
-    for kart in (9, 9):
-        paper.wait(10.0)
-        paper.command(CommandKind.COUNT_PASSING, kart)  # an ordinary lap corrects nothing
-    paper.cross(9)
-    paper.cross(9)
-    paper.strike(2, 'it was 9', 'Grace')
     paper.command(CommandKind.KART_FINISH, 8)
     paper.command(CommandKind.KART_UNDO_FINISH, 8)
     paper.command(CommandKind.ALL_KILL)
-    paper.go_home()
-    paper.command(CommandKind.PENALISE, 7, seconds=5, reason='a cone')
-    paper.command(CommandKind.UNDO_PENALTY, 8)
-    paper.drive()
-    paper.command(CommandKind.PENALISE, 7, 'Eve', seconds=5, reason='another')
-    first, second = report(paper.write(tmp_path / 'record.sqlite3')).split('<h3>Race 2')
-    by = [[row[1:3] for row in table(part, 'corrections')] for part in (first, second)]
-    assert by == [
-        [
-            ['STRIKE PASSING', 'Grace'],
-            ['UNDO FINISH, kart 8', 'Ada'],
-            ['PENALISE, kart 7', 'Ada'],
-        ],
-        [['PENALISE, kart 7', 'Eve']],
-    ]
-    assert table(first, 'passings')[1][3] == 'struck out: it was 9, by Grace'
-    assert [row[5] for row in table(first, 'order results')] == ['', '+5 s: a cone (Ada)', '']
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert [row[1:3] for row in table(page, 'corrections')] == [['UNDO FINISH, kart 8', 'Ada']]
 
 
 def test_a_report_names_who_brought_the_race_to_each_state_with_what(
@@ -765,14 +888,20 @@ def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:
 def test_what_others_say_of_laps_is_nothing_but_text(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
-    paper.drive()
-    for number, hostile in enumerate(HOSTILE, 1):
-        paper.cross(transponder=hostile)
-        paper.strike(number, hostile, hostile)
-        paper.command(CommandKind.PENALISE, 7, hostile, seconds=1, reason=hostile)
-    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    drive_and_stop(paper)
+    hostile = LAPS._replace(
+        karts=(
+            LAPS.karts[0]._replace(
+                penalties=tuple(Penalty(8, 1, 0, False, each, each) for each in HOSTILE)
+            ),
+        ),
+        passings=tuple(
+            Judged(Passing(each, each, 1, 0, each), 0, Mark.STRUCK, 1.0, each) for each in HOSTILE
+        ),
+        questions=HOSTILE,
+    )
+    page = report(timed(paper.write(tmp_path / 'record.sqlite3'), hostile))
     assert [row[3][:11] for row in table(page, 'passings')] == ['struck out:'] * len(HOSTILE)
-    assert len(table(page, 'corrections')) == 2 * len(HOSTILE)
     assert '<script' not in page
     assert '<img' not in page
     assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)

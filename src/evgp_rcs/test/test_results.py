@@ -13,13 +13,14 @@ import pathlib
 import re
 import sqlite3
 
+from evgp_node.stream import Began
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.runs import Runs
 from evgp_rcs.record.store import Record, Session
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Began, Entry, Recovered, Rules
+from evgp_rcs.rules.inputs import Entry, Recovered, Rules
 from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import edit, PaperRace

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import os
 import pathlib
@@ -16,6 +17,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.run_mark import RunMark
 from evgp_rcs.record.store import events, Record
+from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.spare import copies as spare
@@ -120,6 +122,24 @@ def test_a_first_machine_without_all_of_it_is_told(
     (first / missing).unlink()
     with pytest.raises(SpareError):
         copy(first, tmp_path / 'spare')
+
+
+def test_the_book_of_laps_is_copied_too_if_there_is_one(
+    first: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    Record(first / 'record.sqlite3').end()
+    folder = tmp_path / 'spare'
+    copy(first, folder)
+    assert not (folder / BOOK).exists()
+    with contextlib.closing(sqlite3.connect(first / BOOK)) as book:
+        book.executescript('PRAGMA journal_mode = WAL; CREATE TABLE block (run)')
+        copy(first, folder)
+    with contextlib.closing(sqlite3.connect(folder / BOOK)) as copied:
+        assert copied.execute('SELECT name FROM sqlite_master').fetchall() == [('block',)]
+    for each in first.glob(f'{BOOK}*'):
+        each.unlink()
+    copy(first, folder)
+    assert not [*folder.glob(f'{BOOK}*')]
 
 
 def test_another_machine_is_asked_by_ssh_and_never_for_a_password(

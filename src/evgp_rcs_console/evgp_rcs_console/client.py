@@ -6,7 +6,7 @@ The console's ROS side: hears the race, and gives commands, in threads of its ow
 
 Two threads, so that nothing a screen does ever waits for ROS:
 
-- the executor's thread hears `rcs/race`, `rcs/events`, `rcs/results` and the answers to commands;
+- the executor's thread hears the race, its events, the results and the answers to commands;
 - the sender's thread takes commands from a queue and calls the services. It also presses each stop
   again and again, once asked for, until race control has accepted it or it has outlived its race
   (``StandingStops``). That somebody is there goes the same way, so that it is not said where no
@@ -28,22 +28,24 @@ import threading
 from typing import Any, Protocol, TypeVar
 import uuid
 
+from evgp_node.codec import value_of
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
+from evgp_node.official import MOST_OF_NAME
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
 from evgp_node.rclpy_private import RCLError
+from evgp_node.results import Standings
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
 from evgp_protocol.clock import duration, now
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.messages import event_of, value_of
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.official import MOST_OF_NAME
+from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.race import Answer, StampedEvent
-from evgp_rcs.rules.snapshot import Snapshot, Standings
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import STATES
 from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import (
     Given,
     PRESS_AGAIN,
@@ -71,7 +73,7 @@ from rclpy.signals import SignalHandlerOptions
 _Read = TypeVar('_Read')
 
 _NAMES = {each.name: STATES[each] for each in RaceState}
-_NAMES |= {each.name: entry.label for each, entry in CATALOGUE.items()}
+_NAMES |= {each.name: entry.label for each, entry in OF_RACE_CONTROL.items()}
 _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 
@@ -190,7 +192,7 @@ class Client:
         name: str,
         listener: Listener,
         context: Context | None = None,
-        commands: Iterable[CommandKind] = tuple(CATALOGUE),
+        commands: Iterable[Kind] = tuple(CATALOGUE),
         there: str = '',
         hears: bool = True,
         **node_options: Any,
@@ -213,7 +215,7 @@ class Client:
         self._hears = hears
         if hears:
             subscribe(msg.RaceEvents, 'rcs/events', self._hear_events, latched(200))
-            subscribe(msg.Results, 'rcs/results', self._hear_results, latched(1))
+            subscribe(msg.Results, 'rcs/timekeeper/results', self._hear_results, latched(1))
         self._program, self._id = there, uuid.uuid4().hex
         self._there: Publisher | None = None
         if there:
@@ -247,7 +249,7 @@ class Client:
         word.official = official[:MOST_OF_NAME]
         self._given.put(word)
 
-    def wait_for(self, command: CommandKind, seconds: float) -> bool:
+    def wait_for(self, command: Kind, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
@@ -309,8 +311,8 @@ class Client:
         if self._finds(given):
             self._request(given)
             return
-        name = texts.full_name(given)
-        self._listener.on_answer(given, Answer(False, texts.NOT_THERE.format(command=name)))
+        why = texts.not_there(given.command, texts.full_name(given))
+        self._listener.on_answer(given, Answer(False, why))
 
     def _request(self, given: Given) -> None:
         service = self._services[CATALOGUE[given.command].service]
@@ -322,7 +324,7 @@ class Client:
     def _give_up(self) -> None:
         """Forget what can no longer be answered."""
         late: dict[Any, Given] = {}
-        presses: dict[tuple[CommandKind, int], list[Any]] = {}
+        presses: dict[tuple[Kind, int], list[Any]] = {}
         with self._lock:
             for future, given in self._waiting.items():
                 if CATALOGUE[given.command].stop:
@@ -337,8 +339,7 @@ class Client:
         for future, given in late.items():
             self._services[CATALOGUE[given.command].service].remove_pending_request(future)
             if not CATALOGUE[given.command].stop:
-                name = texts.full_name(given)
-                text = texts.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
+                text = texts.gave_up(given, duration(GIVE_UP, 0))
                 self._listener.on_answer(given, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import enum
 import os
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 
 class Exit(enum.IntEnum):
@@ -34,7 +34,7 @@ STARTING = 5.0
 GRACE = 0.5
 """Time reserved for reporting that no answer came, in seconds."""
 
-COMMANDS: dict[str, CommandKind] = {
+COMMANDS: dict[str, Kind] = {
     entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
 }
 """Every command of an official, by its name on the command line."""
@@ -44,7 +44,7 @@ TAKEN: dict[str, tuple[type, str]] = {
     'session': (str, 'in which session of the source'),
     'number': (int, 'and its number in it'),
     'transponder': (str, 'its number or name, as the timing device has it'),
-    'heat': (str, 'in the result of this heat; otherwise of the race that was started last'),
+    'race': (int, 'of which race of the event, by its number; otherwise of the newest'),
     'seconds': (int, 'seconds to add to its time'),
     'laps': (int, 'laps to take away'),
     'disqualified': (bool, 'disqualify it'),
@@ -56,7 +56,7 @@ NAMES_WHAT = ('source', 'session', 'number', 'transponder')
 """Those of them that are always given; the others are options."""
 
 
-def no_answer(command: CommandKind, waited: float, details: str) -> str:
+def no_answer(command: Kind, waited: float, details: str) -> str:
     """
     Return what to say when race control has not answered in time.
 
@@ -64,7 +64,8 @@ def no_answer(command: CommandKind, waited: float, details: str) -> str:
     :param details: what else is known about the wait.
     """
     entry = CATALOGUE[command]
-    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
+    where = 'race' if command in OF_RACE_CONTROL else 'results'
+    advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see if it took effect.'
     return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
 
 
@@ -126,7 +127,7 @@ def parser() -> argparse.ArgumentParser:
                 nargs='*',
                 help='the karts that you mean; without any, it lists them and sends nothing',
             )
-        for field in entry.takes:
+        for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
             if field in NAMES_WHAT:
                 each.add_argument(field, type=_count if kind is int else kind, help=meaning)
@@ -152,7 +153,7 @@ def parser() -> argparse.ArgumentParser:
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
     )
-    results = 'show laps, places and the last passings'
+    results = 'show laps, places, the last passings, and the races of the event'
     commands.add_parser('results', help=results, parents=[waiting], description=results)
     return whole
 

@@ -22,11 +22,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 import math
 
+from evgp_node.entries import Result
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Availability
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Given:
         Race control is told; no stop ends by it, since it may be too large.
     """
 
-    command: CommandKind
+    command: Kind
     kart: int = 0
     stated: bool = False
     karts: tuple[int, ...] = ()
@@ -108,7 +110,7 @@ class Effects:
 
 
 def effects(
-    command: CommandKind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
+    command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
 ) -> Effects:
     """
     Return what a command would do.
@@ -305,7 +307,7 @@ class StandingStops:
     """The stops that are being pressed, by command and kart."""
 
     def __init__(self) -> None:
-        self._stops: dict[tuple[CommandKind, int], Standing] = {}
+        self._stops: dict[tuple[Kind, int], Standing] = {}
         self._heard_at = -math.inf  # when the last snapshot came
 
     @property
@@ -403,7 +405,7 @@ class StandingStops:
             self._stops[_key(given)] = replace(stop, said=said)
 
 
-def _key(given: Given) -> tuple[CommandKind, int]:
+def _key(given: Given) -> tuple[Kind, int]:
     return given.command, given.kart
 
 
@@ -428,7 +430,7 @@ class Unanswered:
 
     def __init__(self) -> None:
         self.stops: tuple[Standing, ...] = ()
-        self._given: dict[tuple[CommandKind, int], Given] = {}
+        self._given: dict[tuple[Kind, int], Given] = {}
 
     def __bool__(self) -> bool:
         """Return whether a command waits for its answer; stops do not count."""
@@ -443,7 +445,7 @@ class Unanswered:
         if self._given.get((given.command, given.kart)) is given:
             del self._given[given.command, given.kart]
 
-    def ages(self, now: float) -> dict[tuple[CommandKind, int], float]:
+    def ages(self, now: float) -> dict[tuple[Kind, int], float]:
         """Return for how long each command has waited, in seconds."""
         return {key: now - given.at for key, given in self._given.items()}
 

@@ -22,10 +22,10 @@ import sys
 import traceback
 from typing import Any, NoReturn
 
+from evgp_node.official import tidy
 from evgp_protocol.clock import now
-from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.official import tidy
 from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.command_line import (
     COMMANDS,
     Exit,

@@ -14,15 +14,16 @@ import sys
 import threading
 
 from evgp_node.graph import GraphError
+from evgp_node.official import said_by, tidy
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
+from evgp_node.results import Standings
 from evgp_protocol.clock import now
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Judged
-from evgp_rcs.rules.official import said_by, tidy
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Answer, Availability, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, Standings
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
     COMMANDS,
@@ -33,7 +34,7 @@ from evgp_rcs_console.command_line import (
 )
 from evgp_rcs_console.commands import effects, Given, Standing
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import aligned, danger, is_gone, show, silence, table
+from evgp_rcs_console.view import aligned, danger, is_gone, present, show, silence, table
 import rclpy
 
 SETTLED = 1.0
@@ -158,8 +159,7 @@ def _give(
         command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
     )
     if not entry.stop and not client.wait_for(command, until - now()):
-        said = texts.NOT_THERE.format(command=CATALOGUE[command].label)
-        error = f'{said} ({where})'
+        error = f'{texts.not_there(command, entry.label)} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = None
@@ -168,14 +168,17 @@ def _give(
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
+        assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
         # IN GARAGE may be for no kart; then there is none to name.
         if entry.names_karts and (concerned.karts or not concerned.available or not wanted.stated):
-            return _name_them(wanted, hearing.race)
+            # So that the question says what the timekeeper knows; without one it asks on.
+            hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
+            return _name_them(wanted, hearing.race, hearing.results)
         kart = hearing.race.kart(wanted.kart) if entry.names_hold else None
         if kart is not None:
             hold = kart.hold
-            told = said_of(command, hearing.race, kart.offered(command), kart)
+            told = said_of(command, hearing.race, kart.offered(command), kart, hearing.results)
             released = '\n'.join(told)
     given = Given(
         command,
@@ -185,7 +188,7 @@ def _give(
         hold,
         getattr(wanted, 'heat', ''),
         Signature(wanted.official).claim,
-        {name: getattr(wanted, name) for name in entry.takes},
+        {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
@@ -204,7 +207,8 @@ def _give(
         }
     # The race is heard from the start on: this only bounds the wait where it is not.
     hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
-    steps = [] if hearing.race is None else _next_step(wanted, given, hearing.race)
+    race, found = hearing.race, hearing.results
+    steps = [] if race is None else _next_step(wanted, given, race, found)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
@@ -219,11 +223,13 @@ def _under_banner(told: Told, race: Snapshot | None) -> Told:
     }
 
 
-def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list[str]:
+def _next_step(
+    wanted: argparse.Namespace, given: Given, race: Snapshot, found: Standings | None
+) -> list[str]:
     """Return what to type in place of a refused command, if it lacked karts or a statement."""
     form = CATALOGUE[given.command]
     kart = race.kart(given.kart) if form.to_one_kart else None
-    if form.to_one_kart and kart is None:
+    if not isinstance(given.command, CommandKind) or (form.to_one_kart and kart is None):
         return []
     offered = (kart or race).offered(given.command)
     if not offered.available:
@@ -233,13 +239,14 @@ def _next_step(wanted: argparse.Namespace, given: Given, race: Snapshot) -> list
     unsaid = offered.statement if not given.stated else ''
     if not others and not unsaid:
         return []
-    said = said_of(given.command, race, offered, kart) if others else []
+    said = said_of(given.command, race, offered, kart, found) if others else []
     return [*said, _again(wanted, karts, unsaid)]
 
 
-def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
+def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | None) -> Told:
     """Say which karts a command would start or release, and send nothing."""
     command = COMMANDS[wanted.command]
+    assert isinstance(command, CommandKind)
     offered = race.offered(command)
     label = CATALOGUE[command].label
     if not offered.available:
@@ -252,7 +259,7 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot) -> Told:
         'error': '\n'.join(
             [
                 f'{label}: nothing was sent. It is for {names}.',
-                *said_of(command, race, offered, None),
+                *said_of(command, race, offered, None, found),
                 _again(wanted, offered.karts, offered.statement if not wanted.stated else ''),
             ]
         ),
@@ -281,13 +288,17 @@ def as_called(arguments: str) -> str:
 
 
 def said_of(
-    command: CommandKind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
+    command: CommandKind,
+    race: Snapshot,
+    offered: Availability,
+    kart: KartSnapshot | None,
+    found: Standings | None,
 ) -> list[str]:
     """Return what a command would do, and why not to confirm it, as sentences."""
     said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
     warning = texts.warning(command, race)
     said += [texts.ASK_WARNING.format(warning=warning)] if warning else []
-    caution = texts.caution(command, race, offered.karts)
+    caution = texts.caution(command, race, offered.karts, found)
     return [*said, caution] if caution else said
 
 
@@ -303,11 +314,13 @@ def _watch(
     began = now()
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
+        hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
     redraw = _is_at(wanted)
     official, said_at = Signature().name, began
     while True:
         with hearing.news:
             race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
+            found = hearing.results
         at = now()
         silent_for = at - heard_at if race is not None else None
         state = race.state if race else None
@@ -318,7 +331,7 @@ def _watch(
         if shown:
             lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]
         if race is not None:
-            lines += table(show(race, at - heard_at, {}, shown), race.alerts)
+            lines += table(show(race, at - heard_at, {}, shown, found), race.alerts)
         text = '\n'.join(lines)
         if wanted.once:
             code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED
@@ -336,27 +349,25 @@ def _watch(
 def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
     hearing.wait_for(lambda: hearing.race is not None and hearing.results is not None, until)
     with hearing.news:
-        race, found = hearing.race, hearing.results
+        race, found, heard_at = hearing.race, hearing.results, hearing.heard_at
     if race is None:
         where = f'{client.topic}, ROS domain {domain_of()}'
         return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({where})'}
-    if found is None or not (found.karts or found.overall):
-        return _under_banner({'code': Exit.ACCEPTED, 'output': texts.NO_RESULTS}, race)
+    found = present(found, race.stamp + now() - heard_at)
+    if found is None:
+        return _under_banner({'code': Exit.NOT_THERE, 'error': texts.NO_TIMING}, race)
     teams = {kart.number: kart.team for kart in race.karts}
-    headings = tuple(column.heading for column in results.RESULT_COLUMNS)
     lines = [results.title(found)]
     if found.grid:
         lines.append(texts.GRID.format(karts=', '.join(map(str, found.grid))))
-    lines += aligned([headings, *results.table(found, teams)])
+    if found.karts or found.overall:
+        lines += aligned(results.table(found, teams))
+    lines += [texts.FOR_TIMEKEEPER.format(question=each) for each in found.questions]
+    if found.races:
+        lines += ['', texts.RACES, *aligned(results.races(found))]
     if found.passings:
-        lines += ['', texts.PASSINGS, *aligned([_passing(each) for each in found.passings])]
+        lines += ['', texts.PASSINGS, *aligned(results.passings(found))]
     return _under_banner({'code': Exit.ACCEPTED, 'output': '\n'.join(lines)}, race)
-
-
-def _passing(judged: Judged) -> tuple[str, ...]:
-    """Return a passing with what names it in `strike-passing`."""
-    at, kart, _, mark = results.crossing(judged)
-    return at, kart, shlex.join(map(str, judged.passing.identity)), mark
 
 
 def _watch_events(

@@ -17,15 +17,16 @@ from dataclasses import dataclass, replace
 import time
 from typing import NamedTuple
 
+from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
-from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
+from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
@@ -44,7 +45,7 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Question, ResultsSheet, Sheet, WhyStruck, YourName
+from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
 from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
@@ -136,7 +137,7 @@ class SeenCommands:
         return Shown(screen, tuple(buttons))
 
 
-def _commands(screen: Screen) -> list[tuple[CommandKind, int]]:
+def _commands(screen: Screen) -> list[tuple[Kind, int]]:
     """Return which command each button of a screen gives, place by place."""
     buttons = [button for row in screen.rows for button in row.buttons]
     buttons += [screen.track_button] if screen.track_button else []
@@ -173,14 +174,10 @@ class Areas(Area):
         self.help = Help(self)
         self.heats = Heats(self, press)
         self.your_name = YourName(self)
-        self.results = ResultsSheet(self)
-        self.why_struck = WhyStruck(self)
         self._sheets: tuple[Sheet, ...] = (
             self.question,
             self.help,
             self.heats,
-            self.results,
-            self.why_struck,
             self.your_name,
         )
         self._style: object = None
@@ -251,9 +248,8 @@ class Areas(Area):
         """Put the sheets that are open over the karts, clear of their stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
-                # These leave the strip in sight: it says what the karts do.
-                leaves = sheet in (self.question, self.results, self.why_struck)
-                top = self._ground if leaves else self.strip
+                # The question leaves the strip in sight: it says what the karts do.
+                top = self._ground if sheet is self.question else self.strip
                 first, last = top.geometry(), self.karts.geometry()
                 end = last.left() + self.karts.stops_begin - look.px(GAP)
                 room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
@@ -373,6 +369,10 @@ class ChosenKart(KartField):
         self._areas.karts.show_rows(self._rows, self._marked, self._stale)
 
 
+READ = 5.0
+"""Time for which what was said last is not replaced by an older command that waits, in seconds."""
+
+
 class BottomLine:
     """
     Decides what the bottom line says.
@@ -385,13 +385,14 @@ class BottomLine:
         self._label = label
         self._unanswered = unanswered
         self._message = Cell(texts.BEGIN)
+        self._said_at = 0.0
         self._outcome: Outcome | None = None
         self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Say, with the time, what has just happened, in place of what was said before."""
-        at = time_of_day(time.time())
+        at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
         self._changed = None
@@ -456,7 +457,7 @@ class BottomLine:
         if explanation:
             return Cell(explanation, Tone.WAIT)
         given = self._unanswered.oldest(now)
-        if given is not None:
+        if given is not None and not given.at + LATE < self._said_at > now - READ:
             age = clock.duration(now - given.at)
             name = texts.full_name(given)
             return Cell(texts.PENDING.format(command=name, age=age), Tone.WAIT)
@@ -493,7 +494,7 @@ class Display(QtCore.QObject):
         self._looking = looking
         self._began = clock.now()
         self._race: Snapshot | None = None
-        self._results = Standings()
+        self._results: Standings | None = None
         self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
@@ -519,9 +520,8 @@ class Display(QtCore.QObject):
             self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
-        """Show the results as they stand now."""
+        """Take the results as they are now."""
         self._results = results
-        self._show_results()
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
@@ -566,7 +566,8 @@ class Display(QtCore.QObject):
             self._danger_title = title
             self.alarm.sound_soon()
         race = self._race or NOTHING
-        screen = show(race, now - self._heard_at, self.unanswered.ages(now), danger_now)
+        ages = self.unanswered.ages(now)
+        screen = show(race, now - self._heard_at, ages, danger_now, self._results)
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)
@@ -581,8 +582,6 @@ class Display(QtCore.QObject):
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats)
-        if areas.results.isVisible():
-            self._show_results()
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)
         self.alarm.show(known=not stale)
@@ -593,20 +592,10 @@ class Display(QtCore.QObject):
         self.bottom.show()
 
     @property
-    def barred(self) -> str:
-        """Return why only stops can be pressed; empty if race control says what is possible."""
-        danger_now = self._danger(clock.now())
-        return danger_now.barred if danger_now is not None else ''
-
-    @property
     def unheard(self) -> str:
         """Return why a stop may reach nobody; empty if race control is heard."""
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None and danger_now.stale else ''
-
-    def _show_results(self) -> None:
-        teams = {kart.number: kart.team for kart in (self._race or NOTHING).karts}
-        self.areas.results.show_results(self._results, teams, bool(self.barred))
 
     def _see(self, screen: Screen, now: float) -> None:
         """Keep what the official saw until now; close the choice of heats if they have changed."""

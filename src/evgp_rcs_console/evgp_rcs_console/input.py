@@ -14,17 +14,16 @@ from dataclasses import replace
 import time
 
 from evgp_protocol import clock
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Judged
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import time_of_day, Tone
 from evgp_rcs_console import keys, texts
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Act, Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.results import is_struck
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
@@ -145,40 +144,6 @@ class Presses(QtCore.QObject):
         self._areas.help.setVisible(not self._areas.help.isVisible())
         self._areas.place_sheets()
 
-    def toggle_results(self) -> None:
-        """Show the results, or hide them."""
-        areas = self._areas
-        if areas.question.isVisible():
-            self._bottom.say(texts.ANSWER_FIRST, Tone.WAIT)
-        elif areas.results.isVisible():
-            areas.results.close_sheet()
-        else:
-            areas.results.list_newest()
-            areas.open_sheet(areas.results, areas.results.close_button)
-            self.display.refresh()
-
-    def correct(self, judged: Judged) -> None:
-        """Restore a passing that is struck out, or ask why another one is to be."""
-        if is_struck(judged):
-            self._correct(CommandKind.RESTORE_PASSING, judged, '')
-        else:
-            self._areas.why_struck.ask(judged)
-            self._areas.open_sheet(self._areas.why_struck, self._areas.why_struck.close_button)
-
-    def strike(self, judged: Judged, reason: str) -> None:
-        """Strike a passing out."""
-        self._areas.open_sheet(self._areas.results, self._areas.results.close_button)
-        self._correct(CommandKind.STRIKE_PASSING, judged, reason)
-
-    def _correct(self, command: CommandKind, judged: Judged, reason: str) -> None:
-        barred = self.display.barred
-        if barred:
-            name = texts.command_name(command)
-            self._bottom.say(texts.BARRED.format(command=name, reason=barred), Tone.WAIT)
-            return
-        taken = {**judged.passing.identity._asdict(), 'reason': reason}
-        self._give_it(Given(command, official=self._signature.claim, taken=taken))
-
     def open_name(self) -> None:
         """Ask for the official's name."""
         self._areas.your_name.begin(self._signature.name)
@@ -199,9 +164,7 @@ class Presses(QtCore.QObject):
 
     def _send(self, button: Button) -> None:
         claim = self._signature.claim
-        self._give_it(replace(button.given(), official=claim, waited=self._late.waited))
-
-    def _give_it(self, given: Given) -> None:
+        given = replace(button.given(), official=claim, waited=self._late.waited)
         self._give(given)
         if not CATALOGUE[given.command].stop:  # the client says which stops are not accepted yet
             self.display.unanswered.add(given)
@@ -358,7 +321,6 @@ class Keyboard:
             Act.UP: lambda: self._chosen.choose_next(-1),
             Act.DOWN: lambda: self._chosen.choose_next(1),
             Act.LOG: presses.toggle_events,
-            Act.RESULTS: presses.toggle_results,
             Act.CANCEL: self._cancel,
         }
 
@@ -541,5 +503,7 @@ def _kart_at(screen: Screen, place: int) -> int:
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
     """Return the command that a key gives to a kart (0: to none), as a screen has it."""
+    if stroke.finish is not None:
+        return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)
     return next((each for each in found if each is not None), None)

@@ -130,7 +130,9 @@ class KartRow(Painted):
         self._paint_sent(pen, sent, row)
         self._paint_cell(pen, answer, row.answer, row.says)
         self._paint_link(pen, link, row)
-        pen.text(place, row.place, ink, LARGE - 2, True, CENTER)
+        upper, lower = _halves(place, bool(row.gap))
+        pen.text(upper, row.place, ink, LARGE - 2, True, CENTER)
+        pen.text(lower, row.gap, ink, SMALL, align=CENTER)
 
     def _rooms(self) -> list[QtCore.QRect]:
         rooms = columns(self.width(), 0)[: len(COLUMNS)]

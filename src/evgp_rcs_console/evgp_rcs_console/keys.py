@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import enum
 import string
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.view import FINISH_KEYS, LETTER_COMMANDS
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
+from evgp_rcs_console.view import FINISH_KEYS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
@@ -85,7 +85,6 @@ class Act(enum.Enum):
     UP = enum.auto()
     DOWN = enum.auto()
     LOG = enum.auto()
-    RESULTS = enum.auto()
     PRESS = enum.auto()
     ERASE = enum.auto()
     CANCEL = enum.auto()
@@ -99,7 +98,6 @@ _ACTS = {
     'Up': Act.UP,
     'Down': Act.DOWN,
     'Ctrl+L': Act.LOG,
-    'Ctrl+T': Act.RESULTS,
     'Return': Act.PRESS,
     'Enter': Act.PRESS,
     'Backspace': Act.ERASE,
@@ -107,8 +105,8 @@ _ACTS = {
 }
 
 KEYS = {
-    key: tuple(kind for kind, entry in CATALOGUE.items() if entry.key == key)
-    for key in sorted({entry.key for entry in CATALOGUE.values() if entry.key}, key=len)
+    key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
+    for key in sorted({entry.key for entry in OF_RACE_CONTROL.values() if entry.key}, key=len)
 }
 """The commands of each key, except ALL KILL; a screen has a button for one of them."""
 
@@ -120,13 +118,13 @@ class Stroke:
 
     :param commands: of these, the first for which the screen has a button is sent.
     :param to_chosen: the command goes to the chosen kart.
-    :param finish: the place in the roster of the kart that has crossed the line, or finished; None
-        if none has.
+    :param finish: the place in the roster of the kart that has crossed the line; what its letter
+        gives is in its row. None: it is no letter.
     :param digit: the digit, if it is part of a kart's number.
     :param act: what else it does.
     """
 
-    commands: tuple[CommandKind, ...] = ()
+    commands: tuple[Kind, ...] = ()
     to_chosen: bool = False
     finish: int | None = None
     digit: str = ''
@@ -148,7 +146,7 @@ def meaning(key: str) -> Stroke | None:
     if key in KEYS:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
-        return Stroke(LETTER_COMMANDS, finish=FINISH_KEYS.index(key))
+        return Stroke(finish=FINISH_KEYS.index(key))
     if key in _ACTS:
         return Stroke(act=_ACTS[key])
     if len(key) == 1 and key.isdecimal():

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from evgp_rcs.rules.official import UNNAMED
+from evgp_node.official import UNNAMED
 from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import numbered, time_of_day

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import time
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.notices import concerns, EventLog, Line
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import BLACK, FILLS, GAP, HUGE, LARGE, look, SMALL, TEXT, WHITE, YELLOW
@@ -186,17 +187,17 @@ class Strip(Painted):
         super().__init__('strip')
         self._texts = ('', '', '', '')
         self._stale = False
-        results = Push('show_results', texts.RESULTS_BUTTON, 'Ctrl+T')
-        self.results = self.put(results, -124, 0, 0, 0)
-        self.heat = self.put(CommandButton(pressed), -262, 0, -124 - 2, 0)
-        self.results.quiet = self.heat.quiet = True
+        self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
+        self.heat.quiet = True
         self.heat.hide()
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
         """Show the race as it is now, and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
         by = ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
-        rest = ' · '.join(filter(None, (screen.missing, screen.order, screen.places)))
+        rest = ' · '.join(
+            filter(None, (screen.missing, screen.timing, screen.order, screen.places))
+        )
         self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
         self._stale = stale
         # There are heats or there are none, as long as the roster is the same.
@@ -209,8 +210,8 @@ class Strip(Painted):
         """Draw it."""
         pen.box(self.rect(), look.palette.card, look.palette.line)
         room = self.rect().adjusted(look.px(12), 0, -look.px(12), 0)
-        button = self.results if self.heat.isHidden() else self.heat
-        room.setRight(button.geometry().left() - look.px(GAP))
+        if not self.heat.isHidden():
+            room.setRight(self.heat.geometry().left() - look.px(GAP))
         tally, reminder, rest, officials = self._texts
         strong = look.palette.faint if self._stale else look.palette.ink
         first, last = QtCore.QRect(room), QtCore.QRect(room)

@@ -1,57 +1,71 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The results sheet as texts: the table, and the passings that it rests on. Pure."""
+"""Results as texts: what a row shows of them, the tables, and the passings. Pure."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+import shlex
 
-from evgp_rcs.rules.laps import Judged, KartResult, Mark
-from evgp_rcs.rules.snapshot import Standings
-from evgp_rcs.words import FORMATS, lap_time, STATUS
+from evgp_node.results import KartResult, Mark, Standings, Status
+from evgp_rcs.words import lap_time, time_of_day
 from evgp_rcs_console import texts
 
-
-@dataclass(frozen=True)
-class ResultColumn:
-    """
-    A column of the results.
-
-    :param width: in pixels on a 1366 by 768 screen; 0: the width that the others leave.
-    :param cell: what it shows of a kart and its team.
-    """
-
-    heading: str
-    width: int
-    cell: Callable[[KartResult, str], str]
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
 
 
-RESULT_COLUMNS = (
-    ResultColumn('', 28, lambda kart, team: f'{kart.place}.' if kart.place else ''),
-    ResultColumn('Kart', 40, lambda kart, team: str(kart.kart)),
-    ResultColumn('Team', 0, lambda kart, team: team),
-    ResultColumn('Laps', 36, lambda kart, team: str(kart.laps)),
-    ResultColumn('Total', 74, lambda kart, team: lap_time(kart.total)),
-    ResultColumn('Last', 66, lambda kart, team: lap_time(next(iter(kart.lap_times[-1:]), None))),
-    ResultColumn('Best', 66, lambda kart, team: lap_time(kart.best)),
-    ResultColumn('Status, penalties', 150, lambda kart, team: '; '.join(_notes(kart))),
-)
+def position(results: Standings, number: int) -> str:
+    """Return the position of a kart, if it has one, and its laps; empty: it did not start."""
+    kart = results.kart(number)
+    if kart is None:
+        return ''
+    laps = f'{len(kart.lap_times)}/{results.laps}'.removesuffix('/0')
+    return f'P{kart.place} {laps}' if kart.place else laps
 
 
-def _notes(kart: KartResult) -> list[str]:
-    return [*filter(None, [STATUS[kart.status]]), *map(str, kart.penalties)]
+def gap(results: Standings, number: int) -> str:
+    """Return how far a kart is behind the first one; empty: it is not, or has no lap yet."""
+    kart, first = results.kart(number), next(iter(results.karts), None)
+    if kart is None or first is None or kart.total is None or first.total is None:
+        return ''
+    laps, seconds = first.laps - kart.laps, kart.total - first.total
+    if laps > 0:
+        return f'+{laps} lap{"s" * (laps > 1)}'
+    return f'+{seconds:.1f} s' if kart is not first and not laps else ''
+
+
+def on_last_lap(results: Standings, number: int) -> bool:
+    """Return whether a kart has no lap to drive but the one that it is in."""
+    kart = results.kart(number)
+    if kart is None or results.laps_left(number) > 1:
+        return False
+    # Of a race of one lap, the first crossing begins it.
+    seen = (each.kart for each in results.passings if each.mark is Mark.COUNTED)
+    return bool(kart.lap_times) or number in seen
+
+
+def _row(kart: KartResult, team: str) -> tuple[str, ...]:
+    notes = [*filter(None, [STATUS[kart.status]]), *map(str, kart.penalties)]
+    last = next(iter(kart.lap_times[-1:]), None)
+    times = map(lap_time, (kart.total, last, kart.best))
+    place = f'{kart.place}.' if kart.place else ''
+    return place, str(kart.kart), team, str(kart.laps), *times, '; '.join(notes)
 
 
 def title(results: Standings) -> str:
     """Return what the results are of."""
     if not (results.karts or results.overall):
         return texts.NO_RESULTS
-    laps = texts.RESULTS_LAPS.format(count=results.laps) if results.laps else ''
-    return ', '.join(
-        filter(None, (results.heat or texts.RESULTS_TITLE, FORMATS[results.format], laps))
-    )
+    laps = texts.RESULTS_LAPS.format(count=results.laps) * bool(results.laps)
+    said = results.heat or texts.RESULTS, results.format.value.replace('_', ' '), laps
+    return ', '.join(filter(None, (*said, texts.PUBLISHED * results.published)))
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
@@ -61,28 +75,39 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     :param teams: the team of each kart of the roster.
     """
 
-    def rows(karts: Iterable[KartResult]) -> list[tuple[str, ...]]:
-        return [
-            tuple(column.cell(kart, teams.get(kart.kart, '')) for column in RESULT_COLUMNS)
-            for kart in karts
-        ]
+    def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
+        return (_row(kart, teams.get(kart.kart, '')) for kart in karts)
 
+    headed = [texts.RESULT_HEADINGS, *rows(results.karts)]
     if results.overall in ((), results.karts):
-        return rows(results.karts)
-    heading = [''] * len(RESULT_COLUMNS)
-    heading[2] = texts.ALL_HEATS.format(format=FORMATS[results.format])
-    return [*rows(results.karts), tuple(heading), *rows(results.overall)]
+        return headed
+    heading = [''] * len(texts.RESULT_HEADINGS)
+    heading[2] = texts.ALL_HEATS.format(format=results.format.value.replace('_', ' '))
+    return [*headed, tuple(heading), *rows(results.overall)]
 
 
-def crossing(judged: Judged) -> tuple[str, str, str, str]:
-    """Return when a passing was, whose it is, who saw it, and what became of it."""
-    passing = judged.passing
-    kart = texts.FIELD_KART.format(number=judged.kart) if judged.kart else '?'
-    seen = f'{passing.identity} {passing.transponder}'.rstrip()
-    mark = f'{judged.mark.value}: {judged.struck}' if judged.struck else judged.mark.value
-    return lap_time(judged.at), kart, seen, mark
+def races(results: Standings) -> list[tuple[str, ...]]:
+    """Return the races of the event by their numbers, and which of them counts."""
+    return [
+        (
+            str(each.number),
+            time_of_day(each.stamp),
+            each.heat,
+            texts.CLASSIFIED.format(count=each.classified),
+            texts.COUNTS * each.counts,
+        )
+        for each in results.races
+    ]
 
 
-def is_struck(judged: Judged) -> bool:
-    """Return whether an official struck a passing out."""
-    return judged.mark is Mark.STRUCK
+def passings(results: Standings) -> list[tuple[str, ...]]:
+    """Return when each passing was, whose it is, what names it, and what became of it."""
+    return [
+        (
+            lap_time(each.at),
+            texts.FIELD_KART.format(number=each.kart) if each.kart else '?',
+            shlex.join(map(str, each.passing.identity)),
+            f'{each.mark.value}: {each.struck}' if each.struck else each.mark.value,
+        )
+        for each in results.passings
+    ]

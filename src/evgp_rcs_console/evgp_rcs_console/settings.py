@@ -18,8 +18,8 @@ import sys
 import tempfile
 import threading
 
-from evgp_rcs.files.folder import rcs_folder
-from evgp_rcs.rules.official import claim, tidy
+from evgp_node.folder import rcs_folder
+from evgp_node.official import claim, tidy
 from evgp_rcs_console import texts
 
 MOST_BYTES = 4096

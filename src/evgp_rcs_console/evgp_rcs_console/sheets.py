@@ -2,31 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The sheets over the karts: a question, the heats, the results, the official's name, the keys.
+The sheets over the karts: a question, the heats, the official's name, the keys.
 
 They end before the stops of the karts begin, so they cover no stop.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-import functools
+from collections.abc import Sequence
 import time
 
+from evgp_node.official import MOST_OF_NAME
 from evgp_protocol import clock
-from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.laps import Judged
-from evgp_rcs.rules.official import MOST_OF_NAME
-from evgp_rcs.rules.snapshot import Standings
 from evgp_rcs.words import Cell, time_of_day, Tone
-from evgp_rcs_console import results, texts
-from evgp_rcs_console.freshness import AIM, SEEN
+from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE
+from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.style import GAP, LARGE, LEAST, look, SMALL, TEXT
+from evgp_rcs_console.style import LARGE, LEAST, look, SMALL, TEXT
 from evgp_rcs_console.view import Button
 from evgp_rcs_console.widgets import (
-    Area,
     CommandButton,
     font,
     Painted,
@@ -252,239 +248,6 @@ class Heats(Sheet):
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
         self._pressed(down, button)
-
-
-ROWS, ROW = 11, 26
-"""Number of karts of the results that are shown at once, and the height of each."""
-CROSSINGS, CROSSING = 10, 30
-"""Number of passings that are shown at once, and the height of each."""
-
-
-class ResultTable(Painted):
-    """The results, one page of them."""
-
-    _rows: Sequence[tuple[str, ...]] = ()
-    _stale = False
-
-    def show_rows(self, rows: Sequence[tuple[str, ...]], stale: bool) -> None:
-        """Show these karts."""
-        self._rows = [tuple(column.heading for column in results.RESULT_COLUMNS), *rows]
-        self._stale = stale
-        self.show_it(self._rows, stale)
-
-    def paint(self, pen: Pen) -> None:
-        """Draw a line for each, below the headings."""
-        gap, high = look.px(6), self.height() // (ROWS + 1)
-        widths = [look.px(column.width) for column in results.RESULT_COLUMNS]
-        rest = self.width() - sum(widths) - gap * (len(widths) - 1)
-        for number, row in enumerate(self._rows):
-            left = 0
-            for text, wide in zip(row, widths, strict=True):
-                room = QtCore.QRect(left, number * high, wide or rest, high)
-                strong = number and not self._stale
-                ink = look.palette.ink if strong else look.palette.faint
-                pen.text(room, text, ink, SMALL, wrap=True)
-                left += room.width() + gap
-
-
-class CrossingRow(Painted):
-    """A passing, with the button that strikes it out or restores it."""
-
-    corrected = Signal(object)
-    """The official wants the opposite of what became of this passing."""
-    changed = Signal()
-    """It has become another one's, or another official's, just before the click."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(f'crossing_{number}')
-        self._judged: Judged | None = None
-        self._since = 0.0
-        self._button = self.put(Push(f'correct_{number}'), -96, 2, 0, -2)
-        self._button.clicked.connect(self._click)
-
-    def show_crossing(self, judged: Judged | None) -> None:
-        """Show a passing; None: none."""
-        if judged is not None and self._is_other(judged):
-            self._since = clock.now()
-        self._judged = judged
-        self._button.setVisible(judged is not None)
-        if judged is not None:
-            struck = results.is_struck(judged)
-            self._button.show_words(texts.RESTORE if struck else texts.STRIKE)
-        self.show_it(judged)
-
-    def _is_other(self, judged: Judged) -> bool:
-        before = self._judged
-        return (
-            before is None
-            or before.passing.identity != judged.passing.identity
-            or results.is_struck(before) is not results.is_struck(judged)
-        )
-
-    def _click(self) -> None:
-        if clock.now() - self._since < AIM:
-            self.changed.emit()
-        else:
-            self.corrected.emit(self._judged)
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        if self._judged is None:
-            return
-        left, last = 0, self._button.geometry().left() - look.px(GAP)
-        said = results.crossing(self._judged)
-        for text, wide in zip(said, (76, 84, 170, 0), strict=True):
-            right = left + look.px(wide) if wide else last
-            room = QtCore.QRect(left, 0, right - left, self.height())
-            pen.text(room, text, look.palette.ink, TEXT, wrap=not wide)
-            left = right + look.px(GAP)
-
-
-class ResultsSheet(Sheet):
-    """
-    The results as they stand, or the passings.
-
-    The results follow the race. The passings stay those that the official asked for, so that none
-    moves under the hand; what becomes of each is up to date.
-    """
-
-    corrected = Signal(object)
-    changed = Signal()
-    """Those of its passings."""
-
-    def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'results')
-        self._shown_results: tuple[Standings, Mapping[int, str], bool] = Standings(), {}, False
-        self._page, self._pages = 0, 1
-        self._listed: list[Judged] = []
-        self._end = 0
-        self._table = ResultTable('results_table')
-        self._rows = [CrossingRow(number) for number in range(1, CROSSINGS + 1)]
-        self._hint = Text('results_hint', wrap=True)
-        self._hint.show_text(texts.RESULTS_HINT)
-        self._view, self._more = Push('results_view'), Push('results_more')
-        self._newest = Push('results_newest')
-        self.close_button = Push('close_results', texts.HELP_CLOSE, 'Esc')
-        buttons = Area()
-        for place, button in enumerate((self._view, self._more, self._newest)):
-            buttons.put(button, 158 * place, 0, 158 * place + 150, 0)
-        buttons.put(self.close_button, -150, 0, 0, 0)
-        self._view.clicked.connect(self._turn)
-        self._more.clicked.connect(self._turn_page)
-        self._newest.clicked.connect(self.list_newest)
-        self.close_button.clicked.connect(self.close_sheet)
-        for row in self._rows:
-            row.corrected.connect(self.corrected)
-            row.changed.connect(self.changed)
-        crossings = Area()
-        for number, row in enumerate(self._rows):
-            crossings.put(row, 0, CROSSING * number, 0, CROSSING * (number + 1))
-        self._crossings = crossings
-        crossings.hide()
-        # Both at the same place, so that no button moves.
-        body = Area()
-        body.put(self._table, 0, 0, 0, 0)
-        body.put(crossings, 0, 0, 0, 0)
-        self.add(body, ROW * (ROWS + 1), self._hint, 0, buttons, 36)
-
-    @property
-    def _shows_passings(self) -> bool:
-        return not self._crossings.isHidden()
-
-    def show_results(self, found: Standings, teams: Mapping[int, str], stale: bool) -> None:
-        """Show the results as they stand, with the team of each kart of the roster."""
-        self._shown_results = found, teams, stale
-        if _count(found) < self._end:  # another race
-            self._listed, self._end = [], 0
-        self.title.show_text(results.title(found))
-        rows = results.table(found, teams)
-        pages = self._pages = max(1, -(-len(rows) // ROWS))
-        self._page = min(self._page, pages - 1)
-        begin = ROWS * self._page
-        end = begin + ROWS
-        self._table.show_rows(rows[begin:end], stale)
-        marks = {each.passing.identity: each for each in found.passings}
-        self._listed = [marks.get(each.passing.identity, each) for each in self._listed]
-        for number, row in enumerate(self._rows):
-            row.show_crossing(self._listed[number] if number < len(self._listed) else None)
-        passings = self._shows_passings
-        self._view.show_words(texts.RESULTS_BUTTON if passings else texts.TO_PASSINGS)
-        page = texts.NEXT_PAGE.format(page=self._page + 1, pages=pages)
-        self._more.show_words(texts.OLDER if passings else page)
-        self._more.bar(not passings and pages == 1)
-        self._newest.setVisible(passings)
-        self._newest.show_words(texts.NEWEST.format(count=_count(found) - self._end))
-
-    @property
-    def _results(self) -> Standings:
-        return self._shown_results[0]
-
-    def _again(self) -> None:
-        self.show_results(*self._shown_results)
-
-    def _turn(self) -> None:
-        """Turn the sheet over: the passings, or the results."""
-        passings = not self._shows_passings
-        self._table.setVisible(not passings)
-        self._crossings.setVisible(passings)
-        self.list_newest()
-
-    def _turn_page(self) -> None:
-        if not self._shows_passings:
-            self._page = (self._page + 1) % self._pages
-        elif self._listed:
-            known = [each.passing.identity for each in self._results.passings]
-            oldest = self._listed[-1].passing.identity
-            end = known.index(oldest) if oldest in known else 0
-            if end:
-                self._list(end)
-        self._again()
-
-    def list_newest(self) -> None:
-        """List the newest passings."""
-        self._list(len(self._results.passings))
-        self._end = _count(self._results)
-        self._again()
-
-    def _list(self, end: int) -> None:
-        """List the passings before a place among those that there are, the newest first."""
-        begin = max(0, end - CROSSINGS)
-        self._listed = list(reversed(self._results.passings[begin:end]))
-
-
-def _count(found: Standings) -> int:
-    """Return how many passings there are, also those that the results do not have any more."""
-    return found.older + len(found.passings)
-
-
-class WhyStruck(Sheet):
-    """Asks why a passing does not count; the answer strikes it out."""
-
-    answered = Signal(object, str)
-
-    def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'why_struck', texts.WHY_TITLE)
-        self._judged: Judged | None = None
-        self._about = Text('why_about', wrap=True)
-        self.add(self._about, 0)
-        # Reasons to press: a text field of Qt's would take the space bar, which is ALL KILL.
-        for number, reason in enumerate(texts.WHY_REASONS, 1):
-            button = Push(f'why_{number}', reason)
-            button.clicked.connect(functools.partial(self._answer, reason))
-            self.add(button, 34)
-        self.close_button = Push('close_why', texts.HEATS_CLOSE, 'Esc')
-        self.close_button.clicked.connect(self.close_sheet)
-        self.add(self.close_button, 36)
-
-    def ask(self, judged: Judged) -> None:
-        """Take the passing; it is shown after that."""
-        self._judged = judged
-        at, kart, seen, _ = results.crossing(judged)
-        self._about.show_text(texts.WHY_ABOUT.format(kart=kart, at=at, seen=seen))
-
-    def _answer(self, reason: str, clicked: bool = False) -> None:
-        self.close_sheet()
-        self.answered.emit(self._judged, reason)
 
 
 class YourName(Sheet):

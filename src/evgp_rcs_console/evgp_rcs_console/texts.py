@@ -13,10 +13,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 import math
 
+from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
-from evgp_rcs.words import numbered, STATES
+from evgp_rcs.words import numbered, STATES, time_of_day
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Effects, Given
 
 TITLE = 'EVGP race control'
@@ -50,10 +52,9 @@ NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
-FLAG_IN = 'P{place}, flag in {seconds} s'
+FLAG_IN = 'F{place}, flag in {seconds} s'
 LAST_LAP_DONE = 'last lap done: FINISH'
 FINISH_NOW = 'FINISH {karts}: last lap done'
-LAPS = 'lap {count}: {last:.3f} s, best {best:.3f} s'
 SAYS = 'says {state}'
 SAYS_EARLIER = 'perhaps to the earlier one'
 COUNTS_IN = '… in {seconds} s'
@@ -181,9 +182,9 @@ CHANGED = 'Changed: {what}'
 BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
-GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
+GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
 NO_SERVICE = 'it does not find the services of race control'
-NOT_THERE = '{command} was not sent: race control is not there.'
+NOT_THERE = '{command} was not sent: {who} is not there.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
@@ -202,6 +203,7 @@ ASK_YES = 'YES: {condition}'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
+ASK_RUN_BEFORE = '{heat} was run at {clock}: this run will count instead.'
 ASK_NOBODY = 'Race control hears nobody who could stop the race from a screen or a button.'
 ASK_CHANGED = 'Changed at {clock}: {what} Press NO and begin again.'
 MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
@@ -216,29 +218,21 @@ HEAT = '{name}: {karts}'
 IN_RACE_NOW = 'in the race'
 NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
-GRID_FROM, NO_GRID = 'grid from {source}', 'no grid yet: no results of {source}'
-RESULTS = 'Places'
+GRID_ORDER = 'in the order of the grid'
+ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
+NO_TIMING = 'no timing'
+NO_TIMING_REASON = (
+    'no timing, so nobody knows which lap this is. For FINISH, type its number, then Ctrl+E'
+)
 
-RESULTS_BUTTON = 'RESULTS'
-RESULTS_TITLE = 'Results'
+RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 NO_RESULTS = 'No results yet'
 ALL_HEATS = 'All heats, {format}'
 RESULTS_LAPS = '{count} laps'
-RESULTS_HINT = (
-    'A penalty, in a terminal: rcs_ctl penalise KART --seconds 5 --reason "..."  '
-    '(--laps 1, --disqualified; undo-penalty KART)'
-)
-TO_PASSINGS = 'PASSINGS'
-PASSINGS = 'Passings: since GREEN_GREEN, kart, source, session and number, what became of it'
-OLDER = 'OLDER'
-NEXT_PAGE = 'PAGE {page} of {pages}'
-NEWEST = 'NEWEST: {count} new'
-STRIKE = 'STRIKE'
-RESTORE = 'RESTORE'
-WHY_TITLE = 'Why does it not count?'
-WHY_ABOUT = '{kart}, crossed at {at}, seen by {seen}. It is kept, and can be restored.'
-WHY_REASONS = ('Another kart crossed', 'Nobody crossed', 'Seen before the line', 'Off the track')
-PASSINGS_CHANGED = 'Nothing was sent: this passing has just changed. Look, and press again.'
+PASSINGS = 'Passings: since GREEN GREEN, kart, source, session and number, what became of it'
+RACES = 'Races: number, when the grid formed, heat, karts that are classified'
+CLASSIFIED, COUNTS, PUBLISHED = '{count} classified', 'counts', 'published'
+FOR_TIMEKEEPER = 'For the timekeeper: {question}'
 
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
@@ -280,7 +274,6 @@ OTHER_KEYS = (
     ('Arrows', 'a kart, until another'),
     ('Backspace, Esc', 'delete a digit, all digits'),
     ('Ctrl+L', 'events: one kart, all'),
-    ('Ctrl+T', 'results, passings'),
     ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )
@@ -309,15 +302,7 @@ def inspected(kart: KartSnapshot) -> str:
     return f'inspected {kart.inspected}' if kart.inspected else ''
 
 
-def laps(kart: KartSnapshot, wanted: int) -> str:
-    """Return how many laps a kart has driven, of those of the race; empty: it has none."""
-    if kart.last_lap is None or kart.best_lap is None:
-        return ''
-    count = f'{kart.laps} of {wanted}' if wanted else kart.laps
-    return LAPS.format(count=count, last=kart.last_lap, best=kart.best_lap)
-
-
-def command_name(command: CommandKind, kart: int = 0) -> str:
+def command_name(command: Kind, kart: int = 0) -> str:
     """Return the name of a command in a sentence."""
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 
@@ -333,27 +318,32 @@ def dropped(given: Given, at: float) -> str:
     return DROPPED.format(command=full_name(given), age=round(at - given.at))
 
 
-def heat(each: HeatSnapshot, in_race: bool = False, is_next: bool = False) -> str:
-    """Return a heat with its karts, in the order in which they start."""
-    text = HEAT.format(name=each.name, karts=_numbers(each.grid or each.karts))
-    notes = [(GRID_FROM if each.grid else NO_GRID).format(source=each.grid_from)]
-    notes *= bool(each.grid_from) and len(each.karts) > 1
-    notes += [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+def heat(
+    each: HeatSnapshot, timing: Standings | None, in_race: bool = False, is_next: bool = False
+) -> str:
+    """Return a heat with its karts, in the order in which they start if timing says one."""
+    grid = grid_of(each.name, timing)
+    text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
+    notes = [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
 
 
-def order_of_start(race: Snapshot) -> str:
+def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
+    """Return in which order the karts of a heat start; empty: nothing says one."""
+    found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
+    return next(iter(found), ())
+
+
+def order_of_start(race: Snapshot, timing: Standings | None) -> str:
     """Return in which order the karts of the race start, and who is next; empty: nothing says."""
     said = []
-    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE):
-        heat = race.heat_in_race
-        if heat is not None and heat.grid_from and len(heat.karts) > 1:
-            text = GRID if heat.grid else NO_GRID
-            said.append(text.format(karts=_numbers(heat.grid), source=heat.grid_from))
+    grid = grid_of(race.heat, timing)
+    if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
+        said.append(GRID.format(karts=_numbers(grid)))
     said += [
         NEXT.format(karts=_numbers(heat.karts), name=heat.name)
         for heat in race.heats
-        if heat.name == race.next_heat
+        if timing is not None and heat.name == timing.next_heat
     ]
     return ' · '.join(said)
 
@@ -362,9 +352,7 @@ def _numbers(karts: Iterable[int]) -> str:
     return ', '.join(map(str, karts))
 
 
-def condition(
-    command: CommandKind, kart: KartSnapshot | None, race: Snapshot, statement: str
-) -> str:
+def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statement: str) -> str:
     """
     Return what an official confirms.
 
@@ -399,7 +387,7 @@ def under_way(race: Snapshot) -> str:
     return f'{sent[0]} is sent {STATES[sent[0].sent]}' if sent else ''
 
 
-def warning(command: CommandKind, race: Snapshot) -> str:
+def warning(command: Kind, race: Snapshot) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
@@ -418,7 +406,19 @@ def warning(command: CommandKind, race: Snapshot) -> str:
     return ''
 
 
-def caution(command: CommandKind, race: Snapshot, karts: Sequence[int]) -> str:
+def not_there(command: Kind, name: str) -> str:
+    """Return that whoever takes a command of this kind is not there."""
+    who = 'the timekeeper' if isinstance(command, Act) else 'race control'
+    return NOT_THERE.format(command=name, who=who)
+
+
+def gave_up(given: Given, limit: str) -> str:
+    """Return that a command was not answered within a time."""
+    what = 'results' if isinstance(given.command, Act) else 'race'
+    return GAVE_UP.format(command=full_name(given), age=limit, what=what)
+
+
+def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
     Return what an official should know before a command, and which is no reason to refuse it.
 
@@ -427,9 +427,21 @@ def caution(command: CommandKind, race: Snapshot, karts: Sequence[int]) -> str:
     if command is CommandKind.GREEN_GREEN:
         return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    if command is not CommandKind.GRID_ACTIVE or not poor:
+    if command is not CommandKind.GRID_ACTIVE:
         return ''
-    return ASK_CAUTION.format(karts=numbered(poor))
+    said = [ASK_CAUTION.format(karts=numbered(poor))] if poor else []
+    return ' '.join((*said, *_run_before(race, results)))
+
+
+def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
+    """Return that the heat in the race was run already, and its results would be replaced."""
+    if results is None or race.state is RaceState.GRID_ACTIVE:
+        return []
+    return [
+        ASK_RUN_BEFORE.format(heat=each.heat, clock=time_of_day(each.stamp)[:5])
+        for each in results.races
+        if each.counts and each.heat == race.heat
+    ]
 
 
 def can_stop(race: Snapshot) -> str:
@@ -447,7 +459,7 @@ def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
 
 
 def consequences(
-    command: CommandKind, does: Effects, race: Snapshot, kart: KartSnapshot | None
+    command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
 ) -> list[str]:
     """
     Return what a command does, as sentences.

@@ -15,10 +15,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import string
 
+from evgp_node.results import Act, Standings
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import Alert, AlertKind, Availability
 from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
@@ -34,7 +35,9 @@ from evgp_rcs.words import (
     time_of_day,
     Tone,
 )
+from evgp_rcs_console import results as timed
 from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 from evgp_rcs_console.commands import effects, Given, is_so
 from evgp_rcs_console.notices import Notice
 
@@ -49,7 +52,7 @@ STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
 
 def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
-    found = [kind for kind, entry in CATALOGUE.items() if entry.place]
+    found = [kind for kind, entry in OF_RACE_CONTROL.items() if entry.place]
     found = [kind for kind in found if CATALOGUE[kind].to_one_kart is to_one_kart]
     return tuple(sorted(found, key=lambda kind: CATALOGUE[kind].place))
 
@@ -60,7 +63,9 @@ RACE_COMMANDS = _placed(to_one_kart=False)
 KART_COMMANDS = _placed(to_one_kart=True)
 """The buttons of a kart's row; while a command's result holds, its button offers to undo it."""
 
-UNDONE_BY = {entry.undoes: kind for kind, entry in CATALOGUE.items() if entry.undoes is not None}
+UNDONE_BY = {
+    entry.undoes: kind for kind, entry in OF_RACE_CONTROL.items() if entry.undoes is not None
+}
 """For each command that can be undone, the command that undoes it."""
 
 ANSWER_KEYS = ('Y', 'N')
@@ -71,8 +76,8 @@ _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in AN
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
 """The keys of a kart that crosses the line, by its place in the roster: a kart keeps its key."""
 
-LETTER_COMMANDS = (CommandKind.COUNT_PASSING, CommandKind.KART_FINISH)
-"""What such a key gives: the first one that the screen has for the kart, which is in its row."""
+TIMING_GONE = 3.0
+"""Age of results from which there is no timing, in seconds: they come once a second."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
@@ -84,7 +89,7 @@ BEGINS_WITHIN = 30.0
 REMINDS_FOR = 30.0
 """Time for which the screen reminds of that, or until each has acknowledged, in seconds."""
 
-Pending = Mapping[tuple[CommandKind, int], float]
+Pending = Mapping[tuple[Kind, int], float]
 """Time that each command to each kart (0: no kart) has waited for its answer, in seconds."""
 
 
@@ -109,7 +114,7 @@ class Button:
     :param current: for a command to the race: whether the race is in the state that it leads to.
     """
 
-    command: CommandKind
+    command: Kind
     kart: int
     label: str
     enabled: bool
@@ -201,7 +206,9 @@ class Row:
     :param link_time: how long the answers of its kernel take; empty if that is not known.
     :param answer: what it answered, in a word or two; empty if no answer is expected.
     :param waits: it is connected and has not yet done what it is sent.
-    :param finish: FINISH, whatever the row's button offers.
+    :param finish: FINISH, whatever the row's button offers; ``letter``: what its letter gives.
+    :param place: its position and laps, or without timing its place in the order of FINISH.
+    :param gap: how far it is behind the first one.
     """
 
     number: int
@@ -218,9 +225,11 @@ class Row:
     waits: bool
     says: str
     place: str
+    gap: str
     note: Cell
     buttons: tuple[Button, ...]
     finish: Button
+    letter: Button
 
 
 @dataclass(frozen=True)
@@ -242,10 +251,10 @@ class Column:
 COLUMNS = (
     Column('Kart', 46, lambda row: Cell(str(row.number))),
     Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
-    Column('Sent, for', 162, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer', 88, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
-    Column('Link', 80, lambda row: row.link, lambda row: Cell(row.link_time)),
-    Column('Place', 30, lambda row: Cell(row.place)),
+    Column('Sent, for', 150, lambda row: row.sent, lambda row: Cell(row.since)),
+    Column('Answer', 84, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
+    Column('Link', 76, lambda row: row.link, lambda row: Cell(row.link_time)),
+    Column('Place, lap', 50, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
 )
 
 
@@ -285,7 +294,9 @@ class Screen:
         empty if none must.
     :param heat_button: opens the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
-    :param places: the places of the race, or of the last one; empty if there are none.
+    :param places: the results of the race, or of the last one, or the order of FINISH where there
+        is no timing; empty if there are none.
+    :param timing: that there is no timing; empty if there is.
     :param can_stop: how many programs there are from which officials can stop it, and which.
     """
 
@@ -301,6 +312,7 @@ class Screen:
     heat_button: Button | None
     heats: tuple[Button, ...]
     places: str
+    timing: str
     can_stop: str
     humans: Cell
     humans_reason: str
@@ -309,13 +321,13 @@ class Screen:
     track_button: Button | None
     rows: tuple[Row, ...]
 
-    def button(self, command: CommandKind, kart: int = 0) -> Button | None:
+    def button(self, command: Kind, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
         buttons = [*self.race, *self.all_karts]
         buttons += filter(None, [self.track_button, self.heat_button])
         for row in self.rows:
             if row.number == kart:
-                buttons += (*row.buttons, row.finish)
+                buttons += (row.finish, *row.buttons)
         return next(
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
@@ -378,16 +390,37 @@ STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
 
-def show(race: Snapshot, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
+def present(results: Standings | None, at: float) -> Standings | None:
+    """
+    Return results; None: they are out of date, and there is no timing.
+
+    :param at: the time by the clock of race control's machine, which the timekeeper goes by, in s.
+    """
+    # A stamp that is ahead is as wrong as one that is old.
+    is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
+    return results if is_new else None
+
+
+def show(
+    race: Snapshot,
+    age: float,
+    pending: Pending,
+    danger: Danger | None = None,
+    results: Standings | None = None,
+) -> Screen:
     """
     Return what a screen shows of a snapshot.
 
     :param age: time since the snapshot came, in seconds.
     :param pending: the commands that wait for an answer.
     :param danger: what to say if race control is gone or must not be relied on.
+    :param results: the timekeeper's newest; None: there are none.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
-    buttons = _Buttons(race, pending, now, barred)
+    timing = present(results, now)
+    own = timing is not None and (timing.run, timing.race) == (race.run, race.number)
+    buttons = _Buttons(race, pending, now, barred, timing, timing if own else None)
+    untimed = timing is None or (race.state is RaceState.GREEN_GREEN and not own)
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
@@ -398,13 +431,14 @@ def show(race: Snapshot, age: float, pending: Pending, danger: Danger | None = N
         since=_since(race, now),
         clock=clock(now - race.state_since) if race.state is RaceState.GREEN_GREEN else '',
         heat=texts.heat_in_race(race),
-        order=texts.order_of_start(race),
+        order=texts.order_of_start(race, timing),
         tally=tally(race),
         missing=texts.missing(race),
-        reminder='' if danger is not None else _finish_now(race) or _reminder(race, now),
+        reminder='' if danger is not None else _finish_now(buttons) or _reminder(race, now),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
-        places=_places(race),
+        places=_places(buttons),
+        timing=texts.NO_TIMING if untimed else '',
         can_stop=texts.can_stop(race),
         humans=humans,
         humans_reason=reason,
@@ -475,16 +509,20 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     return allowed, race.track.reason
 
 
-def _finish_now(race: Snapshot) -> str:
+def _finish_now(buttons: _Buttons) -> str:
     """Return which karts are to be given FINISH, with its letter in their rows."""
-    done = [str(kart.number) for kart in race.karts if kart.last_lap_done]
+    karts = buttons.snapshot.karts
+    done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
 
 
-def _places(race: Snapshot) -> str:
-    """Return the places, the first one first."""
-    finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
-    return ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
+def _places(buttons: _Buttons) -> str:
+    """Return the results, or where there is no timing the order of FINISH; the first one first."""
+    name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in buttons.finished]
+    if buttons.shown is not None:
+        name, placed = texts.RESULTS, [(each.place, each.kart) for each in buttons.shown.karts]
+    said = ', '.join(f'{place}. kart {kart}' for place, kart in sorted(placed) if place)
+    return f'{name}: {said}' if said else ''
 
 
 SAYS_NO_MORE = 5.0
@@ -505,24 +543,25 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if kart.flag_follows and kart.flag_at is not None:
         left = texts.left(kart.flag_at - now)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
-    if kart.last_lap_done:
+    done = buttons.last_lap_is_done(kart)
+    if done:
         notes.append(texts.LAST_LAP_DONE)
     if kart.hold is not None:
         notes.append(texts.HELD.format(reason=kart.hold_reason))
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
-    # Laps and the inspection are shown only where there is nothing that an official must read.
-    note = ', '.join(notes) or texts.laps(kart, race.laps) or texts.inspected(kart)
+    # The inspection is shown only where there is nothing that an official must read.
+    note = ', '.join(notes) or texts.inspected(kart)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
     if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
-    counts = race.laps_remain(kart)
-    finish = buttons.kart(CommandKind.KART_FINISH, kart, '' if counts else key)
-    shown = {CommandKind.KART_FINISH: buttons.lap(kart, key) if counts else finish}
+    finish = buttons.kart(CommandKind.KART_FINISH, kart)
+    letter = buttons.letter(kart, key)
+    shown = {CommandKind.KART_FINISH: letter}
     asks = kart.sent is not RaceState.IN_GARAGE
-    done = kart.acknowledged and not kart.in_doubt
+    answered = kart.acknowledged and not kart.in_doubt
     says = ''
     if kart.connected and kart.reported not in (None, kart.sent):
         says = texts.SAYS.format(state=STATES[kart.reported])
@@ -541,22 +580,24 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         sent=STATE_CELLS[kart.sent] if kart.connected else _faint(STATE_CELLS[kart.sent]),
         since=clock(now - kart.sent_since),
         answer=_answer(kart, now, missing),
-        waits=kart.connected and asks and not done,
+        waits=kart.connected and asks and not answered,
         says=says,
-        place=f'P{kart.place}' if kart.place else '',
-        note=Cell(note, _note_tone(kart, urgent and bool(notes))),
+        place=buttons.place(kart),
+        gap='' if buttons.shown is None else timed.gap(buttons.shown, kart.number),
+        note=Cell(note, _note_tone(done, urgent and bool(notes))),
         buttons=tuple(
             shown.get(command) or buttons.kart(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
+        letter=letter,
     )
 
 
-def _note_tone(kart: KartSnapshot, urgent: bool) -> Tone:
+def _note_tone(done: bool, urgent: bool) -> Tone:
     if urgent:
         return Tone.BAD
-    return Tone.WAIT if kart.last_lap_done else Tone.FAINT
+    return Tone.WAIT if done else Tone.FAINT
 
 
 def _link(kart: KartSnapshot, missing: Tone) -> Cell:
@@ -608,12 +649,70 @@ def _faint(cell: Cell) -> Cell:
 
 @dataclass(frozen=True)
 class _Buttons:
-    """The buttons of one snapshot."""
+    """
+    The buttons of one snapshot.
+
+    :param results: those that are not out of date; ``timing``: the same, if they are of the race
+        of the snapshot.
+    """
 
     snapshot: Snapshot
     pending: Pending
     now: float
     barred: str
+    results: Standings | None
+    timing: Standings | None
+
+    @property
+    def finished(self) -> list[KartSnapshot]:
+        """Return the karts that were given FINISH."""
+        return [kart for kart in self.snapshot.karts if kart.place]
+
+    @property
+    def shown(self) -> Standings | None:
+        """
+        Return the results of this race, or of the last one while this one has no order.
+
+        None: there are none. A race in which no lap was timed has none.
+        """
+        has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
+        shown = self.timing if has_begun else self.results
+        is_timed = shown is not None and any(each.lap_times for each in shown.karts)
+        return shown if is_timed else None
+
+    def place(self, kart: KartSnapshot) -> str:
+        """Return its position and laps, or without timing its place in the order of FINISH."""
+        if self.shown is not None:
+            return timed.position(self.shown, kart.number)
+        return texts.FINISHED.format(place=kart.place) if kart.place else ''
+
+    def _races(self, kart: KartSnapshot) -> bool:
+        is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
+        return is_on and not kart.place
+
+    def last_lap_is_done(self, kart: KartSnapshot) -> bool:
+        """Return whether a kart that drives has all its laps: it is to be given FINISH."""
+        if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
+            return False
+        result = self.timing.kart(kart.number)
+        return result is not None and not self.timing.laps_left(kart.number)
+
+    def letter(self, kart: KartSnapshot, key: str) -> Button:
+        """
+        Return what the letter of a kart gives: a lap, or FINISH once only the last one is left.
+
+        In a heat nobody knows without timing which of the two, and it gives nothing.
+        """
+        timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
+        if not self._races(kart) or (timing is None and not self.snapshot.heat):
+            return finish
+        if timing is None or (timing.laps and timing.kart(kart.number) is None):
+            reason = finish.reason or texts.NO_TIMING_REASON
+            return replace(finish, enabled=False, reason=reason)
+        if timing.laps and not timed.on_last_lap(timing, kart.number):
+            offered = Availability(CommandKind.KART_FINISH, True)
+            return self._button(Act.COUNT, kart, offered, key)
+        return finish
 
     def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.offered(command)
@@ -653,21 +752,17 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
 
-    def lap(self, kart: KartSnapshot, key: str) -> Button:
-        offered = Availability(CommandKind.COUNT_PASSING, True)
-        return self._button(CommandKind.COUNT_PASSING, kart, offered, key)
-
     def heat(self, heat: HeatSnapshot) -> Button:
         """Return the button that puts a heat into the race."""
-        is_next = heat.name == self.snapshot.next_heat
-        label = texts.heat(heat, heat == self.snapshot.heat_in_race, is_next)
+        is_next = self.results is not None and heat.name == self.results.next_heat
+        label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
             self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )
 
     def _button(
         self,
-        command: CommandKind,
+        command: Kind,
         kart: KartSnapshot | None,
         offered: Availability,
         key: str,
@@ -689,7 +784,7 @@ class _Buttons:
             condition = texts.condition(command, kart, race, offered.statement)
             consequence = '\n'.join(texts.consequences(command, does, race, kart))
             warning = texts.warning(command, race)
-            caution = texts.caution(command, race, offered.karts)
+            caution = texts.caution(command, race, offered.karts, self.results)
         return Button(
             command=command,
             kart=kart.number if kart else 0,
@@ -725,7 +820,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
         f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),
-        *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),
+        *filter(None, [screen.places, screen.timing]),
         *([screen.order] if screen.order else []),
         f'Officials: {screen.can_stop}',
         '',

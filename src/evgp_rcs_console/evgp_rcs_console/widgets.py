@@ -9,8 +9,9 @@ from collections.abc import Callable
 import functools
 from typing import NamedTuple, TypeVar
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
+from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import Button, STEP_STATES
@@ -418,7 +419,7 @@ class CommandButton(Push):
         if button == self.button:
             return
         self.button = button
-        name = button.command.value.lower()
+        name = button.command.name.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         label = CATALOGUE[button.command].short or button.label
         self.show_words(label if button.kart else button.label, button.key)
@@ -457,7 +458,7 @@ class StepButton(CommandButton):
         if button is None:
             return
         ink, ground, frame = self.colours()
-        if button.current:
+        if button.current and isinstance(button.command, CommandKind):
             tone = STATE_CELLS[STEP_STATES[button.command]].tone
             frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
             ink = look.palette.ink if not button.is_stop else ink

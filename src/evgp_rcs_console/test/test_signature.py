@@ -10,7 +10,7 @@ import os
 import pathlib
 import threading
 
-from evgp_rcs.rules.official import MOST
+from evgp_node.official import MOST
 from evgp_rcs_console.keys import letter_of_name
 from evgp_rcs_console.settings import file_of_name, keep_name, kept_name, Signature
 import pytest

@@ -5,6 +5,17 @@
 
 from __future__ import annotations
 
+from evgp_node.results import (
+    Act,
+    HeatGrid,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    RaceOfEvent,
+    Standings,
+    Status,
+)
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -14,6 +25,7 @@ from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapsho
 from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
+from evgp_rcs_console.results import races
 from evgp_rcs_console.view import (
     BARS,
     BEGINS_WITHIN,
@@ -29,6 +41,7 @@ from evgp_rcs_console.view import (
     show,
     silence,
     table,
+    TIMING_GONE,
     UNDONE_BY,
 )
 from example_race import KART, offers, RACE, replace
@@ -47,6 +60,16 @@ def with_kart(**changes: object) -> Screen:
     """Return the screen of a race whose one kart is different."""
     kart = replace(KART, **changes)  # type: ignore[arg-type]
     return show(replace(RACE, karts=(kart,)), 0.0, {})
+
+
+def timing(**fields: object) -> Standings:
+    """Return what the timekeeper says of the race of the tests now."""
+    return replace(Standings(RACE.stamp, laps=6), **fields)
+
+
+def driven(kart: int, laps: int) -> KartResult:
+    """Return the result of a kart that has driven so many laps of 10 s."""
+    return KartResult(kart, 1, Status.RUNNING, laps, 10.0 * laps, (10.0,) * laps, ())
 
 
 def test_a_command_is_enabled_if_race_control_says_so() -> None:
@@ -279,23 +302,22 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
 
 
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
-    heats = (
-        HeatSnapshot('Final', (3, 7), grid_from='Practice', grid=(7, 3)),
-        HeatSnapshot('TT 3', (3,), grid_from='Practice', grid=(3,)),
-        HeatSnapshot('Consolation', (3, 7, 9), grid_from='Final'),
-    )
+    heats = HeatSnapshot('Final', (3, 7)), HeatSnapshot('TT 3', (3,)), HeatSnapshot('Next', (3, 9))
     karts = (replace(KART, number=3), KART)
-    named = {'heats': heats, 'heat': 'Final', 'next_heat': 'TT 3'}
-    race = replace(RACE, karts=karts, state=RaceState.IN_GARAGE, **named)
+    race = replace(RACE, karts=karts, state=RaceState.IN_GARAGE, heats=heats, heat='Final')
+    grids = HeatGrid('Final', (7, 3)), HeatGrid('TT 3', (3,)), HeatGrid('Next', ())
+    known = timing(grids=grids, next_heat='TT 3')
 
-    screen = show(race, 0.0, {})
+    screen = show(race, 0.0, {}, None, known)
 
     assert screen.order == 'Grid: 7, 3 · Next: kart 3 (TT 3)'
-    labels = [button.label for button in screen.heats]
-    assert labels[:2] == ['Final: 7, 3  (grid from Practice, in the race)', 'TT 3: 3  (next)']
-    assert labels[2].startswith('Consolation: 3, 7, 9  (')  # no results of Final yet
+    assert [button.label for button in screen.heats] == [
+        'Final: 7, 3  (in the order of the grid, in the race)',
+        'TT 3: 3  (next)',
+        'Next: 3, 9',
+    ]
     assert screen.order in table(screen, ())
-    driving = show(replace(race, state=RaceState.GREEN_GREEN), 0.0, {})
+    driving = show(replace(race, state=RaceState.GREEN_GREEN), 0.0, {}, None, known)
     assert driving.order == 'Next: kart 3 (TT 3)'
 
 
@@ -316,13 +338,33 @@ def test_a_heat_that_is_not_possible_says_why() -> None:
         assert 'the race is in RED_RED' in button.explanation
 
 
-def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() -> None:
+def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_that_name() -> None:
     karts = tuple(replace(KART, number=number, place=place) for number, place in ((1, 2), (2, 1)))
+    first, second = driven(1, 6)._replace(place=1), driven(2, 6)._replace(place=2)
+    known = timing(karts=(first, second))
+    unseen = timing(karts=(driven(1, 0), driven(2, 0)))
+    others = timing(run='earlier', karts=(first, second))
 
     for state in RaceState:
-        screen = show(replace(RACE, karts=karts, state=state), 0.0, {})
-        assert screen.places == '1. kart 2, 2. kart 1'
-        assert screen.places in '\n'.join(table(screen, ()))
+        race = replace(RACE, karts=karts, state=state)
+        for results, said, places in (
+            (known, 'Results: 1. kart 1, 2. kart 2', ['P1 6/6', 'P2 6/6']),
+            (others, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
+            (unseen, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
+            (None, 'Order of FINISH: 1. kart 2, 2. kart 1', ['F2', 'F1']),
+        ):
+            screen = show(race, 0.0, {}, None, results)
+            assert screen.places == said
+            assert [row.place for row in screen.rows] == places
+            assert said in table(screen, ())
+
+
+def test_the_last_results_are_shown_until_the_next_race_is_green_and_never_in_it() -> None:
+    last = timing(run='earlier', karts=(driven(7, 6),))
+
+    for state in RaceState:
+        places = show(replace(RACE, state=state), 0.0, {}, None, last).places
+        assert bool(places) is (state is not RaceState.GREEN_GREEN)
 
 
 def test_the_release_of_another_hold_is_another_question() -> None:
@@ -535,14 +577,14 @@ def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None
     driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, place=1, flag_at=42.5)
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
         screen = show(replace(RACE, karts=(driving,)), age, {})
-        assert screen.rows[0].note.text == f'P1, flag in {seconds} s'
+        assert screen.rows[0].note.text == f'F1, flag in {seconds} s'
         assert screen.tally == '1 driving'
-        assert f'Purdue P1, flag in {seconds} s' in '\n'.join(table(screen, ()))
+        assert f'Purdue F1, flag in {seconds} s' in '\n'.join(table(screen, ()))
 
     not_due, without_link = replace(driving, flag_at=None), replace(driving, connected=False)
     for kart in (not_due, without_link, replace(driving, sent=RaceState.RED_RED)):
         row = show(replace(RACE, karts=(kart,)), 0.0, {}).rows[0]
-        assert (row.place, row.note.text) == ('P1', '')
+        assert (row.place, row.note.text) == ('F1', '')
 
 
 def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:
@@ -676,31 +718,60 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
     assert not any(each.key for each in screen.rows[0].buttons if each != finish)
 
 
-def test_the_letter_counts_a_crossing_while_laps_remain_and_is_finish_after_the_last_one() -> None:
-    green = replace(RACE, state=RaceState.GREEN_GREEN, laps=6)
-
-    def letter(race: Snapshot, **changes: object) -> list[CommandKind]:
-        driven = replace(KART, sent=RaceState.GREEN_GREEN, laps=5)
-        kart = replace(driven, **changes)  # type: ignore[arg-type]
-        screen = show(replace(race, karts=(kart,)), 0.0, {})
-        finish = screen.button(CommandKind.KART_FINISH, 7)
-        assert finish is not None  # by the number of the kart it is given at any time
-        assert finish.enabled
-        return [each.command for each in screen.rows[0].buttons if each.key == FINISH_KEYS[0]]
-
-    assert letter(green) == [CommandKind.COUNT_PASSING]
-    assert letter(green, laps=6) == [CommandKind.KART_FINISH]
-    assert letter(replace(green, laps=0)) == [CommandKind.KART_FINISH]
-    assert letter(replace(green, state=RaceState.RED_FLAG)) == [CommandKind.KART_FINISH]
-    assert letter(green, in_race=False) == [CommandKind.KART_FINISH]
-    assert letter(green, place=1) == []  # it offers UNDO, which has no letter
+GREEN = replace(RACE, state=RaceState.GREEN_GREEN, heat='Final')
 
 
-def test_no_crossing_is_counted_while_race_control_is_gone_or_has_not_answered_the_last() -> None:
-    kart = replace(KART, sent=RaceState.GREEN_GREEN)
-    race = replace(RACE, state=RaceState.GREEN_GREEN, laps=6, karts=(kart,))
-    for pending, danger_now in (({(CommandKind.COUNT_PASSING, 7): 0.1}, None), ({}, SILENT)):
-        count = show(race, 0.0, pending, danger_now).button(CommandKind.COUNT_PASSING, 7)
+def test_the_letter_is_lap_until_only_the_last_lap_is_left_and_then_finish() -> None:
+    def letter(results: Standings | None, race: Snapshot = GREEN, **changes: object) -> object:
+        kart = replace(KART, sent=RaceState.GREEN_GREEN, **changes)  # type: ignore[arg-type]
+        screen = show(replace(race, karts=(kart,)), 0.0, {}, None, results)
+        assert screen.button(CommandKind.KART_FINISH, 7) == screen.rows[0].finish
+        assert screen.rows[0].finish.enabled  # by the number of the kart it is given at any time
+        assert screen.rows[0].letter.enabled
+        return screen.rows[0].letter.command
+
+    first = timing(karts=(driven(7, 0),))
+    assert letter(first) == Act.COUNT
+    assert letter(timing(karts=(driven(7, 4),))) == Act.COUNT
+    assert letter(timing(karts=(driven(7, 4),)), hold=RaceState.RED_FLAG) == Act.COUNT
+    assert letter(timing(karts=(driven(7, 5),))) == CommandKind.KART_FINISH
+    assert letter(first._replace(laps=0)) == CommandKind.KART_FINISH
+    assert letter(None, replace(GREEN, heat='')) == CommandKind.KART_FINISH
+    for elsewhere in ({'in_race': False}, {'place': 1}):
+        assert letter(first, **elsewhere) == CommandKind.KART_FINISH
+    of_one = first._replace(laps=1)
+    seen = Judged(Passing('line', 'today', 1), 7, Mark.COUNTED, 3.0, '')
+    assert letter(of_one) == Act.COUNT  # this crossing begins the lap
+    assert letter(of_one._replace(passings=(seen,))) == CommandKind.KART_FINISH
+
+
+@pytest.mark.parametrize(
+    'results',
+    [
+        None,
+        Standings(0.0, 'run', 3, laps=6),
+        Standings(RACE.stamp, 'run', 2, laps=6),
+        Standings(RACE.stamp, 'run', 3, laps=6),
+    ],
+    ids=['none', 'old', 'another race', 'not this kart'],
+)
+def test_without_timing_the_letter_sends_nothing_and_says_so_and_finish_by_number_is_sent(
+    results: Standings | None,
+) -> None:
+    karts = (replace(KART, sent=RaceState.GREEN_GREEN),)
+    screen = show(replace(GREEN, run='run', number=3, karts=karts), 0.0, {}, None, results)
+    (row,) = screen.rows
+
+    assert (row.letter.enabled, row.finish.enabled) == (False, True)
+    assert row.letter.reason == texts.NO_TIMING_REASON
+    assert row.letter in row.buttons
+    assert screen.button(CommandKind.KART_FINISH, 7) == row.finish
+
+
+def test_no_crossing_is_counted_while_race_control_is_gone_or_the_last_is_not_answered() -> None:
+    known = timing(karts=(driven(7, 0),))
+    for pending, danger_now in (({(Act.COUNT, 7): 0.1}, None), ({}, SILENT)):
+        count = show(GREEN, 0.0, pending, danger_now, known).button(Act.COUNT, 7)
         assert count is not None
         assert not count.enabled
 
@@ -779,27 +850,75 @@ def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> 
 # ----- laps ---------------------------------------------------------------------------------
 
 
-def test_a_row_shows_the_laps_where_nothing_is_more_urgent() -> None:
-    timed = replace(KART, laps=4, last_lap=12.3456, best_lap=11.9, inspected='2026-05-01')
-    held = replace(timed, hold=RaceState.RED_FLAG, hold_reason='RED_FLAG by Anna')
+def test_a_row_shows_position_lap_and_gap_beside_what_is_more_urgent() -> None:
+    karts = tuple(replace(KART, number=number, hold=RaceState.RED_FLAG) for number in (7, 8, 9))
+    best = driven(8, 3)
+    late = best._replace(kart=7, place=2, total=32.5)
+    known = timing(karts=(best, late, driven(9, 1)._replace(place=3)))
 
-    (row,) = show(replace(RACE, karts=(timed,)), 0.0, {}).rows
-    assert row.note.text == texts.LAPS.format(count=4, last=12.3456, best=11.9)
-    (row,) = show(replace(RACE, karts=(held,)), 0.0, {}).rows
-    assert texts.HELD.format(reason=held.hold_reason) in row.note.text
+    rows = show(replace(RACE, karts=karts), 0.0, {}, None, known).rows
+
+    assert [row.place for row in rows] == ['P2 3/6', 'P1 3/6', 'P3 1/6']
+    assert [row.gap for row in rows] == ['+2.5 s', '', '+2 laps']
+    assert all(texts.HELD.format(reason='') in row.note.text for row in rows)
+
+
+def test_results_that_are_out_of_date_or_of_the_future_are_no_timing() -> None:
+    for age, said in ((0.0, ''), (TIMING_GONE - 0.1, ''), (TIMING_GONE, texts.NO_TIMING)):
+        for ahead in (age, -age):
+            known = timing(stamp=RACE.stamp + ahead, karts=(driven(7, 3),))
+            screen = show(RACE, 0.0, {}, None, known)
+            assert (screen.timing, bool(screen.places)) == (said, not said)
+    assert show(RACE, 0.0, {}).timing == texts.NO_TIMING
+    assert texts.NO_TIMING in table(show(RACE, 0.0, {}), ())
+    assert show(GREEN, 0.0, {}, None, timing(race=2)).timing == texts.NO_TIMING
+
+
+def test_a_disagreement_about_results_is_no_question_to_the_race_director() -> None:
+    known = timing(karts=(driven(7, 3),))
+    asked = known._replace(questions=('Kart 7 was given FINISH, and 3 of its laps are missing',))
+
+    assert show(RACE, 0.0, {}, None, asked) == show(RACE, 0.0, {}, None, known)
+
+
+def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_question() -> None:
+    race = replace(RACE, state=RaceState.IN_GARAGE, heat='Heat 1')
+    ran = RaceOfEvent(1, 'Heat 1', 50_700.0, 2, True)
+    practised = RaceOfEvent(2, 'Practice', 60_700.0, 2, True)
+
+    def question(*ran: RaceOfEvent) -> Button:
+        button = show(race, 0.0, {}, None, timing(races=ran)).button(CommandKind.GRID_ACTIVE)
+        assert button is not None
+        return button
+
+    again, first = question(ran, practised), question(practised)
+    clock = time_of_day(ran.stamp)[:5]
+    assert again.caution == f'Heat 1 was run at {clock}: this run will count instead.'
+    assert not first.caution
+    assert not question(ran._replace(counts=False)).caution
+    assert again.asks_the_same(first)
+
+
+def test_the_races_of_the_event_are_listed_with_the_numbers_by_which_one_is_chosen() -> None:
+    known = timing(races=(RaceOfEvent(1, 'A', 0.0, 2, False), RaceOfEvent(2, 'A', 60.0, 3, True)))
+
+    assert [(*row[:1], *row[2:]) for row in races(known)] == [
+        ('1', 'A', '2 classified', ''),
+        ('2', 'A', '3 classified', 'counts'),
+    ]
 
 
 def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() -> None:
-    done = replace(KART, laps=6, last_lap=12.0, best_lap=11.0, last_lap_done=True)
-    race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=90.0, karts=(done,))
+    race = replace(GREEN, stamp=90.0)
+    known = timing(stamp=90.0, karts=(driven(7, 6),))
 
-    screen = show(race, 0.0, {})
+    screen = show(race, 0.0, {}, None, known)
 
     assert screen.reminder == texts.FINISH_NOW.format(karts='7')
     assert texts.LAST_LAP_DONE in screen.rows[0].note.text
     assert screen.rows[0].note.tone is Tone.WAIT
     assert screen.reminder in '\n'.join(table(screen, ()))
-    assert not show(race, 0.0, {}, SILENT).reminder
+    assert not show(race, 0.0, {}, SILENT, known).reminder
 
 
 def test_the_heat_in_the_race_is_what_race_control_says_and_not_what_the_karts_suggest() -> None:

@@ -13,11 +13,11 @@ import pathlib
 import time
 from typing import Any
 
+from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
 
 try:
     from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -25,6 +25,7 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
+from evgp_node.results import Act
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 from evgp_rcs.rules.race import (
     Alert,
@@ -36,7 +37,7 @@ from evgp_rcs.rules.race import (
     StampedEvent,
     TrackAccess,
 )
-from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot, Standings
+from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot
 from evgp_rcs.words import STATE_CELLS
 from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
@@ -280,27 +281,14 @@ def event(
     return StampedEvent(sequence, 0, 0.0, Event(kind, text, official=official))
 
 
-def crossed(number: int, kart: int = 1, mark: Mark = Mark.COUNTED) -> Judged:
-    """Return a passing of a kart."""
-    struck = 'nobody crossed, by Anna-Katharina' if mark is Mark.STRUCK else ''
-    passing = Passing('decoder_1', 'today', number, kart, f'47{number}')
-    return Judged(passing, kart, mark, 60.0 * number + 0.123, struck)
-
-
-TIMES = (61.2345, 59.8765, 62.0)
-LOST = (Penalty(1, 5, 1, False, 'cut the corner', 'Anna'), Penalty(1, 0, 0, True, 'weight', ''))
-RESULTS = Standings(
-    heat='Heat A',
-    format=Format.TIME_TRIAL,
-    laps=6,
-    karts=tuple(
-        KartResult(number, number, status, 3, 4321.5, TIMES, LOST * (number == 1))
-        for number, status in zip(range(1, 21), itertools.cycle(Status), strict=False)
-    ),
-    passings=tuple(
-        crossed(number, number % 9, [*Mark][number % len(Mark)]) for number in range(1, 31)
-    ),
-)
+def timing(karts: int, laps: int = 3) -> Standings:
+    """Return what the timekeeper says of a race of six laps: so many karts, after so many laps."""
+    times = (61.2345,) * laps
+    results = (
+        KartResult(kart, kart, Status.RUNNING, laps, 4321.5 + 16 * kart, times, ())
+        for kart in range(1, karts + 1)
+    )
+    return Standings(RACE.stamp, laps=6, karts=tuple(results))
 
 
 STATES = {
@@ -309,7 +297,6 @@ STATES = {
     'sixteen': race_of(16, RaceState.RED_FLAG),
     'killed': race_of(16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, range(1, 7)))),
     'thirty': race_of(30, RaceState.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
-    'laps': race_of(16, laps=6),
     'garage': race_of(
         9, RaceState.IN_GARAGE, track=TrackAccess(True, True, 'all are in IN GARAGE', False)
     ),
@@ -342,8 +329,7 @@ def overlaps(window: Any) -> Iterator[str]:
             continue
         parts = [each for each in parent.children() if isinstance(each, (Painted, Push))]
         parts = [each for each in parts if each.isVisible() and type(each).__name__ != 'Card']
-        sheets = {'question', 'help', 'heats', 'results', 'why_struck', 'your_name'}
-        sheets |= {'question_problem', 'results_table'}
+        sheets = {'question', 'help', 'heats', 'your_name', 'question_problem'}
         parts = [each for each in parts if each.objectName() not in sheets]
         for one, other in itertools.combinations(parts, 2):
             if one.geometry().intersects(other.geometry()) and not other.testAttribute(
@@ -370,22 +356,17 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
         found += [
             f'{name}: {each}' for each in (*misfits(console.window), *overlaps(console.window))
         ]
+    console.inbox.on_results(timing(8))
     console.tell(STATES['green'])
-    console.inbox.on_results(RESULTS)
-    for key in ('F2', 'F1', 'Ctrl+T'):
+    console.settle(0.05)
+    shown = [text.shown for text in console.find('kart_8').drawn]
+    assert {'P8 3/6', '+112.0 s'} <= {*shown}
+    found += [f'timing: {each}' for each in misfits(console.window)]
+    for key in ('F2', 'F1'):
         console.press(key)
         console.settle(0.05)
         found += [f'{key}: {each}' for each in misfits(console.window)]
         console.press('Esc')
-    console.press('Ctrl+T')
-    console.click('results_view')
-    console.settle(AIM)
-    found += [f'passings: {each}' for each in misfits(console.window)]
-    console.click('correct_1')
-    console.settle(0.05)
-    assert console.find('why_struck').isVisible()
-    found += [f'why: {each}' for each in misfits(console.window)]
-    console.press('Esc')
     console.settle(1.2)
     found += [f'gone: {each}' for each in misfits(console.window)]
     font.setPointSizeF(before)
@@ -609,132 +590,6 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
             assert stop.colours()[2]
 
 
-# ----- the results ------------------------------------------------------------------------
-
-
-def test_below_the_results_are_those_of_all_heats(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(16))
-    console.click('show_results')
-    karts = RESULTS.karts[:2]
-    console.inbox.on_results(replace(RESULTS, karts=karts, overall=karts))
-    console.settle(0.05)
-    heading = texts.ALL_HEATS.partition(',')[0]
-    assert heading not in console.find('results_table').whole  # it is the only heat so far
-    console.inbox.on_results(replace(RESULTS, karts=karts, overall=RESULTS.karts))
-    console.settle(0.05)
-    assert heading in console.find('results_table').whole
-    console.click('results_more')
-    assert '\n12\n' in console.find('results_table').whole
-
-
-def test_the_results_follow_the_race_and_cover_no_stop(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(16))
-    console.click('show_results')
-    assert texts.NO_RESULTS in console.find('results').whole
-    console.inbox.on_results(RESULTS)
-    console.settle(0.05)
-    assert 'Heat A' in console.find('results').whole
-    assert '1:01.234' not in console.find('results_table').whole  # only the last and best lap
-    assert '0:59.876' in console.find('results_table').whole
-    assert '\n12\n' not in console.find('results_table').whole
-    for kart in range(1, 17):
-        for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG, CommandKind.KART_FINISH):
-            button = console.find(f'{kind.name.lower()}_{kart}')
-            centre = button.mapTo(console.window, button.rect().center())
-            assert console.window.childAt(centre) is button
-    for key in KILLS:
-        console.press(key)
-        assert console.commands == [KILL]
-    console.click('results_more')
-    assert '\n12\n' in console.find('results_table').whole
-    console.press('Ctrl+T')
-    assert not console.find('results').isVisible()
-
-
-def passings(console: Console) -> list[str]:
-    """Return who saw each passing that is listed."""
-    found = (console.find(f'crossing_{number}').whole for number in range(1, 11))
-    return [said.split('\n')[2].split()[1] for said in found if said]
-
-
-def test_no_passing_moves_while_others_come_and_older_ones_can_be_listed(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(2))
-    console.inbox.on_results(RESULTS)
-    console.press('Ctrl+T')
-    console.click('results_view')
-    first = [str(number) for number in range(30, 20, -1)]
-    assert passings(console) == first
-
-    console.inbox.on_results(replace(RESULTS, passings=(*RESULTS.passings, crossed(31))))
-    console.settle(0.05)
-
-    assert passings(console) == first
-    assert texts.NEWEST.format(count=1) in console.find('results_newest').whole
-    console.click('results_newest')
-    assert passings(console)[0] == '31'
-    console.click('results_more')
-    assert passings(console)[0] == '21'
-
-
-def test_a_passing_is_struck_out_for_a_reason_and_restored_without(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(2))
-    struck = Standings(karts=RESULTS.karts, passings=(crossed(1), crossed(2, mark=Mark.STRUCK)))
-    console.inbox.on_results(struck)
-    console.press('Ctrl+T')
-    console.click('results_view')
-    console.settle(AIM)
-
-    console.click('correct_2')
-    assert not console.sent
-    for key in KILLS:
-        console.press(key)
-        assert console.commands == [KILL]
-    console.click('why_1')
-    console.click('correct_1')
-
-    strike, restore = console.sent
-    named = {'source': 'decoder_1', 'session': 'today'}
-    assert strike.command is CommandKind.STRIKE_PASSING
-    assert strike.taken == {**named, 'number': 1, 'reason': texts.WHY_REASONS[0]}
-    assert restore.command is CommandKind.RESTORE_PASSING
-    assert restore.taken == {**named, 'number': 2, 'reason': ''}
-
-
-def test_a_passing_that_another_official_has_just_struck_out_is_not_restored(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(2))
-    console.inbox.on_results(Standings(karts=RESULTS.karts, passings=(crossed(1),)))
-    console.press('Ctrl+T')
-    console.click('results_view')
-    console.settle(AIM)
-    console.inbox.on_results(Standings(passings=(crossed(1, mark=Mark.STRUCK),)))
-    console.settle()
-
-    console.find('correct_1').click()
-
-    assert not console.sent
-    assert texts.PASSINGS_CHANGED in console.find('status').whole
-
-
-def test_no_passing_is_corrected_while_race_control_is_gone(opened: Any) -> None:
-    console = opened()
-    console.tell(race_of(2))
-    mark = Mark.STRUCK
-    console.inbox.on_results(Standings(karts=RESULTS.karts, passings=(crossed(1, mark=mark),)))
-    console.press('Ctrl+T')
-    console.click('results_view')
-    console.settle(1.2)
-
-    console.find('correct_1').click()
-
-    assert not console.sent
-    assert texts.GONE_REASON in console.find('status').whole
-
-
 # ----- nothing moves, and a press is for what the official saw ------------------------------
 
 
@@ -752,7 +607,7 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     return found
 
 
-MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery', 'alert_', 'results')
+MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery', 'alert_')
 """What is no control, and shares a place with something else."""
 
 
@@ -787,7 +642,7 @@ def test_no_control_moves_whatever_is_shown(
         console.tell(race)
         compare(f'race {number}')
     console.tell(plain)
-    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Esc', 'F10', 'F8', 'F8', 'Ctrl+T'):
+    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Esc', 'F10', 'F8', 'F8'):
         console.press(key)
         compare(key)
     console.settle(1.1)
@@ -1242,19 +1097,29 @@ def test_a_name_is_letters_while_it_is_typed_and_every_other_key_does_what_it_do
     assert console.commands == [(CommandKind.KART_FINISH, 2)]
 
 
-def test_a_letter_counts_crossings_until_the_last_lap_is_done_and_then_finishes(
-    opened: Any,
-) -> None:
-    console, race = opened(), race_of(3, laps=6)
-    for laps, command in ((0, CommandKind.COUNT_PASSING), (6, CommandKind.KART_FINISH)):
-        console.tell(replace(race, karts=tuple(replace(kart, laps=laps) for kart in race.karts)))
+def test_a_letter_is_lap_then_finish_and_nothing_once_there_is_no_timing(opened: Any) -> None:
+    console, race = opened(), race_of(3, heat='Final')
+    for laps, command in ((0, Act.COUNT), (5, CommandKind.KART_FINISH)):
+        console.inbox.on_results(timing(3, laps))
+        console.tell(race)
         console.settle(AIM)
         console.press('B')
-        assert console.commands == [(command, 2)]
         console.click(f'{command.name.lower()}_1')
-        assert console.commands == [(command, 1)]
+        for given in console.sent:
+            console.window._display.take_answer(given, Answer(True, 'so it is'))
+        assert console.commands == [(command, 2), (command, 1)]
+    console.inbox.on_results(timing(3))
     console.tell(race)
     console.settle(AIM)
+    console.press('A')
+    assert console.commands == [(Act.COUNT, 1)]  # which a frozen timekeeper never answers
+    console.inbox.on_results(timing(3)._replace(stamp=0.0))
+    console.tell(race)
+    console.settle(AIM)
+    console.press('B')
+    assert not console.commands
+    assert texts.NO_TIMING_REASON in console.find('status').whole
+    assert texts.NO_TIMING in console.find('strip').whole
     console.press('3', 'Ctrl+E')
     assert console.commands == [(CommandKind.KART_FINISH, 3)]
 
@@ -1263,11 +1128,12 @@ def test_a_letter_that_was_meant_to_count_a_crossing_finishes_no_kart(opened: An
     ends = time.monotonic() + PATIENCE
     in_time = False
     while not in_time and time.monotonic() < ends:
-        console, race = opened(), race_of(2, laps=6)
+        console, race = opened(), race_of(2, heat='Final')
+        console.inbox.on_results(timing(2))
         console.tell(race)
         since = time.monotonic()
-        last = (replace(race.karts[0], laps=6, last_lap_done=True), *race.karts[1:])
-        console.tell(replace(race, karts=last))
+        console.inbox.on_results(timing(2, 5))
+        console.tell(race)
         key = QtCore.Qt.Key.Key_A
         QtTest.QTest.keyClick(console.window.windowHandle(), key)
         console.settle()
@@ -1279,11 +1145,14 @@ def test_a_letter_that_was_meant_to_count_a_crossing_finishes_no_kart(opened: An
 
 def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: Any) -> None:
     console = opened()
-    console.tell(race_of(1, laps=6))
+    console.inbox.on_results(timing(1))
+    console.tell(race_of(1))
     console.press('A')
-    console.window._display.take_answer(console.sent[0], Answer(True, 'it counts'))
+    (given,) = console.sent
+    assert given.command is Act.COUNT
+    console.window._display.take_answer(given, Answer(True, 'it counts'))
     console.settle(1.1)
-    console.tell(race_of(1, laps=6))
+    console.tell(race_of(1))
 
     assert 'it counts' in console.find('status').whole
 

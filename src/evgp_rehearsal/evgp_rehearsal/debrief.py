@@ -4,7 +4,8 @@
 """
 The debrief of an incident: what happened when, what officials pressed when, what karts then did.
 
-Pure: the events of the record and the truth of the field go in, lines come out. It says what was
+Pure: the events of the record, the corrections that officials asked the timekeeper for, and the
+truth of the field go in, lines come out. It says what was
 so, beside the rule book's order, and passes and fails nobody.
 """
 
@@ -15,11 +16,13 @@ from dataclasses import dataclass
 import itertools
 from typing import NamedTuple
 
+from evgp_node.results import Act, Corrected
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import EventKind, StampedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
+from evgp_timing.corrections import CORRECTIONS
 
 LOSS = 'the loss of its connection'
 """By what a kart must stop that race control does not reach (§3.E)."""
@@ -64,8 +67,8 @@ class Truth:
     passings: tuple[tuple[str, int, bool], ...] = ()
 
     @classmethod
-    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]] = ()) -> Truth:
-        """Return the truth of a field up to now."""
+    def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
+        """Return the truth of a field and its timing line up to now."""
         radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
         last_laps = [(at, f'kart {kart} ends its last lap') for at, kart in field.crossed]
         return cls(
@@ -109,17 +112,24 @@ class _Line(NamedTuple):
     kind: EventKind | None = None
 
 
-def debrief(took: Occurrence, events: Sequence[StampedEvent], truth: Truth) -> list[str]:
+def debrief(
+    took: Occurrence,
+    events: Sequence[StampedEvent],
+    truth: Truth,
+    corrections: Iterable[Corrected] = (),
+) -> list[str]:
     """
     Return the debrief of an incident, line by line; times count from its beginning.
 
     :param events: of the record, in order; their times are the field's, in seconds.
+    :param corrections: of the timekeeper's book, by the same clock.
     """
     row = INCIDENTS[took.incident]
     began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
     kart = f' (kart {took.kart})' if took.kart else ''
     during = [each for each in events if began <= each.monotonic <= ended]
-    seen = [line for line in _seen(truth) if began <= line.at <= ended]
+    beside = [*_seen(truth), *(_asked(each, truth) for each in corrections)]
+    seen = [line for line in beside if began <= line.at <= ended]
     lines = sorted([*seen, *_told(during, truth)], key=lambda line: line.at)
     return [
         f'{took.incident}{kart}: {row.meaning}',
@@ -151,6 +161,21 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
             yield _Line(at, event.text)
 
 
+def _asked(given: Corrected, truth: Truth) -> _Line:
+    """Return what an official asked the timekeeper for, and whether the kart was at the line."""
+    asked, remark = given.correction, ''
+    about = f' of kart {asked.kart}' if asked.kart else ''
+    if asked.act in (Act.STRIKE, Act.RESTORE):
+        about = f' {asked.passing}'
+        for name, kart, crossed in truth.passings:
+            if name == str(asked.passing):
+                word = 'crossed' if crossed else 'did not cross'
+                remark = f' - kart {kart} {word} the line there'
+    name = asked.official or 'somebody'
+    text = f'{name} asked the timekeeper for {CORRECTIONS[asked.act].label}{about}{remark}'
+    return _Line(given.at, text)
+
+
 def _seen(truth: Truth) -> Iterator[_Line]:
     """Yield what only the field knows."""
     for tick, there in truth.people:
@@ -174,9 +199,6 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
     used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
     if event.command is CommandKind.RECORD_MSR and not used:
         yield 'the MSR was not used until then'
-    for passing, kart, real in truth.passings:
-        if CATALOGUE[event.command].of_laps and f' {passing} ' in event.text:
-            yield f'kart {kart} {"crossed" if real else "did not cross"} the line there'
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:

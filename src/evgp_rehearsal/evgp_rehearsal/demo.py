@@ -148,13 +148,14 @@ class Show:
     def _laps(self) -> None:
         """Wait until the laps of the simulated karts are counted."""
         timed = [kart for kart in STARTERS if kart not in BRIDGED]
-        race = self.official.wait_for_race(
-            lambda race: all(
-                kart.laps == PLAN.laps for kart in race.karts if kart.number in timed
+        results = self.official.wait_for_results(
+            lambda seen: (
+                all(each.laps == PLAN.laps for each in seen.karts if each.kart in timed)
+                and {*timed} <= {each.kart for each in seen.karts}
             ),
             f'{PLAN.laps} laps of karts {timed} are counted',
         )
-        best = min(kart.best_lap for kart in race.karts if kart.number in timed)
+        best = min(min(each.lap_times) for each in results.karts if each.kart in timed)
         text = f'{PLAN.laps} laps of karts {timed} were counted, the best in {best:.3f} s'
         self.found.append(Finding(True, text))
 
@@ -279,10 +280,10 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
     wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        parameters = {'finish_delays': list(FINISH_DELAYS), 'min_lap_time': LEAST_LAP}
+        parameters, timing = {'finish_delays': [*FINISH_DELAYS]}, {'min_lap_time': LEAST_LAP}
         with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(
-                Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS)
+                Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS, timing)
             )
             show = Show(console, rehearsal, mute)
             for kart in BRIDGED:

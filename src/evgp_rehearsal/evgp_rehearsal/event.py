@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A rehearsal with the real race control: simulated karts over TCP, incidents, and the debrief.
+A rehearsal with the real race control and timekeeper: simulated karts, incidents, the debrief.
 
 It cannot reach a real kart or race. Race control listens on loopback with a roster of loopback
 addresses, written here; the ROS domain is its own, on this machine only; and no command goes to a
@@ -23,12 +23,14 @@ import signal
 import threading
 import time
 
+from evgp_node.codec import message_of
 from evgp_node.qos import latched
+from evgp_node.results import Corrected
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
-from evgp_rcs.ros.messages import message_of, value_of
+from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.spare.copies import fetch, keep
@@ -44,8 +46,9 @@ from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.official import Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_timing.book import STREAM
 import yaml
 
 BANNER = 'REHEARSAL'
@@ -116,7 +119,7 @@ class Rehearsal(Part):
         are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
     :param judge: is told what the simulated karts hear and say, and every command.
-    :param parameters: more parameters of race control.
+    :param parameters: more parameters of race control; ``timing``: of the timekeeper.
     :param heat: the karts of its heat; None: all.
     """
 
@@ -129,8 +132,9 @@ class Rehearsal(Part):
         judge: Judge | None = None,
         parameters: Mapping[str, object] | None = None,
         heat: Sequence[int] | None = None,
+        timing: Mapping[str, object] | None = None,
     ) -> None:
-        """Start race control and let the karts connect."""
+        """Start race control and the timekeeper, and let the karts connect."""
         # Also of the nodes in this process: nobody else's race is seen or commanded.
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['EVGP_GRAPH_INTERFACE'] = ''
@@ -163,7 +167,9 @@ class Rehearsal(Part):
             self.domain = self.domains[0]
             self.control = self._race_control({})
             stack.callback(lambda: self.control.close())
-            self.official = stack.enter_context(Official(self.domain, STEWARD, judge))
+            self._timekeeper = stack.enter_context(Timekeeper(folder, self.domain, timing))
+            hears = 'race', 'events', 'results'
+            self.official = stack.enter_context(Official(self.domain, STEWARD, judge, hears))
             self._line = TimingLine(secrets.token_hex(4))
             self._passings = self.official.node.create_publisher(
                 msg.Passing, '/rcs/passings', latched(200)
@@ -255,7 +261,7 @@ class Rehearsal(Part):
     def race(self) -> Snapshot | None:
         """Return the race, as it was heard last; None: it was not."""
         race = self.official.race
-        return None if race is None else value_of(race, Snapshot)
+        return None if race is None else race_of(race)
 
     def gather(self) -> None:
         """
@@ -280,8 +286,11 @@ class Rehearsal(Part):
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
             truth = Truth.of(self.field, self._line.told)
             times = list(self._times)
-        happened = [_in_ticks(event, times) for event in self.events()]
-        return [debrief(each, happened, truth) for each in took]
+        happened = [
+            event._replace(monotonic=_in_ticks(event.monotonic, times)) for event in self.events()
+        ]
+        asked = [each._replace(at=_in_ticks(each.at, times)) for each in corrected(self.folder)]
+        return [debrief(each, happened, truth, asked) for each in took]
 
     def wait_for_end(self, number: int) -> None:
         """Return once more than this number of incidents have ended, and the record has them."""
@@ -383,6 +392,7 @@ class Rehearsal(Part):
         os.kill(self.control.kart_server_pid, signal.SIGKILL)
         self.control.kill()
         if what is Failure.DIE:
+            self._timekeeper.kill()
             copy, record = str(self.folder), self.folder / 'record.sqlite3'
             parameters = self.folder / 'rcs.yaml'
             # Else the copy would doubt what a real race has left on this machine.
@@ -463,6 +473,14 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
         return [event for run in sessions(database) for event in events(database, run.number)]
 
 
+def corrected(folder: pathlib.Path) -> list[Corrected]:
+    """Return the corrections that the timekeeper has accepted, of its book in a folder."""
+    with contextlib.closing(open_read_only(folder / 'timing.sqlite3')) as database:
+        blocks = database.execute('SELECT number, data FROM block ORDER BY run, number').fetchall()
+    entries = STREAM.entries_of(blocks, only=(Corrected,))
+    return [each for each in entries if isinstance(each, Corrected)]
+
+
 WHEN = {
     Phase.GRID: 'in GRID_ACTIVE',
     Phase.RACE: 'in GREEN_GREEN, once all karts of the race drive',
@@ -471,7 +489,6 @@ WHEN = {
 """When an incident can begin, for who chooses it."""
 
 
-def _in_ticks(event: StampedEvent, times: Sequence[float]) -> StampedEvent:
-    """Return an event with its time on the field's clock, which stands while it is paused."""
-    tick = bisect.bisect_left(times, event.monotonic)
-    return event._replace(monotonic=tick * TICK_LENGTH)
+def _in_ticks(at: float, times: Sequence[float]) -> float:
+    """Return a time of race control on the field's clock, which stands while it is paused."""
+    return bisect.bisect_left(times, at) * TICK_LENGTH

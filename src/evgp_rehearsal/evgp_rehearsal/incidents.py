@@ -222,14 +222,14 @@ _ROWS = (
         'the timing line misses a kart',
         Phase.RACE,
         _fault(Fault.UNSEEN),
-        'count the passing by hand; stop nobody (Corrections of laps: COUNT_PASSING)',
+        'count the crossing by hand (LAP); stop nobody (docs/timing.md: Corrections)',
     ),
     Incident(
         'false_passing',
         'the timing line sees a kart that is elsewhere',
         Phase.RACE,
         _fault(Fault.SEEN_ELSEWHERE),
-        'strike the passing out; stop nobody (Corrections of laps: STRIKE_PASSING)',
+        'strike the passing out (STRIKE PASSING); stop nobody (docs/timing.md: Corrections)',
     ),
 )
 

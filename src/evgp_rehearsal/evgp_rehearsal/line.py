@@ -9,7 +9,7 @@ Pure. It knows each kart, misses some crossings and makes some up, as the field 
 
 from __future__ import annotations
 
-from evgp_rcs.rules.laps import Passing
+from evgp_node.results import Passing
 from evgp_rehearsal.field import Field
 
 SOURCE = 'line'

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from evgp_node.results import Act, Corrected, Correction, Identity
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
@@ -140,15 +141,23 @@ def test_it_says_that_people_were_let_in_while_a_kart_moved_or_karts_sent_to_a_p
     assert told[7] == '    50.0 s  Anna gave GRID_ACTIVE: sent'
 
 
-def test_it_says_whose_passing_was_struck_out() -> None:
-    told = lines(
-        'false_passing',
-        gave(5.0, 'STRIKE_PASSING', text='Passing line 12 is struck out: x'),
-        gave(8.0, 'STRIKE_PASSING', text='Passing line 13 is struck out: x'),
-        kart=3,
-        passings=(('line 1', 9, True), ('line 12', 4, True), ('line 13', 3, False)),
+def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line() -> None:
+    asked = (
+        Correction(Act.STRIKE, 'Anna', passing=Identity('line', 'x', 12), reason='x'),
+        Correction(Act.STRIKE, 'Anna', passing=Identity('line', 'x', 13), reason='x'),
+        Correction(Act.COUNT, kart=3),
+        Correction(Act.PUBLISH, 'too late'),
     )
-    assert [line.partition(' - ')[2] for line in told[2:4]] == [
-        'kart 4 crossed the line there',
-        'kart 3 did not cross the line there',
+    told = debrief(
+        Occurrence('false_passing', 3, ticks(0), ticks(60)),
+        [],
+        Truth(passings=(('line 1', 9, True), ('line 12', 4, True), ('line 13', 3, False))),
+        [Corrected(10 + 20.0 * at + 5.0, each) for at, each in enumerate(asked)],
+    )
+    assert told[2:-1] == [
+        '     5.0 s  Anna asked the timekeeper for STRIKE PASSING line 12 - kart 4 crossed the '
+        'line there',
+        '    25.0 s  Anna asked the timekeeper for STRIKE PASSING line 13 - kart 3 did not cross '
+        'the line there',
+        '    45.0 s  somebody asked the timekeeper for LAP of kart 3',
     ]

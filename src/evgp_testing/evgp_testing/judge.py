@@ -31,7 +31,8 @@ import heapq
 import itertools
 import threading
 
-from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Entry
+from evgp_node.entries import Entry
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 # Loosest first.
 STRICTNESS: dict[str, int] = {

@@ -87,10 +87,11 @@ class Official(RosSide):
     """
     A client of a running race control, on its domain.
 
-    ``race`` is the newest snapshot, ``events`` every event heard, in order.
+    ``race`` is the newest snapshot, ``results`` the newest of the timekeeper's, ``events`` every
+    event heard, in order.
 
     :param judge: is told every call, and its answer.
-    :param hears: which of race control's topics it listens to.
+    :param hears: which topics it listens to: `race`, `events`, `results`.
     """
 
     def __init__(
@@ -104,6 +105,7 @@ class Official(RosSide):
         self._name = name
         self._judge = judge
         self.race: msg.Race | None = None
+        self.results: msg.Results | None = None
         self.events: list[msg.RaceEvent] = []
         self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
@@ -118,6 +120,8 @@ class Official(RosSide):
             subscribe(msg.Race, '/rcs/race', self._hear_race, latched(1))
         if 'events' in hears:
             subscribe(msg.RaceEvents, '/rcs/events', self._hear_events, latched(200))
+        if 'results' in hears:
+            subscribe(msg.Results, '/rcs/timekeeper/results', self._hear_results, latched(1))
         self.spin()
 
     def call(self, service: str, **request: Any) -> Answer:
@@ -179,13 +183,13 @@ class Official(RosSide):
         """
         Give a command that must be accepted, once the race says that it is available.
 
-        Stops, and the bookkeeping of laps, which the race does not offer, are given at once.
+        Stops are given at once.
 
         :raises AssertionError: if it is refused; the text has the reason.
         :raises ValueError: if there is no such command; the text has those that there are.
         """
         entry = CATALOGUE[kind_of(service, request)]
-        if entry.stop or entry.of_laps:
+        if entry.stop:
             answer = self.call(service, **request)
             assert answer.success, f'{service}: {answer.message}'
             return answer
@@ -260,6 +264,19 @@ class Official(RosSide):
         assert self.race is not None
         return self.race
 
+    def wait_for_results(self, found: Callable[[msg.Results], object], what: str) -> msg.Results:
+        """
+        Return the timekeeper's first results for which `found` is true.
+
+        :raises AssertionError: if none come in time.
+        """
+        self.wait_until(
+            lambda: self.results is not None and found(self.results),
+            lambda: f'{what}; the results: {self.results!s:.5000}',
+        )
+        assert self.results is not None
+        return self.results
+
     def wait_for_event(self, found: Callable[[msg.RaceEvent], object], what: str) -> msg.RaceEvent:
         """
         Return the first event, heard already or still to come, for which `found` is true.
@@ -329,6 +346,11 @@ class Official(RosSide):
     def _hear_race(self, race: msg.Race) -> None:
         with self.news:
             self.race = race
+            self.news.notify_all()
+
+    def _hear_results(self, results: msg.Results) -> None:
+        with self.news:
+            self.results = results
             self.news.notify_all()
 
     def _hear_events(self, message: msg.RaceEvents) -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A running race control: the real node in a process, with a roster of loopback addresses."""
+"""A running race control and timekeeper: the real nodes, with a roster of loopback addresses."""
 
 from __future__ import annotations
 
@@ -155,3 +155,23 @@ class RaceControl(Process):
         """Let all go on."""
         for pid in self._pids:
             os.kill(pid, signal.SIGCONT)
+
+
+class Timekeeper(Process):
+    """
+    A real ``timekeeper`` beside a race control, with the same roster.
+
+    :param folder: that of race control; the book is there too.
+    :param parameters: more ROS parameters of the node.
+    """
+
+    def __init__(
+        self, folder: pathlib.Path, domain: int, parameters: Mapping[str, object] | None = None
+    ) -> None:
+        own = {'roster': folder / 'karts.yaml', 'book': folder / 'timing.sqlite3'}
+        super().__init__('evgp_timing', 'timekeeper', domain, {**own, **(parameters or {})})
+        try:
+            self.wait_for_line('keeps its book')
+        except BaseException:
+            self.close()
+            raise

@@ -1,7 +1,7 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/* The network and the watchdog of an ESP32, for Espressif's Arduino core 3 or newer. */
+/* Network and watchdog of an ESP32, for Espressif's Arduino core 3 or newer. */
 #include <WiFi.h>
 #include <driver/gpio.h>
 #include <esp_task_wdt.h>
@@ -11,9 +11,9 @@ static WiFiClient client;
 static void begin_network()
 {
     WiFi.config(EVGP_OWN_ADDRESS, EVGP_RACE_CONTROL, EVGP_NETMASK); /* no gateway is needed */
-    WiFi.setAutoReconnect(false); /* evgp_board.h does it, with a growing wait */
+    WiFi.setAutoReconnect(false); /* evgp_board.h does it, with a growing delay */
     WiFi.begin(EVGP_WLAN);
-    WiFi.setSleep(false); /* a radio that sleeps hears a stop late */
+    WiFi.setSleep(false); /* a sleeping radio receives a stop late */
 }
 /* WiFi.status() may stay WL_CONNECTED after some kinds of disconnection. */
 static int joined() { return WiFi.STA.connected() && WiFi.STA.hasIP(); }
@@ -27,11 +27,11 @@ static int connect_it()
 static const char *why_reset()
 {
     const esp_reset_reason_t why = esp_reset_reason();
-    return why == ESP_RST_BROWNOUT   ? "reset: the supply broke down"
+    return why == ESP_RST_BROWNOUT   ? "reset: brown-out"
            : why == ESP_RST_TASK_WDT ? "reset: the program hung"
                                      : "started";
 }
-/* The watchdog calls this first. It then says on the serial line what hung, and resets the chip. */
+/* The watchdog calls this first. It then prints on the serial line what hung, and resets the chip. */
 extern "C" void esp_task_wdt_isr_user_handler()
 {
     gpio_set_level((gpio_num_t)POWER_PIN, 0);

@@ -2,14 +2,15 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * A kart on an ESP32 (the first one, as on a DevKitC; an S3 or C3 has other pins) with WiFi, or on an
- * Arduino Mega 2560 with a W5500: the network is in the tab of that name. Set what follows; replace
- * ready() and moves() with what your kart measures. README.md of this library has the drawing of the
- * contacts. With a safety remote (§2.C), see README.md too: it is not in here.
+ * A kart on an ESP32 (the original, as on a DevKitC; an S3 or C3 has other pins) with WiFi, or on an
+ * Arduino Mega 2560 with a W5500. The network code is in the tab of that name. Set the values below;
+ * replace ready() and moves() with what your kart measures. This library's README.md shows how to wire
+ * the contacts, and how to add a safety remote (§2.C), which this sketch does not have.
  *
- * RELEASE_PIN releases the brake while it is HIGH, POWER_PIN gives the motors power. Give both 10 kOhm
- * to ground: they float while the board starts, after a brown-out too. An ESP32 pulls 0, 1, 3, 5, 14
- * and 15 up then, and a Mega always 20 and 21 (10 kOhm, for I2C): not these.
+ * RELEASE_PIN releases the brake while it is HIGH, POWER_PIN powers the motors. Connect both to ground
+ * with 10 kOhm: they float while the board starts, also after a brown-out. Do not use pins 0, 1, 3, 5,
+ * 14 and 15 of an ESP32, which it pulls up at start, nor 20 and 21 of a Mega, which it always pulls up
+ * (10 kOhm, for I2C).
  */
 #include <Arduino.h>
 
@@ -20,11 +21,11 @@
 #endif
 #define EVGP_OWN_ADDRESS IPAddress(10, 0, 0, 101) /* this kart's, as in the roster (§4.A) */
 #define EVGP_NETMASK IPAddress(255, 255, 255, 0)
-#define EVGP_WLAN "evgp", "password" /* name and key: the organiser's */
+#define EVGP_WLAN "evgp", "password" /* name and key, from the organiser */
 
 static const int RELEASE_PIN = 23;
 static const int POWER_PIN = 27;
-static const int WHEEL_PIN = 22;   /* changes every 2 cm or sooner as the wheel turns */
+static const int WHEEL_PIN = 22;   /* changes at least every 2 cm as the wheel turns */
 static const int STOP_PIN = 25;    /* the team's stop button (§2.C) */
 static const int MSR_PIN = 26;     /* the contact of the MSR's relay (§2.B) */
 static const int CONNECT_MS = 300; /* to connect or to close; less than the watchdog's 500 ms */
@@ -36,18 +37,18 @@ static const int CONNECT_MS = 300; /* to connect or to close; less than the watc
 #endif
 
 static evgp_board board;
-static evgp_state told = EVGP_NONE;
-static const char *told_why = "";
+static evgp_state printed = EVGP_NONE;
+static const char *printed_why = "";
 
 static uint32_t now() { return millis(); }
-/* In RED_FLAG the kart rolls out. If that takes yours longer than 15 s, brake a little then. */
+/* In RED_FLAG the kart coasts. If yours needs longer than 15 s to stop, also brake a little. */
 static void act(evgp_action what)
 {
     digitalWrite(RELEASE_PIN, what != EVGP_BRAKE ? HIGH : LOW);
     digitalWrite(POWER_PIN, what == EVGP_DRIVE ? HIGH : LOW);
 }
-/* Whether the wheel turned since the last time. Here a broken wire stands still: a real kart has two
-   sensors, or one that says that it is well, and returns -1 when in doubt. */
+/* Whether the wheel turned since the last call. With this single input, a broken wire looks like a
+   standstill: a real kart needs two sensors, or one that reports faults; return -1 when in doubt. */
 static int moves()
 {
     static int level = -1;
@@ -55,12 +56,12 @@ static int moves()
     level = digitalRead(WHEEL_PIN);
     return level != before;
 }
-static int ready() { return 1; } /* sensors, localisation, whatever yours needs */
+static int ready() { return 1; } /* check sensors, localisation and whatever else yours needs */
 static int take(uint8_t *to, size_t size)
 {
     return client.available() > 0 ? client.read(to, size) : client.connected() ? 0 : -1;
 }
-/* It waits only while race control takes nothing: the watchdog ends that. */
+/* It blocks only while race control reads nothing; the watchdog ends that. */
 static int say(const char *from, size_t size)
 {
     return client.write((const uint8_t *)from, size) == size;
@@ -92,13 +93,13 @@ void loop()
     evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, digitalRead(STOP_PIN) != LOW, now());
     evgp_kart_team_stop(&board.kart, EVGP_STOP_MSR, digitalRead(MSR_PIN) != LOW, now());
     const evgp_verdict verdict = evgp_board_turn(&board);
-    feed_watchdog(); /* the clock was looked at, and the brake is set: nowhere else */
+    feed_watchdog(); /* only here: the clock was checked and the brake is set */
     const char *why = evgp_kart_reason(&board.kart);
-    if (verdict.obey != told || why != told_why) {
-        told = verdict.obey;
-        told_why = why;
+    if (verdict.obey != printed || why != printed_why) {
+        printed = verdict.obey;
+        printed_why = why;
         Serial.print("obey ");
-        Serial.print(evgp_name(told));
+        Serial.print(evgp_name(printed));
         Serial.print(" ");
         Serial.println(why);
     }

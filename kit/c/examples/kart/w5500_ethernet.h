@@ -2,23 +2,23 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * The network of a W5500, whose cable leads to the kart's WLAN client, for Arduino's library Ethernet
- * 2; and the watchdog of an AVR. On another board, replace the lines with wdt and MCUSR.
+ * Network of a W5500, whose cable leads to the kart's WLAN client, for Arduino's library Ethernet 2;
+ * and the watchdog of an AVR. On another board, replace the lines with wdt and MCUSR.
  *
- * Set the AVR's fuses to a brown-out at 4.3 V: below that it may do anything. A bootloader that leaves
- * the watchdog on resets for ever: try it.
+ * Set the AVR's fuses to brown-out detection at 4.3 V: below that it may do anything. Test your
+ * bootloader: one that leaves the watchdog on resets the board forever.
  */
 #include <Ethernet.h>
 #include <avr/wdt.h>
 
 static EthernetClient client;
-static uint8_t mac[] = {0x02, 0, 0, 0, 0, 101}; /* no other in this network */
+static uint8_t mac[] = {0x02, 0, 0, 0, 0, 101}; /* unique in this network */
 
 static int joined()
 {
     return Ethernet.hardwareStatus() != EthernetNoHardware && Ethernet.linkStatus() == LinkON;
 }
-/* Without a W5500 this takes so long that the watchdog resets the board. It then looks again. */
+/* Without a W5500 this takes so long that the watchdog resets the board, which then tries again. */
 static void join()
 {
     Ethernet.begin(mac, EVGP_OWN_ADDRESS, EVGP_RACE_CONTROL, EVGP_RACE_CONTROL, EVGP_NETMASK);
@@ -30,7 +30,7 @@ static void begin_network()
 }
 static int connect_it()
 {
-    join(); /* a brown-out that the board survived may have cost the W5500 its address */
+    join(); /* the W5500 may have lost its address in a brown-out that the board survived */
     return client.connect(EVGP_RACE_CONTROL, EVGP_PORT);
 }
 
@@ -39,7 +39,7 @@ static const char *why_reset()
     const uint8_t why = MCUSR; /* 0 where the bootloader has cleared it */
     MCUSR = 0;
     wdt_disable();
-    return why & _BV(BORF)   ? "reset: the supply broke down"
+    return why & _BV(BORF)   ? "reset: brown-out"
            : why & _BV(WDRF) ? "reset: the program hung"
                              : "started";
 }

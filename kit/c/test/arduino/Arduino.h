@@ -66,7 +66,7 @@ struct IPAddress {
         : address(static_cast<uint32_t>(a << 24 | b << 16 | c << 8 | d)) {}
 };
 
-/* What WiFiClient and EthernetClient have, on a POSIX socket. */
+/* The functions of WiFiClient and EthernetClient, on a POSIX socket. */
 class Client {
 public:
     int connect(IPAddress to, uint16_t, int32_t = 0)
@@ -120,7 +120,7 @@ private:
     int socket_ = -1;
 };
 
-/* An ESP32 whose WLAN is always there, and whose watchdog never bites. */
+/* An ESP32 whose WLAN is always up, and whose watchdog never fires. */
 typedef Client WiFiClient;
 
 struct WiFiStub {
@@ -153,7 +153,7 @@ inline void esp_task_wdt_reconfigure(const esp_task_wdt_config_t *) {}
 inline void esp_task_wdt_add(void *) {}
 inline void esp_task_wdt_reset() {}
 
-/* A W5500 whose cable is always there, and a Mega 2560's watchdog. */
+/* A W5500 whose cable is always connected, and a Mega 2560's watchdog. */
 typedef Client EthernetClient;
 enum { EthernetNoHardware, EthernetW5500 };
 enum { Unknown, LinkON, LinkOFF };

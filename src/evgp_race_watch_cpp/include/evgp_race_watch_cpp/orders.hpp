@@ -1,10 +1,10 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// The rules of RaceStateWatch: what a stack must do, by what the bridge says and when.
+/// The rules of RaceStateWatch: what a stack must do, given the bridge's messages and their times.
 ///
-/// No ROS, clock or thread. `orders.py` of evgp_kart_bridge has them a second time, in Python, and
-/// says why they are as they are; `test_orders.py` holds one against the other.
+/// No ROS, clock or thread. `orders.py` of evgp_kart_bridge has the same rules in Python, and
+/// explains them; `test_orders.py` compares the two.
 
 #ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 #define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
@@ -29,7 +29,7 @@ enum class RaceState : std::uint8_t
   UNKNOWN, IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED
 };
 
-/// The race state of a message's number; UNKNOWN if that is no race state.
+/// The race state with a message's number; UNKNOWN if there is none.
 inline RaceState race_state(std::uint8_t number)
 {
   const bool known = number <= static_cast<std::uint8_t>(RaceState::RED_RED);
@@ -44,7 +44,7 @@ inline const char * name_of(RaceState state)
   return names[static_cast<std::uint8_t>(state)];
 }
 
-/// What counts of a message of the bridge.
+/// The parts of a bridge's message that the rules use.
 struct Said
 {
   std::uint64_t bridge = 0;
@@ -55,13 +55,13 @@ struct Said
   std::string reason;
 };
 
-/// What the kart must do, from one moment on; by default RED_RED, which no watch acknowledges.
+/// What the kart must do from a certain moment on; by default RED_RED, without acknowledgement.
 struct Order
 {
-  std::uint64_t serial = 0;  ///< In one process each order has its own; 0: no watch gave it.
+  std::uint64_t serial = 0;  ///< Unique in this process; 0: the order is from no watch.
   RaceState state = RaceState::RED_RED;  ///< The state to obey; never UNKNOWN.
   std::uint64_t number = 0;  ///< Of race control's command; 0: it cannot be acknowledged.
-  RaceState reached = RaceState::UNKNOWN;  ///< What an acknowledgement says; UNKNOWN if none.
+  RaceState reached = RaceState::UNKNOWN;  ///< The state to acknowledge; UNKNOWN: none.
 
   friend bool operator==(const Order & one, const Order & other)
   {
@@ -72,27 +72,26 @@ struct Order
   friend bool operator!=(const Order & one, const Order & other) {return !(one == other);}
 };
 
-/// Maximum time, s, without knowing the state after which a stack still starts without a new
-/// GRID_ACTIVE.
+/// Maximum time of a doubt after which a stack still starts without a new GRID_ACTIVE, in seconds.
 constexpr double FORGIVEN = 1.0;
 
-/// The orders of one stack. Every time is in seconds, by one clock that never goes back.
+/// The orders of one stack. All times are in seconds, from one clock that never goes back.
 class Orders
 {
 public:
-  /// \param lease time of silence after which the kart obeys RED_RED, seconds.
-  /// \param forgiven as FORGIVEN.
+  /// \param lease time of silence after which the kart obeys RED_RED, in seconds.
+  /// \param forgiven see FORGIVEN.
   explicit Orders(double lease, double forgiven = FORGIVEN)
   : lease_(lease), forgiven_(forgiven) {order(never);}
 
   /// The bridge's last message; none before the first.
   const std::optional<Said> & said() const {return said_;}
 
-  /// What to do; of the same serial until something else is to be done.
+  /// What to do; the serial stays the same until that changes.
   Order order(double now)
   {
     settle(now);
-    Slot & slot = slots_[(turn_ + 1) % slots_.size()];  // glance() may be at the one before
+    Slot & slot = slots_[(turn_ + 1) % slots_.size()];  // glance() may read the one before
     slot.serial = order_.serial;
     slot.state = order_.state;
     slot.number = order_.number;
@@ -102,9 +101,10 @@ public:
     return order_;
   }
 
-  /// As order() was last, but RED_RED from when that ends if nothing more is heard.
+  /// The last result of order(), but RED_RED once that has expired without a new message.
   ///
-  /// For any thread, while another calls what is not const: takes no lock and no memory.
+  /// For any thread, even while another calls a non-const function: it takes no lock and
+  /// allocates nothing.
   Order glance(double now) const
   {
     while (true) {
@@ -112,13 +112,13 @@ public:
       const Slot & slot = slots_[turn % slots_.size()];
       const Order order{slot.serial, slot.state, slot.number, slot.reached};
       const bool is_over = now > slot.ends_at;
-      if (turn_ - turn < slots_.size() - 1) {  // or order() may have changed it meanwhile
+      if (turn_ - turn < slots_.size() - 1) {  // otherwise order() may have changed the slot
         return is_over ? Order{order.serial | 1} : order;
       }
     }
   }
 
-  /// The state to obey, and why that is not what is commanded; empty: it is.
+  /// The state to obey, and why it differs from the command; empty: it does not.
   std::pair<RaceState, std::string> judge(double now) const
   {
     const auto why = doubt(now);
@@ -126,7 +126,7 @@ public:
       return {RaceState::RED_RED, why};
     }
     if (said_->state == RaceState::UNKNOWN) {
-      return {RaceState::RED_RED, "the bridge says what is no race state"};
+      return {RaceState::RED_RED, "the bridge publishes an unknown race state"};
     }
     if (said_->state == RaceState::GREEN_GREEN && !is_armed(now)) {
       return {RaceState::RED_RED, grid_by_ == said_->bridge ?
@@ -136,35 +136,35 @@ public:
     return {said_->state, said_->reason};
   }
 
-  /// Why what was heard last may not be true any more; empty: it is.
+  /// Why the last message may no longer be true; empty: it is.
   std::string doubt(double now) const
   {
     if (!said_) {
-      return "the bridge was not heard yet";
+      return "the bridge has not been heard yet";
     }
     if (now - heard_at_ > lease_) {
       return "the bridge is silent, or this node was too busy to hear it";
     }
     if (!is_alone()) {
-      return std::to_string(*bridges_alive_) + " bridges speak; there must be one";
+      return std::to_string(*bridges_alive_) + " bridges are running; there must be one";
     }
     return "";
   }
 
-  /// Take what the bridge has said, oldest first; none of it was said before `since`.
+  /// Take the bridge's messages, oldest first; none of them was sent before `since`.
   void hear(const std::vector<Said> & heard, double since, double now)
   {
-    settle(now);  // a doubt ends the order before, and so does what came in between
+    settle(now);  // a doubt or another state in between ends the previous order
     heard_at_ = since;
     for (const auto & said : heard) {
       said_ = said;
       follow(now);
       settle(now);
     }
-    order(now);  // only now: glance() must not show a GREEN_GREEN that is over already
+    order(now);  // only now: glance() must not return a GREEN_GREEN that is already over
   }
 
-  /// Take how many bridges the middleware knows to be alive.
+  /// Take the number of bridges that the middleware reports as alive.
   void count_bridges(int alive)
   {
     bridges_alive_ = alive;
@@ -174,7 +174,7 @@ public:
     }
   }
 
-  /// Notice that time has passed; called about five times in each lease.
+  /// Let time pass; call it about five times in each lease.
   void look(double now)
   {
     if (doubt(now).empty()) {
@@ -185,7 +185,7 @@ public:
     }
   }
 
-  /// Whether to ask the bridge now to acknowledge this order, which the kart has done.
+  /// Whether to send the bridge the acknowledgement of this order now.
   bool asks(const Order & done, double now)
   {
     const Order present = order(now);
@@ -212,7 +212,7 @@ private:
     static_assert(decltype(serial)::is_always_lock_free && decltype(ends_at)::is_always_lock_free);
   };
 
-  /// Begin a new order if something else is to be done.
+  /// Begin a new order if what is to be done has changed.
   void settle(double now)
   {
     Order order{order_.serial, judge(now).first};
@@ -221,14 +221,14 @@ private:
       order.reached = said_->reached;
     }
     if (order != order_) {
-      // Odd if it is Order{} but for that, and only then: so glance() knows the next one.
+      // Odd if and only if the rest equals Order{}: so glance() can predict the next serial.
       const bool is_doubt = order == Order{order.serial};
       order.serial = (order.serial | 1) + (is_doubt ? 0 : 1);
       order_ = order;
     }
   }
 
-  /// When the present order ends if nothing more is heard.
+  /// The time at which the present order expires without a new message.
   double ends_at() const
   {
     const bool starts = order_.state == RaceState::GREEN_GREEN;
@@ -243,7 +243,7 @@ private:
     return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven_;
   }
 
-  /// Arm or disarm by the message that was heard now.
+  /// Arm or disarm by the newest message.
   void follow(double now)
   {
     if (said_->state == RaceState::GRID_ACTIVE) {
@@ -263,7 +263,7 @@ private:
     }
   }
 
-  /// Whether a kart that has reached `state` may say that it has `reached` the other.
+  /// Whether a kart that has reached `state` may acknowledge `reached`.
   static bool includes(RaceState state, RaceState reached)
   {
     return state == reached ||
@@ -274,13 +274,13 @@ private:
   const double forgiven_;
   std::optional<Said> said_;
   double heard_at_ = never;
-  std::optional<int> bridges_alive_;  // none: the middleware has not said yet
+  std::optional<int> bridges_alive_;  // none: not reported by the middleware yet
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
-  std::optional<std::uint64_t> grid_by_;  // the same, whether it still arms or not
-  double sure_at_ = never;  // when there was no doubt last
-  static inline std::atomic<std::uint64_t> watches_{0};  // each has serials of its own
+  std::optional<std::uint64_t> grid_by_;  // the same, even if it no longer arms
+  double sure_at_ = never;  // the last time without a doubt
+  static inline std::atomic<std::uint64_t> watches_{0};  // each has its own serials
   Order order_{++watches_ << 40 | 1};
-  std::array<Slot, 4> slots_;  // order_, as it was last, and when it ends
+  std::array<Slot, 4> slots_;  // the last values of order_, and when each expires
   std::atomic<std::size_t> turn_{0};
   std::uint64_t asked_ = 0;
   double ask_again_at_ = never;

@@ -1,7 +1,7 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// For a team's stack in C++: what to do now, and how to say that it is done.
+/// For a team's stack in C++: what to do now, and how to acknowledge it.
 
 #ifndef EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
 #define EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
@@ -33,18 +33,18 @@
 namespace evgp_race_watch_cpp
 {
 
-/// The bridge's default `liveliness_lease`, seconds.
+/// The bridge's default `liveliness_lease`, in seconds.
 constexpr double LEASE = 0.5;
 
 /// What the kart must do now: evgp_kart_bridge's RaceStateWatch, for a node in C++.
 ///
-/// In a wall timer (create_wall_timer), about 20 times a second:
+/// Use it in a wall timer (create_wall_timer), about 20 times a second:
 ///
 ///     const auto order = watch.order();
 ///     if (drive(order.state)) {watch.acknowledge(order);}  // true once that state is reached
 ///
-/// GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard from the same
-/// bridge. Destroy it only while nothing spins its node.
+/// It obeys GREEN_GREEN only after a GRID_ACTIVE that it heard from the same bridge. Destroy it
+/// only while nothing spins its node.
 class RaceStateWatch
 {
 public:
@@ -57,9 +57,9 @@ public:
     rclcpp::node_interfaces::NodeWaitablesInterface>;
 
   /// \param node an rclcpp::Node or LifecycleNode, active or not, or its interfaces.
-  /// \param on_change is called by the node's executor with each new state; RED_RED is the first.
-  /// \param topic the bridge's topic; its service is `acknowledge` beside it.
-  /// \param lease the bridge's `liveliness_lease`, or longer, seconds.
+  /// \param on_change called by the node's executor with each new state; RED_RED is the first.
+  /// \param topic the bridge's topic; the service `acknowledge` is in the same namespace.
+  /// \param lease the bridge's `liveliness_lease`, or longer, in seconds.
   explicit RaceStateWatch(
     NodeInterfaces node, std::function<void(RaceState)> on_change = {},
     const std::string & topic = "kart_bridge/race_state", double lease = LEASE)
@@ -74,29 +74,29 @@ public:
     ringing_.join();
   }
 
-  /// What to do now: obey its `state`; once it is reached, acknowledge this very order.
+  /// What to do now: obey its `state`; once that is reached, acknowledge this order.
   ///
-  /// It is the same until something else is to be done. The state is RED_RED before the
-  /// bridge is heard, when it says so, once it has been silent for the lease, when it is gone, when
-  /// two bridges speak, when it says what is no state, and when it says GREEN_GREEN that is not
-  /// armed. May be asked in any thread, also while the executor is busy, and in a loop of 1 kHz: it
-  /// takes no lock and no memory. (acknowledge() takes both.)
+  /// It is the same until that changes. The state is RED_RED when the bridge publishes that,
+  /// before the bridge is heard, after it was silent for the lease, when it is gone, when two
+  /// bridges are running, when it publishes an unknown state, and for a GREEN_GREEN without a
+  /// GRID_ACTIVE before it. Call it in any thread, even while the executor is busy, and in a loop
+  /// of 1 kHz: it takes no lock and allocates nothing. (acknowledge() does both.)
   Order order() const {return orders_.glance(now());}
 
-  /// Why its state is not what race control commands, for people; empty: it is.
+  /// Why the state is not what race control commands, for people; empty: it is.
   std::string reason() const
   {
     const std::lock_guard<std::mutex> lock(ordering_);
     return orders_.judge(now()).second;
   }
 
-  /// Tell race control that the kart has reached the state of this order; never waits.
+  /// Report to race control that the kart has reached the state of this order; never waits.
   ///
-  /// Call it in every step in which that is true: it asks the bridge again after 0.2 s if an answer
-  /// is lost or refused, and does nothing once the order is acknowledged, or is over, if it has no
-  /// number, or if another watch gave it. If the bridge refuses, the node's log says why.
+  /// Call it in every step in which that is true. It tries again after 0.2 s if the answer is lost
+  /// or a refusal, and does nothing once the order is acknowledged or over, or if it has no number
+  /// or is from another watch. If the bridge refuses, the node logs why.
   ///
-  /// \param order what the kart has done, as order() was when the kart began to do it.
+  /// \param order the order() that the kart acted on.
   void acknowledge(const Order & order)
   {
     {
@@ -105,7 +105,7 @@ public:
         return;
       }
     }
-    bridge_->prune_pending_requests();  // the bridge may have died over the last one
+    bridge_->prune_pending_requests();  // the bridge may have died before it answered
     auto request = std::make_shared<Acknowledge::Request>();
     request->order = order.number;
     request->reached.state = static_cast<std::uint8_t>(order.reached);
@@ -121,7 +121,7 @@ public:
   }
 
 protected:
-  /// For tests: as above, and how long a doubt is forgiven, seconds.
+  /// For tests: as above, with a value for FORGIVEN, in seconds.
   RaceStateWatch(
     NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic,
     double lease, double forgiven)
@@ -131,7 +131,7 @@ protected:
   {
     const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
     const auto base = node.get_node_base_interface();
-    // Of its own, so that subscription and alarm never run at the same time.
+    // One group, so that subscription and alarm never run at the same time.
     const auto group = base->create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
     bridge_ = rclcpp::create_client<Acknowledge>(
       base, node.get_node_graph_interface(), node.get_node_services_interface(),
@@ -146,9 +146,9 @@ protected:
     qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
     subscription_ = rclcpp::create_subscription<Message>(
       node, topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
-    // The middleware says when the bridge is gone; the clock says it whatever middleware it is. A
-    // timer would not do: some middlewares wait for one by the wall clock, for as long as that is
-    // set back. Nor would the node's guard condition: it has the executor collect its nodes anew.
+    // The middleware reports when the bridge is gone; the clock shows it with any middleware. Not
+    // a timer: some middlewares wait for timers by the wall clock, which may be set back. Not the
+    // node's guard condition: it makes the executor collect its nodes again.
     alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
     alarm_->add_guard_condition(bell_);
     node.get_node_waitables_interface()->add_waitable(alarm_, group);
@@ -169,10 +169,10 @@ protected:
   }
 
 private:
-  // More than the bridge says in the time that is forgiven.
+  // More than the bridge publishes in the longest doubt that the rules tolerate.
   static constexpr std::size_t BACKLOG = 100;
 
-  /// The time since the machine was started, time in suspend included, in seconds.
+  /// The time since boot, including suspend, in seconds.
   static double now()
   {
     timespec time{};
@@ -186,9 +186,9 @@ private:
       message.order, message.acknowledged, message.reason};
   }
 
-  /// Hear what was taken, and what waits behind it: a stop must not wait behind what was said
-  /// before. All of it was said after the last pass, or that would have taken it. (The stamp would
-  /// say when only if the clocks of bridge and stack agree.)
+  /// Process the given messages and all that wait: a stop must not wait behind earlier messages.
+  /// All of them are newer than the last pass, which would have taken them. (The stamp would show
+  /// their time only if the clocks of bridge and stack agreed.)
   void pass(std::vector<Said> heard, std::optional<int> bridges_alive = {})
   {
     std::unique_lock<std::mutex> lock(ordering_);
@@ -209,9 +209,9 @@ private:
     const auto state = orders_.order(now()).state;
     const auto reason = orders_.judge(now()).second;
     const bool unheard = !orders_.said();
-    lock.unlock();  // neither the log nor on_change_ holds up whoever asks for the order
-    if (state != told_) {
-      told_ = state;
+    lock.unlock();  // neither the log nor on_change_ must delay readers of the order
+    if (state != reported_) {
+      reported_ = state;
       if (on_change_) {
         on_change_(state);
       }
@@ -225,7 +225,7 @@ private:
     }
   }
 
-  /// Log each new reason, the same one once in 10 s, and no more than 20 in that time.
+  /// Log each new reason: the same one at most once in 10 s, and at most 20 in that time.
   void log_reason(RaceState state, const std::string & reason)
   {
     if (reason != logged_last_ && !reason.empty()) {
@@ -240,13 +240,13 @@ private:
     logged_last_ = reason;
   }
 
-  mutable std::mutex ordering_;  // what is not const of orders_, or not glance(), needs it
+  mutable std::mutex ordering_;  // guards orders_, except glance()
   const std::function<void(RaceState)> on_change_;
   const rclcpp::Logger log_;
   Orders orders_;
   double began_ = now();
-  double passed_ = began_;  // before that, everything that waited was taken
-  RaceState told_ = RaceState::UNKNOWN;
+  double passed_ = began_;  // all messages from before that were taken
+  RaceState reported_ = RaceState::UNKNOWN;  // to on_change_
   std::map<std::string, double> logged_;  // reasons, and when each was logged
   std::string logged_last_;
   rclcpp::Clock steady_{RCL_STEADY_TIME};

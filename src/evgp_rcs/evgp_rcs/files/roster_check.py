@@ -11,7 +11,7 @@ import os
 import pathlib
 import sys
 
-from evgp_rcs.files.roster import load_roster, Roster, RosterError
+from evgp_node.roster import load_roster, Roster, RosterError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

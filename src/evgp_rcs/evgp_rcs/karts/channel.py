@@ -6,7 +6,7 @@ What the processes of race control say to each other, over local socket pairs.
 
 The *kart server* (``karts.process``) has one pair with the *ROS half* (``ros.node``) and one with
 the *record* (``karts.record_process``). Each message is one of the classes below, a ``Snapshot``,
-``Standings``, ``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody
+``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody
 else can reach a pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
@@ -24,10 +24,9 @@ import socket
 import struct
 from typing import Any, NamedTuple
 
+from evgp_node.roster import Roster
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import BEAT_RATE
-from evgp_rcs.files.roster import Roster
-from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.race import (
     Answer,
     Attendance,
@@ -80,6 +79,7 @@ class Begin:
 
     :param cannot_know: why another race control at the same address cannot be ruled out, in a
         phrase; empty: it can. Where it cannot, no proof of a good end is believed.
+    :param run: the id of this run; empty: the record draws one.
     """
 
     roster: Roster
@@ -87,6 +87,7 @@ class Begin:
     settings: ServerSettings
     record: pathlib.Path
     cannot_know: str = ''
+    run: str = ''
 
 
 class Request(NamedTuple):
@@ -100,13 +101,6 @@ class Request(NamedTuple):
     number: int
     command: Command
     came: float
-
-
-class Passings(NamedTuple):
-    """What sources saw at the timing line; ``dropped`` more were too many to be taken."""
-
-    passings: tuple[Passing, ...]
-    dropped: int
 
 
 class Alive(NamedTuple):
@@ -157,11 +151,6 @@ class Answered(NamedTuple):
 
     number: int
     answer: Answer
-
-
-@dataclass(frozen=True)
-class PassingsTaken:
-    """The next `Passings` may come: no more than one waits, so that they never fill the pair."""
 
 
 class Happened(NamedTuple):

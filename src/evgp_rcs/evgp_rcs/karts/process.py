@@ -30,7 +30,7 @@ from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
 from evgp_rcs.rules.inputs import Entrant, Recovered, Rules, Setup
-from evgp_rcs.rules.race import LastRun
+from evgp_rcs.rules.race import Heat, LastRun
 
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
@@ -45,12 +45,12 @@ def setup_of(begin: Begin, now: float) -> Setup:
     entries = begin.roster.entries
     return Setup(
         tuple(
-            Entrant(entry.number, entry.team, entry.in_race, entry.inspected, entry.transponders)
-            for entry in entries
+            Entrant(entry.number, entry.team, entry.in_race, entry.inspected) for entry in entries
         ),
         begin.times,
-        begin.roster.heats,
+        tuple(Heat(heat.name, heat.karts) for heat in begin.roster.heats),
         now,
+        begin.run,
     )
 
 
@@ -116,7 +116,7 @@ def main(arguments: list[str] | None = None) -> int:
         gc.freeze()  # what this process and the record's share stays shared
         try:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
-            record = RecordProcess(begin.record, mark)
+            record = RecordProcess(begin.record, mark, begin.run)
         except RecordError as error:
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2

@@ -69,16 +69,17 @@ class RecordProcess:
 
     :param path: the file of the record.
     :param mark: the file of the mark; see ``run_mark.place``.
+    :param run: the id of the run; empty: the record draws one.
     :raises RecordError: if another race control that runs has one of them.
     """
 
-    def __init__(self, path: pathlib.Path, mark: pathlib.Path) -> None:
+    def __init__(self, path: pathlib.Path, mark: pathlib.Path, run: str = '') -> None:
         """Start the process, and wait until it knows what the last run left."""
         self._path = path
         end, other = socket.socketpair()
         self.pid = os.fork()
         if not self.pid:
-            _live(path, mark, other)
+            _live(path, mark, run, other)
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
@@ -222,7 +223,7 @@ def wake_when_the_parent_dies() -> None:
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
 
 
-def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
+def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) -> None:
     """Run the record's process until it ends."""
     code = 1
     try:
@@ -233,7 +234,7 @@ def _live(path: pathlib.Path, mark: pathlib.Path, end: socket.socket) -> None:
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
         wake_when_the_parent_dies()
-        _write(path, mark, end)
+        _write(path, mark, run, end)
         code = 0
     except BaseException:  # noqa: BLE001 - no caller can catch it
         traceback.print_exc()
@@ -249,11 +250,11 @@ def _whole(batch: Batch) -> Batch:
     return Batch(batch.first, entries)
 
 
-def _write(path: pathlib.Path, mark_path: pathlib.Path, end: socket.socket) -> None:
+def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.socket) -> None:
     try:
         mark = RunMark(mark_path)
         try:
-            record = Record(path)
+            record = Record(path, run)
         except RecordError:
             mark.end(mark.last_run)
             raise

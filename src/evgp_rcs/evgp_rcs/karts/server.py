@@ -38,8 +38,6 @@ from evgp_rcs.karts.channel import (
     Happened,
     LocalEnd,
     pack,
-    Passings,
-    PassingsTaken,
     Request,
     ServerSettings,
 )
@@ -47,7 +45,6 @@ from evgp_rcs.karts.link import in_words, KartLink
 from evgp_rcs.karts.record_process import RecordProcess
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE
-from evgp_rcs.rules.laps import Laps
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Answer,
@@ -60,11 +57,10 @@ from evgp_rcs.rules.race import (
     StampedEvent,
     StartPhase,
 )
-from evgp_rcs.rules.snapshot import snapshot_of, standings_of
+from evgp_rcs.rules.snapshot import snapshot_of
 
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
-
 
 CONNECTIONS = (10, 2.0)
 """Limit of a kart's connections: how many at once, and how many a second after that."""
@@ -84,9 +80,6 @@ GATHER = 0.005
 """Time for which events are gathered until they are handed on, in seconds. When a hundred karts
 acknowledge, each by itself would keep all processes busy; and what officials are told would be in
 the way of the answer to the stop that made it happen."""
-
-RESULTS_EVERY = 1.0
-"""Minimum time between two messages with the results, in seconds."""
 
 SHOW_AFTER = 0.01
 """Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
@@ -211,14 +204,11 @@ class KartServer:
         self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
         self._reports = {number: _Allowance(20) for number in race.karts}
-        self._passings = {number: _Allowance(20) for number in (0, *race.karts)}
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._shown_at = 0.0
         self._showing = False
         self._shown_pause = 0.0
-        self._shown_laps: Laps | None = None
-        self._results_at = -RESULTS_EVERY
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
         self._failure: BaseException | None = None
@@ -404,9 +394,6 @@ class KartServer:
                 lambda answer: self._ros_half.send(pack(Answered(number, answer))),
                 message.came,
             )
-        elif isinstance(message, Passings):
-            assert self._loop is not None
-            self._loop.call_soon(self._take_passings, message)
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
@@ -418,12 +405,6 @@ class KartServer:
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:
             raise TypeError(f'the ROS half sent {message!r}')
-
-    def _take_passings(self, message: Passings) -> None:
-        """Take what sources saw at the timing line, after what officials have sent."""
-        self.take_commands()
-        self._take(inputs.Passed(self.now(), *message))
-        self._ros_half.send(pack(PassingsTaken()))
 
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
@@ -505,9 +486,8 @@ class KartServer:
             self._gather(self._stamped(told, at), entries)
 
     def _may_tell(self, event: Event, at: float) -> bool:
-        """Return whether a kart, or the timing line, may cause one more event."""
-        at_line = event.kind is EventKind.PASSING
-        return (self._passings if at_line else self._reports)[event.kart].take(at)
+        """Return whether a kart may cause one more event."""
+        return self._reports[event.kart].take(at)
 
     def _tell(self, event: Event) -> None:
         """Tell what no input of the rules has made happen."""
@@ -561,10 +541,6 @@ class KartServer:
         if not self._ros_half.unsent:
             self._log.add(inputs.Shown(now))
             self._ros_half.send(pack(snapshot_of(self._race, now)))
-            laps, due = self._race.laps, now - self._results_at >= RESULTS_EVERY
-            if laps is not self._shown_laps and due:
-                self._shown_laps, self._results_at = laps, now
-                self._ros_half.send(pack(standings_of(self._race, now)))
         self._remember()
         if self._race.paused_until > max(now, self._shown_pause):
             # Then more commands are available, though nothing happens.

@@ -21,6 +21,7 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
+from evgp_node.stream import Began, Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.runs import (
     add_run_arguments,
@@ -34,7 +35,7 @@ from evgp_rcs.record.runs import (
 )
 from evgp_rcs.record.store import rules_version
 from evgp_rcs.rules import inputs
-from evgp_rcs.rules.inputs import Began, Entry, Gap, Input, Ordered, Rules, Shown
+from evgp_rcs.rules.inputs import Entry, Input, Ordered, Rules, Shown
 from evgp_rcs.rules.race import Event, EventKind, Order, Outcome, Race, StampedEvent
 
 OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})

@@ -19,17 +19,17 @@ import sys
 import tempfile
 from typing import TypeVar
 
+from evgp_node.stream import Block, DamagedError, Gap, SCHEMA_VERSION
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.store import (
     blocks_of,
     default_path,
     is_being_written,
     open_read_only,
-    SCHEMA_VERSION,
     Session,
     sessions,
 )
-from evgp_rcs.rules.inputs import Block, entries_of, Entry, Gap, InputsError
+from evgp_rcs.rules.inputs import entries_of, Entry
 from evgp_rcs.rules.race import StampedEvent
 
 DONE = 0
@@ -93,12 +93,12 @@ class Kept:
     def lines(self) -> Iterator[bytes]:
         """Yield the entries of each block as they stand in it, a line each."""
         for _, data in self.blocks:
-            with contextlib.suppress(InputsError):
+            with contextlib.suppress(DamagedError):
                 yield Block.of(data).data
 
     def events(self) -> Iterator[StampedEvent | Gap]:
         """Yield its events, and what is missing."""
-        for entry in entries_of(self.blocks, events_only=True):
+        for entry in entries_of(self.blocks, only=(StampedEvent,)):
             assert isinstance(entry, StampedEvent | Gap)
             yield entry
 

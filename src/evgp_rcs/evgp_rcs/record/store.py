@@ -30,28 +30,17 @@ import sqlite3
 import time
 from typing import IO
 
+from evgp_node.encoding import read, written
+from evgp_node.folder import rcs_folder
+from evgp_node.stream import Began, Block, Gap, joined, SCHEMA_VERSION
 from evgp_protocol import clock, states
-from evgp_rcs.files.folder import rcs_folder
 from evgp_rcs.record.run_mark import claim
-from evgp_rcs.rules import catalogue, laps, race
-from evgp_rcs.rules.encoding import read, written
-from evgp_rcs.rules.inputs import (
-    Batch,
-    Began,
-    Block,
-    encode,
-    entries_of,
-    Entry,
-    Gap,
-    joined,
-    Rules,
-)
+from evgp_rcs.rules import catalogue, race
+from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 10
-
 PROGRAM = 'race control'
-"""Who writes these streams; another program may write its own beside them (``inputs.Began``)."""
+"""Who writes these streams; another program may write its own beside them (``Began``)."""
 
 INPUTS_EVERY = 1.0
 """Maximum time that entries without an event wait for others, in seconds. A disk that must confirm
@@ -67,10 +56,10 @@ _SCHEMA = """
 CREATE TABLE block ( -- the streams of all runs
     run INTEGER NOT NULL, -- counts the streams of this file from 1
     number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
-    data BLOB NOT NULL, -- inputs.Block
+    data BLOB NOT NULL, -- Block
     PRIMARY KEY (run, number)
 );
-CREATE TABLE memory ( -- what the next run must know; the last one only: laps make it long
+CREATE TABLE memory ( -- what the next run must know; the last one only
     run INTEGER PRIMARY KEY,
     data TEXT NOT NULL -- RaceMemory, as encoding writes it
 );
@@ -94,7 +83,7 @@ class Session:
         is none.
     :param events: the number of its last event.
     :param last_ns: the wall time of that.
-    :param id: the run's id, see ``inputs.Began``; empty: that cannot be read.
+    :param id: the run's id, see ``Began``; empty: that cannot be read.
     """
 
     number: int
@@ -113,8 +102,7 @@ def rules_version() -> str:
     """
     try:
         texts = [
-            pathlib.Path(str(each.__file__)).read_bytes()
-            for each in (race, laps, catalogue, states)
+            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
         ]
     except OSError:
         return ''
@@ -136,12 +124,14 @@ class Record:
     :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
         no record, `error` says so, ``write`` tries it again, and nothing is known of the time
         before.
+    :param run: the id of the run; empty: it is drawn here.
     :raises RecordError: if it is the record of another race control that is running.
     """
 
-    def __init__(self, path: pathlib.Path) -> None:
+    def __init__(self, path: pathlib.Path, run: str = '') -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
+        self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
         self._since = 0.0  # when the first of them came
         self._urgent = False  # they have an event
@@ -286,7 +276,7 @@ class Record:
             if begins:
                 left_behind = _left_behind(database)
                 (last,) = database.execute('SELECT max(run) FROM block').fetchone()
-                began = Began(secrets.token_hex(8), PROGRAM, time.time_ns())
+                began = Began(self._id, PROGRAM, time.time_ns())
                 first = Block(0, encode(began)).compressed()
                 run = (last or 0) + 1
                 database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, first))
@@ -355,11 +345,6 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-RESULTS_LAST_NS = 3 * 86_400 * 10**9
-"""Time from the last event of a run after which the next one knows its results no more: they are
-of another event, whose heats may have the same names. Nanoseconds."""
-
-
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
     last = next(newest_first(database), None)
@@ -372,8 +357,6 @@ def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
         known = read(RaceMemory, found[0])
     except ValueError:
         return None  # damaged
-    if time.time_ns() - max(last.began_ns, last.last_ns) > RESULTS_LAST_NS:
-        known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
     return known
 
 
@@ -463,7 +446,7 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
 
 def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
     """Yield the events of a block, whatever came before it."""
-    return entries_of([block], events_only=True)
+    return entries_of([block], only=(StampedEvent,))
 
 
 def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
@@ -472,6 +455,6 @@ def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
-    for entry in entries_of(blocks_of(database, run), events_only=True):
+    for entry in entries_of(blocks_of(database, run), only=(StampedEvent,)):
         if isinstance(entry, StampedEvent):
             yield entry

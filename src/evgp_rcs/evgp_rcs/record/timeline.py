@@ -9,12 +9,12 @@ import argparse
 from collections.abc import Sequence
 import sys
 
+from evgp_node.official import said_by
+from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY
 from evgp_rcs.record.store import default_path, Session
-from evgp_rcs.rules.inputs import Gap
-from evgp_rcs.rules.official import said_by
 
 
 def options() -> argparse.ArgumentParser:

@@ -33,15 +33,13 @@ from evgp_rcs.karts.channel import (
     Happened,
     Listening,
     pack,
-    Passings,
-    PassingsTaken,
     Refused,
     Request,
     Unpacker,
 )
 from evgp_rcs.karts.server import KartServerError
 from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
-from evgp_rcs.rules.snapshot import Snapshot, Standings
+from evgp_rcs.rules.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
 """Maximum time the kart server's process may take to end, in seconds; then it is killed."""
@@ -76,7 +74,7 @@ class KartServerClient:
 
     :param begin: with what it starts.
     :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
-    :param on_snapshot: takes a snapshot of the race, or its results, likewise.
+    :param on_snapshot: takes a snapshot of the race, likewise.
     :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
         text says why. Every kart has been sent RED_RED or has lost its connection.
     """
@@ -85,7 +83,7 @@ class KartServerClient:
         self,
         begin: Begin,
         on_events: Callable[[list[StampedEvent]], None],
-        on_snapshot: Callable[[Snapshot | Standings], None],
+        on_snapshot: Callable[[Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
         """Take note of everything; nothing is started before ``start``."""
@@ -99,7 +97,6 @@ class KartServerClient:
         self._sending = threading.Lock()
         self._ended = ''
         self._stopping = False
-        self.takes_passings = True
         """The kart server has taken the last ones, and may be sent others."""
         self._end: socket.socket
         self._process: subprocess.Popen[bytes]
@@ -165,16 +162,6 @@ class KartServerClient:
         if answer is None:
             raise KartServerError('race control has lost its karts: use the MSR')
         return answer
-
-    def passed(self, passings: Passings) -> None:
-        """
-        Hand over what sources saw at the timing line, if it `takes_passings`.
-
-        :raises KartServerError: if the kart server is gone.
-        """
-        if not self._stopping:
-            self.takes_passings = False
-            self._send(passings)
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
         """
@@ -273,10 +260,8 @@ class KartServerClient:
     def _take(self, message: Any) -> None:
         if isinstance(message, Happened):
             self._on_events(message.events)
-        elif isinstance(message, Snapshot | Standings):
+        elif isinstance(message, Snapshot):
             self._on_snapshot(message)
-        elif isinstance(message, PassingsTaken):
-            self.takes_passings = True
         elif isinstance(message, Answered):
             answers = self._waiting.pop(message.number, None)
             if answers is not None:

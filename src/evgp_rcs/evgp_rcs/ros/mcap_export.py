@@ -14,6 +14,7 @@ import pathlib
 import sys
 from typing import Any
 
+from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.runs import (
@@ -26,7 +27,7 @@ from evgp_rcs.record.runs import (
     say,
     UNREADABLE,
 )
-from evgp_rcs.rules.inputs import Gap, Shown
+from evgp_rcs.rules.inputs import Shown
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
 
 NS = 1_000_000_000
@@ -132,7 +133,8 @@ class _Bagged:
 
     def _races(self) -> Iterator[Message]:
         """Yield the race as often as it was published, and diagnostics."""
-        from evgp_rcs.ros.messages import diagnostics_message, message_of
+        from evgp_node.codec import message_of
+        from evgp_rcs.ros.messages import diagnostics_message
         from evgp_rcs_msgs import msg
 
         told = -math.inf

@@ -1,197 +1,37 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The race in ROS messages, and back: a message of ``evgp_rcs_msgs`` is the image of a type here.
-
-Nothing is decided here, and no field is named: the types say it all, those of the message and
-those of the value. A field of the value is the field of that name of the message; ``stamp_ns`` is
-its `stamp`. Where a message has no None, it has for it: of a state UNKNOWN, of a time 0, of
-another number NaN, of a constant 0. An enum is the constant of its name.
-"""
+"""What of the race is no message field by field; the rest is ``evgp_node.codec``'s."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-import enum
-import functools
-import importlib
-import math
-import types
-from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
-from builtin_interfaces.msg import Duration, Time
+from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.codec import CONSTANTS, message_of, NS, value_of
 from evgp_node.stamps import stamp_of
-from evgp_node.states import state_message, state_of
 from evgp_protocol.link import Grade
-from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.laps import BY_HAND, Mark, Passing, Status
-from evgp_rcs.rules.official import tidy
 from evgp_rcs.rules.race import AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_msgs import msg
 
-NS = 1_000_000_000
-
-MOST_STRENGTH = 1e9
-"""The strength of a passing is below this, in the device's own measure."""
-
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
 """Alerts without the MSR that are errors in the diagnostics."""
 
-CONSTANTS: dict[type[enum.Enum], Any] = {
+CONSTANTS |= {
     CommandKind: msg.CommandAvailability,
     EventKind: msg.RaceEvent,
     AlertKind: msg.Alert,
-    Grade: msg.LinkQuality,
-    Mark: msg.JudgedPassing,
-    Status: msg.KartResult,
 }
-"""The message that has the constants of each enum."""
-
-STAMPED = ('sequence', 'stamp', 'monotonic')
-"""What a message of an event has of the ``StampedEvent`` around it."""
-
-SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
-"""The fields that are sentences of race control; other texts are names, which stay as they are."""
-
-_Value = TypeVar('_Value')
-_TIME = 'builtin_interfaces/Time'
-
-
-def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
-    """
-    Return a value as a message of this type.
-
-    :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
-    """
-    return _image(value, type(value), kind, wall_ns)
-
-
-def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any:
-    image = message()
-    for slot, name, write, _ in _fields(kind, message):
-        setattr(image, slot, write(getattr(value, name), wall_ns))
-    return image
-
-
-def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
-    """
-    Return the value of this type that a message is the image of; its times are wall times, in s.
-
-    :param said: what to do with each of ``SENTENCES``.
-    :raises ValueError: if the message has a constant, or lacks a state, that no value has.
-    """
-    return kind(
-        **{
-            name: read(getattr(message, slot), said)
-            for slot, name, _, read in _fields(kind, type(message))
-        }
-    )
-
-
-_Write = Callable[[Any, int], Any]
-_Read = Callable[[Any, Callable[[str], str]], Any]
-
-
-def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
-    """Return each field of a message: its name there and in the type, how to write and read it."""
-    hints = get_type_hints(kind)
-    names = {name.removesuffix('_ns'): name for name in hints}
-    return [
-        (slot, names[slot], *_both(slot, hints[names[slot]], slot_type))
-        for slot, slot_type in message.get_fields_and_field_types().items()
-        if slot not in STAMPED or kind is not Event
-    ]
-
-
-_fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.cache(_find_fields)
-
-
-def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
-    """Return how to write, and how to read, a field of these types."""
-    optional = get_origin(hint) is types.UnionType
-    kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
-    if slot == _TIME and kind is int:
-        return lambda ns, _: stamp_of(ns), lambda time, _: time.sec * NS + time.nanosec
-    if slot == _TIME:
-        return _write_time, _read_optional_time if optional else _read_time
-    if kind is RaceState:
-        return lambda state, _: state_message(state), _read_state if optional else _read_some_state
-    if slot.startswith('sequence<') and '/' in slot:
-        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
-        return (
-            lambda values, wall: [_image(each, inner, one, wall) for each in values],
-            lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
-        )
-    if slot.startswith('sequence<'):
-        return lambda values, _: list(values), lambda values, _: tuple(values)
-    if '/' in slot:
-        one = _class_of(slot)
-        return (
-            lambda value, wall: _image(value, kind, one, wall),
-            lambda message, said: value_of(message, kind, said),
-        )
-    if kind in CONSTANTS:
-        number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
-        value = {at: each for each, at in number.items()}
-        number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
-        return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
-    if issubclass(kind, enum.Enum):
-        return lambda each, _: each.value, lambda each, _: kind(each)
-    if optional and kind is float:
-        return (
-            lambda number, _: math.nan if number is None else number,
-            lambda number, _: None if math.isnan(number) else number,
-        )
-    if name in SENTENCES:
-        return lambda text, _: text, lambda text, said: said(text)
-    return lambda value, _: value, lambda value, _: value
-
-
-def _class_of(slot: str) -> type[Any]:
-    package, name = slot.split('/')
-    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
-    return found
-
-
-def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
-    if number not in values:
-        raise ValueError(f'{number} is no {kind.__name__}')
-    return values[number]
-
-
-def _write_time(time: float | None, wall_ns: int) -> Time:
-    return Time() if time is None else stamp_of(wall_ns + round(time * NS))
-
-
-def _read_time(time: Time, _: Callable[[str], str]) -> float:
-    return float(time.sec) + float(time.nanosec) / NS
-
-
-def _read_optional_time(time: Time, said: Callable[[str], str]) -> float | None:
-    return _read_time(time, said) or None
-
-
-def _read_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState | None:
-    return state_of(message)
-
-
-def _read_some_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState:
-    state = state_of(message)
-    if state is None:
-        raise ValueError(f'{message.state} is no race state')
-    return state
-
 
 # ----- what is not field by field -------------------------------------------------------------
 
 
-def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
-    """Return events as a message."""
-    return msg.RaceEvents(events=list(map(_event, events)))
+def events_message(events: Iterable[StampedEvent], run: str = '') -> msg.RaceEvents:
+    """Return events of a run as a message."""
+    return msg.RaceEvents(run=run, events=list(map(_event, events)))
 
 
 def _event(stamped: StampedEvent) -> msg.RaceEvent:
@@ -214,23 +54,13 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
     return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
 
 
-def passing_of(message: msg.Passing) -> Passing:
+def race_of(message: msg.Race) -> Snapshot:
     """
-    Return a passing of a message, whatever is in it.
+    Return the race of a message.
 
-    What a message can say and the record cannot keep is what says nothing: a strength that is no
-    number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
-    but officials is called as they are.
+    :raises ValueError: if it is none.
     """
-    passing = value_of(message, Passing)
-    source, strength = tidy(passing.source), passing.strength
-    return passing._replace(
-        source='' if source == BY_HAND else source,
-        session=tidy(passing.session),
-        transponder=tidy(passing.transponder),
-        stamp_ns=max(0, passing.stamp_ns),
-        strength=strength if strength is not None and abs(strength) < MOST_STRENGTH else None,
-    )
+    return value_of(message, Snapshot)
 
 
 def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:

@@ -10,7 +10,6 @@ This one starts it, and neither outlives the other. Each thread here has its own
 - three threads take officials' service calls, hand each to the kart server and wait for its
   answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
   the rest. So no stop waits behind another call;
-- the line's thread (``line``) hands on what the sources of passings say;
 - the client's thread (``kart_client``) hears the kart server;
 - one calls this node again and again, as an official's program would, gives the kart server a sign
   of life as long as the calls come in, tells it who is there, and looks after the graph;
@@ -37,26 +36,25 @@ from evgp_node.graph import (
     trouble_of_graph,
     where_reachable,
 )
+from evgp_node.official import heard, tidy
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.rclpy_private import RCLError
+from evgp_node.roster import RosterError
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
-from evgp_rcs.files.roster import RosterError
 from evgp_rcs.karts import priority
 from evgp_rcs.karts.address_watch import AddressTakenError, watch_for_race_control
 from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin
 from evgp_rcs.karts.server import KartServerError
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.ros.kart_client import KartServerClient
-from evgp_rcs.ros.line import Line
 from evgp_rcs.ros.presence import MOST_PROGRAMS, Presences
 from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.ros.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
 from evgp_rcs.ros.settings import read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
-from evgp_rcs.rules.official import heard, tidy
 from evgp_rcs.rules.race import Answer, Command
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
@@ -169,20 +167,20 @@ class RcsNode(StrictNode):
         self._rival = False
         self._signing = threading.Lock()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._publisher = RacePublisher(self, begin.roster, self._publisher_failed, self._banner)
+        self._publisher = RacePublisher(
+            self, begin.roster, self._publisher_failed, self._banner, begin.run
+        )
         self._server = KartServerClient(
             begin,
             on_events=self._publisher.events,
             on_snapshot=self._publisher.race,
             on_end=self._kart_server_ended,
         )
-        self._line = Line(self, self._server)
         self._presences = Presences()
         self.create_subscription(msg.Presence, '~/presence', self._hear_presence, PRESENCE_QOS)
         self._offer_services()
         self._server.start()
         self._publisher.start()
-        self._line.start()
         self._asking.start()
         self._watch.tell(self._hear_watch)
         self.get_logger().info(
@@ -203,7 +201,6 @@ class RcsNode(StrictNode):
                 self.get_logger().error(
                     f'Officials cannot be told that race control ends: {error}'
                 )
-        self._line.stop()
         self._server.stop(in_order=not self._failure)
         self._publisher.stop()
         self._closing.set()
@@ -398,7 +395,7 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     entry = CATALOGUE[kind]
     taken: dict[str, Any] = {name: getattr(request, name) for name in entry.takes}
     taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
-    if entry.names_heat or 'heat' in taken:
+    if entry.names_heat:
         taken['heat'] = request.heat  # as the roster has it
     return Command(
         kind,

@@ -5,7 +5,8 @@
 Who is there to stop the race: the programs that say so at least once a second, by their ids.
 
 A program counts while its last word without a fault is not older than `SILENT_AFTER`. A stop
-button that is gone is reported for longer: until another is started in its place.
+button that is gone is reported for longer: until another is started in its place. The timekeeper
+never counts: it gives FINISH, and cannot stop a race.
 
 Pure: words and times go in, from any thread.
 """
@@ -16,7 +17,7 @@ from dataclasses import dataclass
 import threading
 from typing import Protocol
 
-from evgp_rcs.rules.official import MOST_OF_NAME, tidy
+from evgp_node.official import MOST_OF_NAME, tidy
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
@@ -32,6 +33,8 @@ MOST_NAMED = 4
 """Maximum number of programs that are named at once."""
 
 BUTTON = 'rcs_button'
+
+TIMEKEEPER = 'timekeeper'
 
 LABELS = {'rcs_gui': 'window', 'rcs_ctl': 'terminal', BUTTON: 'button'}
 """What officials call each program."""
@@ -84,8 +87,10 @@ class Presences:
         """
         Take what a program says, whatever is in it, at a time (s).
 
-        :return: whether it is heard; it is not if `MOST_PROGRAMS` others are there.
+        :return: whether there is room for it; there is none if `MOST_PROGRAMS` others are there.
         """
+        if TIMEKEEPER in (word.program, tidy(word.official)):
+            return True
         key = tidy(word.id)
         with self._lock:
             program = self._programs.get(key)

@@ -20,26 +20,24 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from evgp_node.codec import message_of
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
+from evgp_node.roster import Roster
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.files.roster import Roster
-from evgp_rcs.ros.messages import diagnostics_message, events_message, message_of
-from evgp_rcs.rules.official import said_by
+from evgp_rcs.ros.messages import diagnostics_message, events_message
 from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import NOTHING, Snapshot, Standings
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from std_msgs.msg import String
 
 RACE_QOS = latched(1)
 """Of ``~/race``: a late subscriber gets the present race at once."""
-
-RESULTS_QOS = RACE_QOS
-"""Of ``~/results``, likewise."""
 
 EVENTS_QOS = latched(200)
 """Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
@@ -48,7 +46,6 @@ OF_EACH_KART = (
     EventKind.KART_STATE,
     EventKind.DELIVERED,
     EventKind.ACKNOWLEDGED,
-    EventKind.PASSING,
 )
 """Not in the log: the command says what karts are sent, other events that all answer or not."""
 
@@ -72,6 +69,7 @@ class RacePublisher:
 
     :param on_failure: is called, in the publisher's thread, when it cannot go on.
     :param banner: what every screen says at its top.
+    :param run: the id of this run of race control.
     """
 
     def __init__(
@@ -80,18 +78,19 @@ class RacePublisher:
         roster: Roster,
         on_failure: Callable[[BaseException], None],
         banner: str = '',
+        run: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
         self._banner = banner
+        self._run_id = run
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
-        self._results = node.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | Standings | str | None]
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: tuple[Alert, ...] = ()
         self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
@@ -108,8 +107,8 @@ class RacePublisher:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, race: Snapshot | Standings) -> None:
-        """Take a snapshot of the race, or its results, from any thread."""
+    def race(self, race: Snapshot) -> None:
+        """Take a snapshot of the race, from any thread."""
         self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
@@ -139,7 +138,7 @@ class RacePublisher:
         self._race.publish(message_of(race, msg.Race, wall_ns - round(now * 1e9)))
         event = Event(EventKind.ALERT_RAISED, text, success=False)
         stamped = StampedEvent(self._sequence + 1, wall_ns, now, event)
-        self._events.publish(events_message([stamped]))
+        self._events.publish(events_message([stamped], self._run_id))
         wait_until_heard(self._race, self._events)
 
     def _run(self) -> None:
@@ -160,14 +159,11 @@ class RacePublisher:
             while not self._happened.empty():
                 came.append(self._happened.get())
             newest: Snapshot | None = None
-            results: Standings | None = None
             for news in came:
                 if news is None:
                     ended = True
                 elif isinstance(news, Snapshot):
                     newest = news
-                elif isinstance(news, Standings):
-                    results = news
                 elif isinstance(news, str):
                     self._take_graph_trouble(news)
                 else:
@@ -178,9 +174,6 @@ class RacePublisher:
                 self._newest = newest
                 self._tell_race(newest)
             self._say_state(clock.now())
-            if results is not None:
-                clock_ns = time.time_ns() - round(clock.now() * 1e9)
-                self._results.publish(message_of(results, msg.Results, clock_ns))
 
     def _say_state(self, now: float) -> None:
         """Publish the race's state by its name, if that is due and known."""
@@ -202,7 +195,7 @@ class RacePublisher:
             log.info('The ROS graph is in order again')
 
     def _tell(self, batch: list[StampedEvent]) -> None:
-        self._events.publish(events_message(batch))
+        self._events.publish(events_message(batch, self._run_id))
         self._sequence = batch[-1].sequence
         log = self._node.get_logger()
         for _, _, _, event in batch:

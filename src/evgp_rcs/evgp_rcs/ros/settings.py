@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import pathlib
+import secrets
 from typing import Any
 
 from evgp_node.parameters import check_address, ParameterError, Parameters
-from evgp_rcs.files.roster import load_roster
+from evgp_node.roster import load_roster
 from evgp_rcs.karts.channel import Begin, ServerSettings
 from evgp_rcs.record.store import default_path
 from evgp_rcs.rules.race import RaceTimes
@@ -34,13 +35,6 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
     ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
     ('red_alert', 'Time until the alert that RED_RED is not acknowledged, s.', _SECONDS),
-    ('min_lap_time', 'A passing nearer to the last one that counted is doubtful, s.', _SECONDS),
-    (
-        'clock_tolerance',
-        "How far a source's clock may be from the times of arrival, s.",
-        (0.01, 10),
-    ),
-    ('auto_finish', 'A kart whose last lap is counted is given FINISH by race control.'),
     ('require_inspection', 'A kart without an inspection in the roster cannot race.'),
     (
         'nobody_there',
@@ -95,16 +89,7 @@ def read_settings(parameters: Parameters) -> Begin:
         name: declare(name, getattr(RaceTimes, name), *meaning_and_limits)
         for name, *meaning_and_limits in OF_THE_RULES
     }
-    first_crossing = declare(
-        'first_crossing',
-        RaceTimes.first_crossing,
-        'The first crossing of a kart starts lap 1, or ends it: starts, or ends.',
-    )
     parameters.refuse_unknown(own_file=True)
-    if first_crossing not in ('starts', 'ends'):
-        raise ParameterError(
-            f'parameter first_crossing: {first_crossing!r} is not possible. Give starts or ends'
-        )
     check_address('address', address)
     for delay in delays:
         if not 0.0 <= delay <= 60.0:
@@ -120,11 +105,11 @@ def read_settings(parameters: Parameters) -> Begin:
     return Begin(
         roster=load_roster(pathlib.Path(path)),
         times=RaceTimes(
-            first_crossing=first_crossing,
             finish_delays=tuple(delays),
             settle=settle,
             **rules,
         ),
         settings=ServerSettings(host=address, **server),
         record=pathlib.Path(record).expanduser() if record else default_path(),
+        run=secrets.token_hex(8),
     )

@@ -20,15 +20,12 @@ Pure. No clock, socket, ROS, thread, file or log.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 import dataclasses
-import json
 from typing import get_args, NamedTuple
-import zlib
 
+from evgp_node.stream import Began, Stream
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.encoding import DAMAGED, reader, written
-from evgp_rcs.rules.laps import Passing
 from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Attendance,
@@ -45,11 +42,6 @@ from evgp_rcs.rules.race import (
     StartPhase,
 )
 
-
-class InputsError(ValueError):
-    """An entry or a block is damaged; the text says what is wrong."""
-
-
 # ----- with what the rules begin --------------------------------------------------------------
 
 
@@ -60,7 +52,6 @@ class Entrant(NamedTuple):
     team: str
     in_race: bool
     inspected: str = ''
-    transponders: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,40 +60,22 @@ class Setup:
     With what the rules begin.
 
     :param now: the time of it, on the clock of the rules (s).
+    :param run: the id of this run, as in ``Began``.
     """
 
     karts: tuple[Entrant, ...]
     times: RaceTimes
     heats: tuple[Heat, ...]
     now: float
+    run: str = ''
 
     def race(self) -> Race:
         """Return a race that has just begun."""
         karts = [
-            Kart(
-                kart.number,
-                kart.team,
-                kart.in_race,
-                inspected=kart.inspected,
-                transponders=kart.transponders,
-            )
+            Kart(kart.number, kart.team, kart.in_race, inspected=kart.inspected)
             for kart in self.karts
         ]
-        return Race(karts, self.times, self.now, self.heats)
-
-
-class Began(NamedTuple):
-    """
-    The first entry of a stream.
-
-    :param run: the id of the run, drawn at random: by it, streams of several programs are joined.
-    :param program: which program writes this stream.
-    :param wall_ns: when it began, in ns since the epoch.
-    """
-
-    run: str
-    program: str
-    wall_ns: int
+        return Race(karts, self.times, self.now, self.heats, self.run)
 
 
 class Rules(NamedTuple):
@@ -172,14 +145,6 @@ class Measured(NamedTuple):
     at: float
     kart: int
     link: LinkQuality
-
-
-class Passed(NamedTuple):
-    """What sources saw at the timing line; ``dropped`` more were too many to be taken."""
-
-    at: float
-    passings: tuple[Passing, ...]
-    dropped: int
 
 
 class Tick(NamedTuple):
@@ -261,7 +226,6 @@ Input = (
     | Heard
     | Delivered
     | Measured
-    | Passed
     | Tick
     | HeldUp
     | CutOff
@@ -285,8 +249,6 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.delivered(kart, serial, answered, at)
         case Measured(at, kart, link):
             return race.measured(kart, link, at)
-        case Passed(at, passings, dropped):
-            return race.passed(passings, dropped, at)
         case Commanded(at, command, came):
             return race.command(command, at, came)
         case Connected(at, kart):
@@ -329,54 +291,9 @@ class Shown(NamedTuple):
 Entry = Began | Rules | Input | Ordered | StampedEvent | Shown
 
 
-class Gap(NamedTuple):
-    """
-    Entries are missing here; no stream has this, but whoever reads one finds it.
-
-    :param entries: how many; 0: nobody knows.
-    :param why: a phrase.
-    :param damaged: what is there cannot be read; otherwise it is not there.
-    """
-
-    entries: int
-    why: str
-    damaged: bool = False
-
-    def __str__(self) -> str:
-        """Return it as a clause."""
-        many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
-        return f'{many} missing: {self.why}'
-
-
 # ----- encoding -------------------------------------------------------------------------------
 
-_READERS = {kind.__name__: reader(kind) for kind in get_args(Entry)}
-_EVENT = f'["{StampedEvent.__name__}"'.encode()
 _MOST = 2**32 - 1
-
-
-def encode(entry: Entry) -> bytes:
-    """Return an entry as a line: a list of the name of its type and its fields."""
-    return f'{written([type(entry).__name__, *entry])}\n'.encode()
-
-
-def decode(data: bytes, events_only: bool = False) -> Iterator[Entry]:
-    """
-    Yield the entries that were encoded, in order.
-
-    :param events_only: leave out all but events.
-    :raises InputsError: where they are damaged.
-    """
-    for number, line in enumerate(data.splitlines(), 1):
-        if events_only and not line.startswith(_EVENT):
-            continue
-        try:
-            name, *fields = json.loads(line)
-            entry: Entry = _READERS[name](fields)
-            _check(entry)
-        except DAMAGED as error:
-            raise InputsError(f'entry {number} cannot be read: {error!r:.200}') from error
-        yield entry
 
 
 def _check(entry: Entry) -> None:
@@ -389,16 +306,12 @@ def _check(entry: Entry) -> None:
     numbers: list[int] = []
     if isinstance(entry, StampedEvent):
         event = entry.event
-        texts, numbers = (
-            [event.text, event.official, event.heat],
-            [event.kart, event.lap, event.race],
-        )
+        texts = [event.text, event.official, event.heat]
+        numbers = [event.kart, event.race]
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
-        texts = [name for heat in heats for name in (heat.name, heat.grid_from)]
-        texts += [
-            name for kart in karts for name in (kart.team, kart.inspected, *kart.transponders)
-        ]
+        texts = [heat.name for heat in heats]
+        texts += [name for kart in karts for name in (kart.team, kart.inspected)]
         # There is no kart 0.
         numbers = [number - 1 for heat in heats for number in heat.karts]
         numbers += [kart.number - 1 for kart in karts]
@@ -422,54 +335,6 @@ class Batch(NamedTuple):
     first: int
     entries: Sequence[Entry | None]
     happened: bytes = b''
-
-
-class Block(NamedTuple):
-    """
-    A part of a stream.
-
-    :param entries: how many entries came before it.
-    :param data: those that it has, encoded.
-    """
-
-    entries: int
-    data: bytes
-
-    @property
-    def length(self) -> int:
-        """Return how many entries it has."""
-        return self.data.count(b'\n')
-
-    def compressed(self) -> bytes:
-        """Return the block in few bytes, which show whether they were damaged."""
-        return zlib.compress(b'%d\n%s' % self)
-
-    @staticmethod
-    def of(data: bytes) -> Block:
-        """
-        Return the block that was compressed.
-
-        :raises InputsError: if it is damaged.
-        """
-        try:
-            entries, _, lines = zlib.decompress(data).partition(b'\n')
-            return Block(int(entries), lines)
-        except (zlib.error, ValueError, TypeError) as error:
-            raise InputsError(f'it cannot be read: {error}') from error
-
-
-def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Yield the same entries in few blocks: a new one only where some are missing."""
-    parts: list[Block] = []
-    expected = 0
-    for block in blocks:
-        if parts and block.entries != expected:
-            yield Block(parts[0].entries, b''.join(part.data for part in parts))
-            parts = []
-        parts.append(block)
-        expected = block.entries + block.length
-    if parts:
-        yield Block(parts[0].entries, b''.join(part.data for part in parts))
 
 
 class Log:
@@ -496,32 +361,7 @@ class Log:
         return batch
 
 
-def entries_of(
-    blocks: Iterable[tuple[int, bytes]], events_only: bool = False
-) -> Iterator[Entry | Gap]:
-    """
-    Yield the entries of a stream, and where some are missing.
+STREAM: Stream[Entry] = Stream(get_args(Entry), _check)
+"""How entries are written and read."""
 
-    :param blocks: each block with its number, in order and compressed.
-    :param events_only: leave out all entries but events.
-    """
-    expected = 0
-    why, damaged = '', False
-    for number, data in blocks:
-        try:
-            block = Block.of(data)
-            entries = list(decode(block.data, events_only))
-        except InputsError as error:
-            why, damaged = why or f'block {number} is damaged: {error}', True
-            continue
-        if block.entries < expected:
-            why, damaged = f'block {number} is not in its place', True
-            continue
-        if why or block.entries > expected:
-            lost = 'the disk took none, or they were removed'
-            yield Gap(block.entries - expected, why or lost, damaged)
-            why, damaged = '', False
-        yield from entries
-        expected = block.entries + block.length
-    if why:
-        yield Gap(0, why, damaged)
+encode, decode, entries_of = STREAM.encode, STREAM.decode, STREAM.entries_of

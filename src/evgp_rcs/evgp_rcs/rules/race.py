@@ -43,16 +43,14 @@ the proposal's own (§3.B): where no run is known to have begun, it begins in IN
 Somebody must be there (``Attendance``). Once nobody is heard any more who could stop a race, and
 somebody was in that race, it does not start, and after ``nobody_there`` it goes to RED_FLAG.
 
-Laps are bookkeeping (``laps``): the race has one value of them, which its own times and the
-passings of the timing line change. No order, hold or doubt follows from them; with `auto_finish`
-a kart's last lap is a FINISH of it, which is a stop in the end.
+Laps are the timekeeper's business (``evgp_timing``). Here FINISH alone is known: it gives a kart
+its place in the order of FINISH, and RED_FLAG after it.
 
 Section numbers (§) are those of the EVGP proposal.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass
@@ -63,21 +61,6 @@ from typing import NamedTuple
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import (
-    BY_HAND,
-    Format,
-    Heats,
-    Identity,
-    Laps,
-    LapSettings,
-    LapsMemory,
-    Mark,
-    MOST_SEEN,
-    NO_LAPS,
-    Owner,
-    Passing,
-    Penalty,
-)
 from evgp_rcs.rules.link_quality import LinkQuality
 
 IN_GARAGE = RaceState.IN_GARAGE
@@ -108,9 +91,7 @@ class EventKind(enum.Enum):
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
     WITHDRAWN = 'WITHDRAWN'
-    RESULTS = 'RESULTS'
-    PASSING = 'PASSING'
-    LAP = 'LAP'
+    ORDER_OF_FINISH = 'ORDER_OF_FINISH'
     ENDED = 'ENDED'
 
 
@@ -129,7 +110,6 @@ class AlertKind(enum.Enum):
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
     LINK_POOR = 'LINK_POOR'
     TWO_PROGRAMS = 'TWO_PROGRAMS'
-    LAPS_SOURCE = 'LAPS_SOURCE'
     NOBODY_THERE = 'NOBODY_THERE'
     BUTTON_FAULT = 'BUTTON_FAULT'
     # Of these two no rule knows: the ROS half raises them.
@@ -172,14 +152,11 @@ class Command(NamedTuple):
     :param karts: for a command that starts or releases: the karts concerned, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
-    :param heat: for SET_HEAT: the name of the heat. For penalties: in whose result; empty: in that
-        of the race that was started last.
+    :param heat: for SET_HEAT: the name of the heat.
     :param official: who gives it, by their own word (``official``). No rule depends on it.
-    :param source: for STRIKE_PASSING and RESTORE_PASSING: with ``session`` and ``number``, which
-        passing.
-    :param transponder: for GIVE_TRANSPONDER: which.
-    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
-    :param reason: for a correction or a penalty: why.
+    :param run: for FINISH by the timekeeper: the id of the run of race control, with ``race``, the
+        number of the race, and ``attempt``, how often the kart's finish was undone in it; empty:
+        it is for the race that is under way.
     :param age: for a stop: seconds since the official pressed, by the sender's word. No rule
         depends on it.
     """
@@ -191,14 +168,9 @@ class Command(NamedTuple):
     hold: RaceState | None = None
     heat: str = ''
     official: str = ''
-    source: str = ''
-    session: str = ''
-    number: int = 0
-    transponder: str = ''
-    seconds: int = 0
-    laps: int = 0
-    disqualified: bool = False
-    reason: str = ''
+    run: str = ''
+    race: int = 0
+    attempt: int = 0
     age: float = 0.0
 
     @property
@@ -206,42 +178,13 @@ class Command(NamedTuple):
         """Return how long ago it was pressed; empty: just now."""
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
-    @property
-    def passing(self) -> Identity:
-        """Return which passing it is about."""
-        return Identity(self.source, self.session, self.number)
-
 
 @dataclass(frozen=True)
 class Heat:
-    """
-    Karts that race together, by a name of the roster; their numbers in ascending order.
-
-    :param format: what their race is about; ``laps``: how many they drive; 0: no number is set.
-    :param grid_from: they start in the order of the results of this heat, or of all heats of this
-        format; empty: nothing says an order.
-    """
+    """Karts that race together, by a name of the roster; their numbers in ascending order."""
 
     name: str
     karts: tuple[int, ...]
-    format: Format = Format.RACE  # noqa: A003 - the field's name
-    laps: int = 0
-    grid_from: str = ''
-
-
-class Starts(NamedTuple):
-    """
-    In which order karts are to start, by the results that there are. No kart is sent it.
-
-    :param grids: of each heat of the roster its karts in that order; empty: nothing says one yet.
-    :param heat: the name of the heat in the race; empty: none.
-    :param next_heat: whose turn is next of the heats of one kart that were not raced; empty:
-        nobody's.
-    """
-
-    grids: tuple[tuple[int, ...], ...]
-    heat: str
-    next_heat: str
 
 
 @dataclass(frozen=True)
@@ -288,11 +231,9 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
-    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s; for
-        LAP: the time of the lap, s.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
     :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
-    :param lap: for LAP: its number, from 1.
     :param race: the number of the race that was under way; 0: none was.
     :param heat: the name of the heat in the race; empty: none is.
     """
@@ -308,7 +249,6 @@ class Event(NamedTuple):
     alert: AlertKind | None = None
     after: float = 0.0
     grade: Grade | None = None
-    lap: int = 0
     hold: RaceState | None = None
     race: int = 0
     heat: str = ''
@@ -388,9 +328,9 @@ class TrackAccess:
 
 
 @dataclass(frozen=True)
-class RaceTimes(LapSettings):
+class RaceTimes:
     """
-    The times of the rules, in seconds, and how laps are counted.
+    The times of the rules, in seconds.
 
     :param finish_delays: for place 1, 2, … how long a kart that finished drives on before its
         RED_FLAG (§4.B FINISH); the last one serves all further places. Longest first, so that
@@ -455,7 +395,8 @@ class Kart:
         until then, in seconds; ``None`` if nothing is pending.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until its doubt ends.
-    :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
+    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0: none.
+    :param attempt: how often its finish was undone in this race: the timekeeper's FINISH names it.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
@@ -463,7 +404,6 @@ class Kart:
         latest, s; a time that is over: nobody knows when; None: it says no such thing.
     :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
-    :param transponders: those that the roster says it has.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
     :param link: how good its link is; None: not measured on this connection. No rule asks for it,
@@ -489,6 +429,7 @@ class Kart:
     settles_at: float | None = None
     lost_since: float | None = None
     place: int = 0
+    attempt: int = 0
     finish_due: float | None = None
     held_alone: bool = False
     withdrawn: bool = False
@@ -500,7 +441,6 @@ class Kart:
     acknowledged_at: float | None = None
     link: LinkQuality | None = None
     link_poor_at: float | None = None
-    transponders: tuple[str, ...] = ()
     contested: bool = False
     went_silent_at: float | None = None
 
@@ -573,8 +513,6 @@ class RaceMemory:
     :param karts: each kart of the roster, by its number.
     :param track_open: officials have opened the track.
     :param unstated: no official has stated yet that no race is under way anywhere.
-    :param laps: of the race that was started last; ``heats``: the results of the heats before.
-    :param given: the transponders that officials gave to karts.
     :param heat: the heat that was last put into the race; empty: none was.
     """
 
@@ -582,9 +520,6 @@ class RaceMemory:
     karts: Mapping[int, KartMemory]
     track_open: bool = False
     unstated: bool = False
-    laps: LapsMemory = NO_LAPS
-    given: tuple[Owner, ...] = ()
-    heats: tuple[LapsMemory, ...] = ()
     heat: str = ''
 
     @property
@@ -645,17 +580,17 @@ class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
 
-    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with the
-    passings of the timing line (``passed``), with what becomes of a start that waits
-    (``start_becomes``), with who is there (``attended``), and with what is wrong around it
-    (``held_up``, ``cut_off``, ``contested``, ``rival``, ``record_trouble``); each returns the
-    orders to send and the events that happened. Times are seconds of one monotonic clock and
-    never go back.
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
+    becomes of a start that waits (``start_becomes``), with who is there (``attended``), and with
+    what is wrong around it (``held_up``, ``cut_off``, ``contested``, ``rival``,
+    ``record_trouble``); each returns the orders to send and the events that happened. Times are
+    seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
     :param now: the time, in seconds.
     :param heats: the heats of the roster, each of its karts.
+    :param run: the id of this run of race control.
     :raises ValueError: if two karts have the same number.
     """
 
@@ -665,21 +600,17 @@ class Race:
         times: RaceTimes = RaceTimes(),
         now: float = 0.0,
         heats: Iterable[Heat] = (),
+        run: str = '',
     ) -> None:
         """Begin in IN_GARAGE, as §3.B has it."""
         self.times = times
+        self.run = run
         self.karts: dict[int, Kart] = {}
         for kart in karts:
             if kart.number in self.karts:
                 raise ValueError(f'kart {kart.number} is in the roster twice')
             self.karts[kart.number] = kart
             kart.sent_since = now
-        self.given: tuple[Owner, ...] = ()
-        """The transponders that officials gave to karts."""
-        self.laps = Laps.recall(NO_LAPS, times, now)
-        """Of the race that was started last, until the next GRID_ACTIVE; of no karts: of none."""
-        self._starts: tuple[Laps, str, Starts] | None = None
-        self._seen: OrderedDict[Identity, None] = OrderedDict()
         self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
@@ -688,7 +619,7 @@ class Race:
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
-        """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
+        """Who was sent GREEN_GREEN in the race whose order of FINISH has not been told yet."""
         self.grid_was_last = False
         self.grids = 0
         """How many times GRID_ACTIVE was accepted."""
@@ -734,9 +665,7 @@ class Race:
         if self.start is not None:
             return self.start.memory
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
-        laps, heats = self.laps.memory(), self.laps.heats.kept
-        track = self.track_open, self.unstated
-        return RaceMemory(self.state, karts, *track, laps, self.given, heats, self._put_in)
+        return RaceMemory(self.state, karts, self.track_open, self.unstated, self._put_in)
 
     def recover(
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
@@ -758,9 +687,6 @@ class Race:
         :param memory: what the record knows; None: nothing.
         :param why: why no proof of a good end is believed, in a phrase; empty: no such reason.
         """
-        if memory is not None:
-            self.given = memory.given
-            self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats))
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             self.track_open = last_run is LastRun.ENDED_OPEN
             self.unstated = last_run is LastRun.NONE
@@ -782,15 +708,15 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
-        # finished, not even whether it was started.
+        # Of a race in RED_RED nobody knows whether its order of FINISH was told; of one that
+        # nobody finished, not even whether it was started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
                 self.starters = tuple(
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
-                self.grids = self.number = 1
+                self.grids = self.number = int(bool(self.starters))
         self._lose_track('since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
@@ -833,8 +759,7 @@ class Race:
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        laps = self._laps_from(now).memory()
-        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, laps=laps)
+        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts)
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
@@ -1113,51 +1038,6 @@ class Race:
             self._events.append(Event(kind, text, number, grade=link.grade))
         return self._outcome()
 
-    def passed(self, passings: Iterable[Passing], dropped: int, now: float) -> Outcome:
-        """
-        Take what sources saw at the timing line.
-
-        It sends no kart anything; but with `auto_finish` a kart finishes with its last lap.
-
-        :param dropped: how many further ones came that were too many to be taken.
-        """
-        fresh = {each.identity: each for each in passings if each.identity not in self._seen}
-        self._seen |= dict.fromkeys(fresh)
-        while len(self._seen) > MOST_SEEN:
-            self._seen.popitem(last=False)
-        if not self.laps.karts:
-            for passing in fresh.values():
-                self._tell_passing(passing, passing.kart, 'no race was started')
-            return self._outcome()
-        self._take_passings(fresh.values(), dropped, now)
-        self._tell_alerts(now)
-        return self._outcome()
-
-    def _take_passings(self, passings: Iterable[Passing], dropped: int, now: float) -> list[Mark]:
-        self.laps, taken = self.laps.take(passings, now, dropped)
-        for passing, number, mark, lap, seconds in taken:
-            if passing.source != BY_HAND:  # the command tells it
-                self._tell_passing(passing, number, mark.value)
-            if not lap:
-                continue
-            kart = self.karts[number]
-            text = f'{_capital(kart)}: lap {lap} in {seconds:.3f} s'
-            if self.laps.is_done(number):
-                text += ', its last lap'
-            self._events.append(Event(EventKind.LAP, text, number, after=seconds, lap=lap))
-            last = Command(CommandKind.KART_FINISH, number, official=AUTO_FINISH)
-            if self.times.auto_finish and self.laps.is_done(number) and not self._refusal(last):
-                self._decide(last, '', now)
-        return [each.mark for each in taken]
-
-    def _tell_passing(self, passing: Passing, number: int, mark: str) -> None:
-        who = str(self.karts.get(number, f'kart {number}')) if number else 'somebody'
-        if passing.transponder:
-            who += f' (transponder {passing.transponder})'
-        text = f'{_capital(who)} crossed the line, seen by {passing.identity}: {mark}'
-        known = number if number in self.karts else 0
-        self._events.append(Event(EventKind.PASSING, text, known, chatter=True))
-
     def rival(self, present: bool, now: float) -> Outcome:
         """Take note that another race control runs among the same officials, or is gone."""
         self.has_rival = present
@@ -1197,7 +1077,7 @@ class Race:
         if due is not None and now >= due:
             self.over = True
             self._go(RED_RED, now, 'race over, every kart of the race has finished')
-            self._tell_results()
+            self._tell_order_of_finish()
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
             self._pause(now + self.times.pause, 'race control has just stopped the race')
@@ -1329,7 +1209,6 @@ class Race:
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
-            self.laps = self.laps.end(now)
             self.state = state
             self.state_since = now
             self.state_cause = why or self._cause()
@@ -1385,29 +1264,22 @@ class Race:
         self.race_since = now
         self.msr_used = False
         self.starters = ()
-        heats, forgotten = self.laps.heats.keep(self.laps)
-        heat = self._heat()
-        self.laps = Laps(self.times, heat.format, 0, now, (), heat=heat.name, heats=heats)
         self.nobody_since = None  # if nobody is there now, nobody was in this race yet
         self.places_given = 0
         for each in self.karts.values():
-            each.place = 0
+            each.place = each.attempt = 0
         self._go(GRID_ACTIVE, now)
-        text = f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
-        if forgotten:
-            text += f'; the record alone has the results of {_cut(forgotten, "heats")} now'
-        return text
+        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
 
     def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
-        self.laps = self._laps_from(now)
         return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
 
     def _race_over(self, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
-        self._tell_results()
+        self._tell_order_of_finish()
         return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, command: Command, now: float) -> str:
@@ -1423,7 +1295,7 @@ class Race:
         self.msr_used = False
         if self.past_unknown:
             self.past_unknown = self.unstated = False
-        self._tell_results()  # of a race that was stopped and never declared over
+        self._tell_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
@@ -1470,7 +1342,6 @@ class Race:
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        self.laps = self.laps.finish(kart.number, now)
         text = f'{_capital(kart)} finished in place {kart.place}'
         return f'{text}; RED_FLAG follows in {delay:g} s'
 
@@ -1478,7 +1349,7 @@ class Race:
         kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
         self.places_given -= 1
-        self.laps = self.laps.undo_finish(kart.number)
+        kart.attempt += 1
         moved_up = [each for each in self.karts.values() if each.place > place]
         for each in moved_up:
             each.place -= 1
@@ -1501,7 +1372,6 @@ class Race:
         out = kart.in_race and self.state is not IN_GARAGE
         if out:
             kart.in_race = False
-            self.laps = self.laps.leave(kart.number, now)
         self._redirect(kart, now)
         return f'{_capital(kart)} is released to IN_GARAGE' + (
             ' and is out of the race' if out else ''
@@ -1532,47 +1402,10 @@ class Race:
         chosen = list(self.racing())
         text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
         absent = [each for each in chosen if not each.connected]
-        grid = self.order_of_start().grids[self.heats.index(heat)]
-        if len(grid) > 1:
-            text += f'; grid: {", ".join(map(str, grid))}'
-        elif heat.grid_from and not grid:
-            text += f'; no grid yet: "{heat.grid_from}" has no results of its karts'
         if absent:
             text += f'; not connected: {_listed(absent)}'
         held = _held(chosen)
         return text + (f'; still held: {held}' if held else '')
-
-    def _count_passing(self, command: Command, now: float) -> str:
-        number = 1 + sum(each.passing.source == BY_HAND for each in self.laps.crossings)
-        # Of a session of its own, so that the time of the command is the time.
-        seen = Passing(BY_HAND, str(number), number, command.kart)
-        marks = self._take_passings([seen], 0, now)
-        became = marks[0].value if marks else 'not taken, too many passings come'
-        return f'{_capital(self.karts[command.kart])} crossed the line: {became}'
-
-    def _correct_passing(self, command: Command, now: float) -> str:
-        if command.kind is CommandKind.RESTORE_PASSING:
-            self.laps = self.laps.restore(command.passing)
-            return f'Passing {command.passing} counts again, if the rules let it'
-        why = f'{command.reason}, by {command.official}' if command.official else command.reason
-        self.laps = self.laps.strike(command.passing, why)
-        return f'Passing {command.passing} is struck out: {command.reason}'
-
-    def _give_transponder(self, command: Command, now: float) -> str:
-        kept = tuple(each for each in self.given if each.transponder != command.transponder)
-        self.given = (*kept, Owner(command.transponder, command.kart))
-        self.laps = self.laps.again(transponders=self._transponders())
-        return f"Transponder {command.transponder} is {self.karts[command.kart]}'s"
-
-    def _penalise(self, command: Command, now: float) -> str:
-        terms = (command.kart, command.seconds, command.laps, command.disqualified)
-        penalty = Penalty(*terms, command.reason, command.official)
-        self.laps = self.laps.penalise(penalty, command.heat)
-        return f'{_capital(self.karts[command.kart])}: {penalty}'
-
-    def _undo_penalty(self, command: Command, now: float) -> str:
-        self.laps = self.laps.undo_penalty(command.kart, command.heat)
-        return f'The last penalty of {self.karts[command.kart]} is taken back'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -1708,6 +1541,9 @@ class Race:
             return f'{kart} is not connected'
         if kart.hold is not None:
             return f'{kart} is held: {kart.hold_reason}'
+        meant = command.run, command.race, command.attempt
+        if command.run and meant != (self.run, self.number, kart.attempt):
+            return f'it is for another race, or the finish of {kart} was undone since'
         return ''
 
     def _no_undo_finish(self, command: Command) -> str:
@@ -1716,8 +1552,8 @@ class Race:
             return f'{kart} has no place'
         if kart.number not in self.starters:
             return (
-                f'the results with {kart} in place {kart.place} have been reported; '
-                'correct them on paper'
+                f'the order of FINISH, with {kart} in place {kart.place}, has been reported; '
+                'correct the result at the timekeeper, or on paper'
             )
         return ''
 
@@ -1743,22 +1579,6 @@ class Race:
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
         return ''
-
-    def _no_laps(self, command: Command) -> str:
-        return '' if self.laps.karts else 'no race was started'
-
-    def _not_started(self, command: Command) -> str:
-        kart = self.karts[command.kart]
-        heat = command.heat if 'heat' in CATALOGUE[command.kind].takes else ''
-        if kart.number in self.laps.of_heat(heat).karts:
-            return ''
-        where = f'"{heat[:40]}"' if heat else 'this race'
-        return f'{kart} has not started in {where}, or its result is not known here'
-
-    def _no_undo_penalty(self, command: Command) -> str:
-        penalties = self.laps.of_heat(command.heat).penalties
-        kart = self.karts[command.kart]
-        return '' if kart.number in {each.kart for each in penalties} else f'{kart} has no penalty'
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
@@ -1805,8 +1625,6 @@ class Race:
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
-        if entry.of_laps:
-            return self._no_such_correction(command)
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
         return self._not_as_seen(command) if entry.names_karts else ''
@@ -1817,30 +1635,6 @@ class Race:
                 return self._uninspected(self.karts[number] for number in heat.karts)
         names = ', '.join(f'"{heat.name}"' for heat in self.heats)
         return f'the roster has no heat {name[:40]!r}; it has {names}'
-
-    def _no_such_correction(self, command: Command) -> str:
-        takes = CATALOGUE[command.kind].takes
-        if 'number' in takes:
-            if not self.laps.knows(command.passing):
-                return f'this race has no passing {command.passing}'
-            if command.kind is CommandKind.STRIKE_PASSING and not command.reason:
-                return 'say why'
-            struck = command.passing in self.laps.struck
-            if struck is (command.kind is CommandKind.STRIKE_PASSING):
-                return f'passing {command.passing} is {"" if struck else "not "}struck out'
-        if 'transponder' in takes and not command.transponder:
-            return 'name the transponder'
-        is_new = command.transponder not in dict(self.given)
-        if 'transponder' in takes and is_new and len(self.given) >= MOST_GIVEN:
-            return f'{MOST_GIVEN} transponders were given; put them into the roster'
-        if 'seconds' in takes:
-            if not (command.seconds or command.laps or command.disqualified):
-                return 'say what it costs: seconds, laps, or the place'
-            if not command.reason:
-                return 'say why'
-            if len(self.laps.of_heat(command.heat).penalties) >= MOST_PENALTIES:
-                return f'there are {MOST_PENALTIES} penalties already'
-        return ''
 
     def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
         if seen is kart.hold:
@@ -1885,69 +1679,17 @@ class Race:
 
     # ----- derived ------------------------------------------------------------------------
 
-    def order_of_start(self) -> Starts:
-        """Return the order of start of each heat, and which heat is next."""
-        known = self._starts
-        # With every lap the results are others; nobody has to sort them more often.
-        if known is None or known[0] is not self.laps or known[1] != self.heat:
-            orders = {each: self._order(each) for each in {heat.grid_from for heat in self.heats}}
-            grids = tuple(_grid(heat.karts, orders[heat.grid_from]) for heat in self.heats)
-            raced = {self.heat, self.laps.heat, *self.laps.heats.by_name}
-            turns = [
-                (orders[heat.grid_from].index(grid[0]), heat.name)
-                for heat, grid in zip(self.heats, grids, strict=True)
-                if len(grid) == 1 and heat.name not in raced
-            ]
-            starts = Starts(grids, self.heat, min(turns, default=(0, ''))[1])
-            known = self._starts = self.laps, self.heat, starts
-        return known[2]
-
-    def _order(self, source: str) -> list[int]:
-        """Return the karts of a heat, or else of the heats of a format, by their results."""
-        if any(heat.name == source for heat in self.heats):
-            results = self.laps.of_heat(source).results
-        else:
-            results = self.laps.standings(Format(source)) if source else ()
-        return [each.kart for each in results]
-
     @property
     def heat(self) -> str:
-        """Return the name of the heat in the race; empty: none is."""
-        return self._heat().name
-
-    def _heat(self) -> Heat:
         """
-        Return the heat in the race; without a name: none is.
+        Return the name of the heat in the race; empty: none is.
 
         It is the one that was last put in, or at the start the only one with the roster's karts.
         Karts may leave it; with a kart of another heat, or without any, it is in the race no more.
         """
         racing = {each.number for each in self.racing()}
-        for heat in self.heats:
-            if heat.name == self._put_in and racing and racing <= {*heat.karts}:
-                return heat
-        return Heat('', ())
-
-    def _laps_from(self, green: float) -> Laps:
-        """Return the laps of a race that begins at this time, with the karts that are in it."""
-        heat = self._heat()
-        karts = tuple(each.number for each in self.racing())
-        return Laps(
-            self.times,
-            heat.format,
-            heat.laps,
-            green,
-            karts,
-            self._transponders(),
-            heat.name,
-            grid=_grid(karts, self._order(heat.grid_from)),
-            heats=self.laps.heats,
-        ).again()
-
-    def _transponders(self) -> dict[str, int]:
-        """Return whose each transponder is: the roster's, then what officials gave."""
-        roster = {name: kart.number for kart in self.karts.values() for name in kart.transponders}
-        return roster | dict(self.given)
+        inside = any(heat.name == self._put_in and racing <= {*heat.karts} for heat in self.heats)
+        return self._put_in if inside and racing else ''
 
     def racing(self) -> Iterator[Kart]:
         """Yield the karts of the race, in the order of the roster."""
@@ -2089,20 +1831,20 @@ class Race:
             soon = f' in {math.ceil(self.paused_until - now)} s'
         return f'{following.value} may be sent{soon}{condition}'
 
-    def _tell_results(self) -> None:
-        """Tell the places of the race, and who did not finish; once for each race."""
+    def _tell_order_of_finish(self) -> None:
+        """Tell the order of FINISH, and who did not finish; once for each race."""
         starters = [self.karts[number] for number in self.starters]
         self.starters = ()
         if not starters:
             return
         finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
         missing = [str(each) for each in starters if not each.place]
-        text = 'Results: ' + (
+        text = 'Order of FINISH: ' + (
             ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
         )
         if missing:
             text += f'; did not finish: {", ".join(missing)}'
-        self._events.append(Event(EventKind.RESULTS, text))
+        self._events.append(Event(EventKind.ORDER_OF_FINISH, text))
 
     def _current_alerts(
         self, now: float
@@ -2166,8 +1908,6 @@ class Race:
                 'released; every stop works, but only for the karts that are connected to the '
                 'race control that receives it',
             )
-        if trouble := self.laps.trouble(now):
-            yield AlertKind.LAPS_SOURCE, None, None, trouble
         since = self._unattended_since()
         if since is not None:
             text = 'Open a window: race control hears nobody any more who could stop the race'
@@ -2254,12 +1994,6 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
 }
 """What may follow once every kart has acknowledged a state, and on which condition."""
 
-MOST_GIVEN, MOST_PENALTIES = 500, 200
-"""Maximum number of transponders that officials give, and of penalties in a race."""
-
-AUTO_FINISH = 'auto finish'
-"""Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
-
 LOST_AT_ONCE = 2.0
 """Maximum time from the first to the last of the karts that are lost at once, in seconds: each is
 lost `send_timeout` after its last answer."""
@@ -2287,13 +2021,6 @@ def _remembered(kart: Kart) -> KartMemory:
         kart.doubt,
         kart.held_alone,
     )
-
-
-def _grid(karts: Iterable[int], order: list[int]) -> tuple[int, ...]:
-    """Return karts in an order, behind them those that are not in it; empty: none is in it."""
-    places = {kart: place for place, kart in enumerate(order)}
-    known = sorted(karts, key=lambda kart: (places.get(kart, len(places)), kart))
-    return tuple(known) if places.keys() & known else ()
 
 
 def _cut(phrases: list[str], what: str = 'karts') -> str:
@@ -2402,12 +2129,5 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
-    # Bookkeeping of laps.
-    CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started),
-    CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps),
-    CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps),
-    CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder),
-    CommandKind.PENALISE: Rule(Race._penalise, Race._not_started),
-    CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty),
 }
 """What every command of §4.B does, when it is refused, and what the official must state."""

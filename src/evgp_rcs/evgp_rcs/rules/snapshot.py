@@ -17,17 +17,16 @@ Pure.
 from __future__ import annotations
 
 from collections.abc import Iterable
+import dataclasses
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.laps import Format, Judged, KartResult
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
 from evgp_rcs.rules.race import Alert, Availability, called, Kart, Race, TrackAccess
 
-_OFFERED = tuple(kind for kind, entry in CATALOGUE.items() if not entry.of_laps)
-_TO_ONE_KART = tuple(kind for kind in _OFFERED if CATALOGUE[kind].to_one_kart)
-_TO_ALL = tuple(kind for kind in _OFFERED if not CATALOGUE[kind].to_one_kart)
+_TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
+_TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
 
 
 class KartSnapshot(NamedTuple):
@@ -56,10 +55,7 @@ class KartSnapshot(NamedTuple):
     place: int
     flag_at: float | None
     inspected: str
-    laps: int
-    last_lap: float | None
-    best_lap: float | None
-    last_lap_done: bool
+    attempt: int
     commands: tuple[Availability, ...]
 
     def __str__(self) -> str:
@@ -103,10 +99,6 @@ class HeatSnapshot(NamedTuple):
 
     name: str
     karts: tuple[int, ...]
-    format: Format = Format.RACE  # noqa: A003 - the message's name
-    laps: int = 0
-    grid_from: str = ''
-    grid: tuple[int, ...] = ()
 
 
 class Snapshot(NamedTuple):
@@ -129,10 +121,10 @@ class Snapshot(NamedTuple):
     track: TrackAccess
     alerts: tuple[Alert, ...]
     race_since: float | None = None
-    laps: int = 0
+    run: str = ''
+    number: int = 0
     heats: tuple[HeatSnapshot, ...] = ()
     heat: str = ''
-    next_heat: str = ''
     banner: str = ''
     able_to_stop: int = 0
     who_can_stop: str = ''
@@ -152,11 +144,6 @@ class Snapshot(NamedTuple):
     def kart(self, number: int) -> KartSnapshot | None:
         """Return the kart with this number, if the roster has it."""
         return next((kart for kart in self.karts if kart.number == number), None)
-
-    def laps_remain(self, kart: KartSnapshot) -> bool:
-        """Return whether the crossings of a kart are still counted towards its last lap."""
-        racing = self.state is RaceState.GREEN_GREEN and kart.in_race and not kart.place
-        return racing and kart.laps < self.laps
 
     def offered(self, command: CommandKind) -> Availability:
         """Return whether a command that is not to one kart would be accepted."""
@@ -182,27 +169,8 @@ NOTHING = Snapshot(
 """Before race control was heard for the first time."""
 
 
-class Standings(NamedTuple):
-    """The results of the race that was started last; the meanings are those of `Results.msg`."""
-
-    stamp: float = 0.0
-    heat: str = ''
-    format: Format = Format.RACE  # noqa: A003 - the message's name
-    laps: int = 0
-    grid: tuple[int, ...] = ()
-    karts: tuple[KartResult, ...] = ()
-    overall: tuple[KartResult, ...] = ()
-    passings: tuple[Judged, ...] = ()
-    older: int = 0
-
-
-MOST_PASSINGS = 200
-"""Maximum number of passings that the results show."""
-
-
 def snapshot_of(race: Race, now: float) -> Snapshot:
     """Return what officials see of the race at this time, in seconds."""
-    starts = race.order_of_start()
     return Snapshot(
         stamp=now,
         state=race.state,
@@ -214,13 +182,10 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         track=race.track_access(),
         alerts=tuple(race.alerts(now)),
         race_since=race.race_since,
-        laps=race.laps.wanted,
-        heats=tuple(
-            HeatSnapshot(heat.name, heat.karts, heat.format, heat.laps, heat.grid_from, grid)
-            for heat, grid in zip(race.heats, starts.grids, strict=True)
-        ),
-        heat=starts.heat,
-        next_heat=starts.next_heat,
+        run=race.run,
+        number=race.number,
+        heats=tuple(HeatSnapshot(*dataclasses.astuple(heat)) for heat in race.heats),
+        heat=race.heat,
         able_to_stop=race.there.able,
         who_can_stop=race.there.who,
         button_fault=race.there.button_fault,
@@ -231,8 +196,6 @@ _AS_IN_THE_RULES = {name for name in KartSnapshot._fields if hasattr(Kart, name)
 
 
 def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
-    times = race.laps.lap_times(kart.number)
-    drives = race.state is RaceState.GREEN_GREEN and kart.in_race and kart.hold is None
     return KartSnapshot(
         **{name: getattr(kart, name) for name in _AS_IN_THE_RULES},
         address='',
@@ -241,30 +204,9 @@ def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
         delivered_after=_since(kart.ordered_at, kart.delivered_at),
         acknowledged_after=_since(kart.ordered_at, kart.acknowledged_at),
         flag_at=kart.finish_due,
-        laps=len(times),
-        last_lap=times[-1] if times else None,
-        best_lap=min(times, default=None),
-        last_lap_done=bool(times) and drives and not kart.place and race.laps.is_done(kart.number),
         commands=tuple(race.availability(kind, kart.number, now) for kind in _TO_ONE_KART),
     )
 
 
 def _since(since: float, at: float | None) -> float | None:
     return None if at is None else at - since
-
-
-def standings_of(race: Race, now: float) -> Standings:
-    """Return the results at this time, in seconds."""
-    laps = race.laps
-    passings = tuple(laps.last_passings(MOST_PASSINGS))
-    return Standings(
-        stamp=now,
-        heat=laps.heat,
-        format=laps.format,
-        laps=laps.wanted,
-        grid=laps.grid,
-        karts=laps.results,
-        overall=laps.standings(laps.format),
-        passings=passings,
-        older=len(laps.crossings) - len(passings),
-    )

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_spare``, or ``make spare``: a second machine keeps a copy of roster, parameters and record.
+``rcs_spare``, or ``make spare``: a second machine keeps a copy of what a race is made of.
 
-It fetches them again and again, by ssh from race control's machine: the record as SQLite's own
-backup, which is one moment of it, also while race control writes. A copy is whole before it takes
-the place of the last one. `latest` is what ``rcs_takeover`` begins with.
+That is roster, parameters, record, and the timekeeper's book. It fetches them again and again, by
+ssh from race control's machine: record and book as SQLite's own backup, which is one moment of
+each, also while it is being written. A copy is whole before it takes the place of the last one.
+`latest` is what ``rcs_takeover`` begins with.
 
 The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
 *began* before there is a copy: no start here proves anything, with whatever record.
@@ -28,12 +29,13 @@ import sys
 import tarfile
 import time
 
+from evgp_node.folder import rcs_folder
+from evgp_node.roster import load_roster, RosterError
 from evgp_protocol import clock
-from evgp_rcs.files.folder import rcs_folder
-from evgp_rcs.files.roster import load_roster, RosterError
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
 from evgp_rcs.record.store import newest_first
+from evgp_rcs.record.timing import BOOK
 import yaml
 
 COPY_EVERY = 5.0
@@ -43,7 +45,7 @@ COPY_TIMEOUT = 20.0
 """Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
-"""The files of a copy."""
+"""The files of a copy; the timekeeper's book (`BOOK`) is there too, if it is beside the record."""
 
 ORIGIN = 'from'
 """A further file: the address of the machine that the copy is from; empty: it is this one."""
@@ -57,14 +59,17 @@ _PACK = f"""
 import os, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
 with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
-    copy = os.path.join(folder, 'copy')
     open(record).close()  # whose error names the file
-    source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(record), uri=True)
-    target = sqlite3.connect(copy)
-    source.backup(target)
-    target.close()
+    copies = []
+    for path in (record, os.path.join(os.path.dirname(record), {BOOK!r})):
+        if os.path.exists(path):
+            copies.append(os.path.join(folder, str(len(copies))))
+            source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(path), uri=True)
+            target = sqlite3.connect(copies[-1])
+            source.backup(target)
+            target.close()
     with tarfile.open(fileobj=sys.stdout.buffer, mode='w|', dereference=True) as out:
-        for path, name in zip([*others, copy], {NAMES}):
+        for path, name in zip([*others, *copies], {(*NAMES, BOOK)}):
             out.add(path, name)
 """
 
@@ -75,7 +80,7 @@ class SpareError(RuntimeError):
 
 def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
-    Return a tar file of all three, each as it was at one moment.
+    Return a tar file of all that there is, each as it was at one moment.
 
     :param source: ``user@address``, then perhaps ``:folder``, or a folder of this machine, in
         which the paths of roster and parameters begin.
@@ -110,7 +115,8 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tarfile.open(fileobj=io.BytesIO(packed)) as tar:
-            for name in NAMES:
+            names = [*NAMES, *(name for name in tar.getnames() if name == BOOK)]
+            for name in names:
                 member = tar.extractfile(name)
                 if member is None:
                     raise SpareError(f'{name} is not a file')
@@ -122,9 +128,10 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
             leave_began(mark)
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
         # What a reader of the last copy has left beside it does not belong to this one.
-        for path in folder.glob(f'{RECORD}-*'):
-            path.unlink()
-        for name in NAMES:
+        for path in (*folder.glob(f'{RECORD}-*'), *folder.glob(f'{BOOK}*')):
+            if path.name != f'{BOOK}.new':
+                path.unlink()
+        for name in names:
             (folder / f'{name}.new').replace(folder / name)
     except (
         *(OSError, KeyError, ValueError, tarfile.TarError, sqlite3.Error, RosterError),

@@ -5,10 +5,10 @@
 ``rcs_takeover``, or ``make takeover``: a spare machine becomes race control, with its address.
 
 It takes the address only if nobody answers on any network of the old one; then it starts race
-control on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy proves nothing: the
-race comes back in RED_RED, as after a crash. Race control watches its address all the time. If
-another machine comes to have it, race control ends, does not start again, and the address is given
-back.
+control and the timekeeper on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy
+proves nothing: the race comes back in RED_RED, as after a crash. Race control watches its address
+all the time. If another machine comes to have it, race control ends, does not start again, and the
+address is given back.
 """
 
 from __future__ import annotations
@@ -24,13 +24,22 @@ import subprocess
 import sys
 import time
 
+from evgp_node.folder import rcs_folder
 from evgp_node.graph import bind_graph, fence_graph, GraphError, INTERFACE, interfaces
 from evgp_node.restarting import IN_THE_WAY, keep_running, WRONG_SETTING
 from evgp_protocol.frames import DEFAULT_PORT
-from evgp_rcs.files.folder import rcs_folder
 from evgp_rcs.record.run_mark import leave_began, place
+from evgp_rcs.record.timing import BOOK
 from evgp_rcs.ros.rival import refuse_rivals, RivalError
-from evgp_rcs.spare.copies import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
+from evgp_rcs.spare.copies import (
+    copies,
+    latest,
+    ORIGIN,
+    PARAMETERS,
+    RECORD,
+    ROSTER,
+    SpareError,
+)
 from evgp_rcs.spare.neighbours import ask, ask_where_it_is, connect, Found, link, Look, why_not
 import rclpy
 from rclpy.context import Context
@@ -89,6 +98,19 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def timekeeper(copy: pathlib.Path) -> Iterator[None]:
+    """Keep the timekeeper running beside race control, on the book of a copy."""
+    python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
+    command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
+    command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
+    with subprocess.Popen([*python, *command]) as program:
+        try:
+            yield
+        finally:
+            program.terminate()
+
+
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
     """
     Take the address, if nobody has it, and run race control until it ends for good.
@@ -123,7 +145,8 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
         command += ['-p', f'roster:={copy / ROSTER}', '-p', f'record:={copy / RECORD}']
-        code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
+        with timekeeper(copy):
+            code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
     if code == IN_THE_WAY:
         _say('ENDED: something is in the way, as said above, and the address is given back.')
     return code

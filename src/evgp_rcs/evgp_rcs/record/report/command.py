@@ -27,6 +27,7 @@ from evgp_rcs.record.runs import (
     say,
 )
 from evgp_rcs.record.store import is_being_written, Session
+from evgp_rcs.record.timing import timing_of
 
 
 def options() -> argparse.ArgumentParser:
@@ -71,7 +72,7 @@ def main(arguments: Sequence[str]) -> int:
         kept = runs.read(run)
         sums = _sums(runs, kept)
     # With the record closed: the race must not wait for what follows.
-    account = Account(kept)
+    account = Account(kept, timing_of(wanted.file))
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What happened in a run: races, what each kart was sent, alerts, commands, laps.
+What happened in a run: races, what each kart was sent, alerts, commands.
 
 One pass over the replay of its stream (``Replay.steps``): after each step, this looks at the race
 as the rules have it. Nothing is worked out a second time, and no sentence is read. Where the rules
@@ -16,21 +16,21 @@ clock.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import dataclasses
 from dataclasses import dataclass, field
 import enum
 import itertools
 import math
 from typing import NamedTuple
 
+from evgp_node.stream import Gap
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.replay import Replay, Step
 from evgp_rcs.record.runs import Kept
+from evgp_rcs.record.timing import Timing
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Gap, Input, Recovered
-from evgp_rcs.rules.laps import Laps
-from evgp_rcs.rules.race import AlertKind, EventKind, Kart, LastRun, Race, StampedEvent
+from evgp_rcs.rules.inputs import CLOSED_BY_KART, Disconnected, Input, Recovered
+from evgp_rcs.rules.race import AlertKind, EventKind, Kart, Race, StampedEvent
 
 IN_GARAGE = RaceState.IN_GARAGE.name
 GREEN_GREEN = RaceState.GREEN_GREEN.name
@@ -46,11 +46,6 @@ NO_GRADE = Grade.UNKNOWN.name
 
 STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
 SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
-
-CORRECTIONS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.of_laps) - {
-    CommandKind.COUNT_PASSING
-} | {CommandKind.KART_UNDO_FINISH}
-"""Commands that change what was counted or given before; to count a passing does not."""
 
 
 @dataclass
@@ -261,12 +256,18 @@ class Account:
         kart closed.
     :ivar outside: incidents outside any race.
     :ivar ended: the event that says that race control ends; None: there is none.
-    :ivar laps: of each race by its number, as they stood at last.
-    :ivar corrections: what officials corrected of a race, by its number, until the next one began.
+    :ivar timing: the timekeeper's results of each race, by its number.
+    :ivar corrections: which finishes officials undid, by the number of the race; ``of_timing``:
+        what the timekeeper corrected.
     """
 
-    def __init__(self, kept: Kept) -> None:
+    def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
         self.kept = kept
+        run = kept.run.id
+        found = timing or Timing({}, {})
+        results, corrections = found.results.items(), found.corrections.items()
+        self.timing = {race: each for (its, race), each in results if its == run and each.karts}
+        self.of_timing = {race: each for (its, race), each in corrections if its == run}
         self.replay = Replay(kept)
         self.events: list[StampedEvent] = []
         self.gaps: list[tuple[float, Gap]] = []
@@ -279,18 +280,10 @@ class Account:
         self.outside: list[StampedEvent] = []
         self.ended: StampedEvent | None = None
         self.lost = self.closed = 0
-        self.laps: dict[int, Laps] = {}
         self.corrections: dict[int, list[StampedEvent]] = {}
         self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
-        self._known_laps: Laps | None = None
-        last: Race | None = None
         for step in self.replay.steps():
             self._take(step)
-            last = step.race or last
-        if last is not None:
-            self.laps = {
-                number: with_late_penalties(each, last.laps) for number, each in self.laps.items()
-            }
         self._close()
 
     # ----- what there is to see -----------------------------------------------------------
@@ -390,7 +383,6 @@ class Account:
             for event in step.events:
                 self.ended = event if event.event.kind is EventKind.ENDED else self.ended
             return
-        self._count(step, step.race)
         if self.ended is not None:
             return
         for event in step.events:
@@ -411,14 +403,6 @@ class Account:
             alert.lost_sight = True
         for race in self.races[-1:]:
             race.incomplete = race.garage is None
-
-    def _count(self, step: Step, race: Race) -> None:
-        """Take note of the laps as they are now."""
-        given = step.entry
-        if isinstance(given, Recovered) and given.last_run is not LastRun.UNKNOWN:
-            self._known_laps = race.laps  # that race was over, and its own run has it
-        if race.laps.karts and race.laps is not self._known_laps:
-            self.laps[race.grids] = race.laps
 
     def _race_of(self, stamped: StampedEvent) -> RaceAccount | None:
         """Return the race that was under way; None: none was."""
@@ -445,7 +429,7 @@ class Account:
                 and not isinstance(step.entry, Recovered)
             ):
                 race.stops.append(stamped)
-        elif event.kind is EventKind.RESULTS and race is not None:
+        elif event.kind is EventKind.ORDER_OF_FINISH and race is not None:
             race.results = event.text
         elif event.kind is EventKind.ALERT_RAISED:
             alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
@@ -470,7 +454,7 @@ class Account:
             if race is not None:
                 race.refused.append(stamped)
             return
-        if event.command in CORRECTIONS:
+        if event.command is CommandKind.KART_UNDO_FINISH:
             number = race.number if race else self.races[-1].number if self.races else 0
             self.corrections.setdefault(number, []).append(stamped)
         if event.command in STOPS:
@@ -565,20 +549,6 @@ def cause_of(step: Step) -> StampedEvent | None:
     """Return the event of the command that a step has put in force; None: it has put in none."""
     commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
     return next((each for each in commands if each.event.success), None)
-
-
-def with_late_penalties(laps: Laps, last: Laps) -> Laps:
-    """Return laps with the penalties that officials gave once a later race had begun."""
-    kept = last.heats.by_name.get(laps.heat)
-    if kept is None or kept.counted != laps.counted:
-        return laps
-    return dataclasses.replace(laps, penalties=kept.penalties)
-
-
-def standing(races: Sequence[Laps]) -> list[Laps]:
-    """Return the races that count over all: of each heat the last one with a lap."""
-    last = {each.heat: each for each in races if each.is_result}
-    return [each for each in races if last.get(each.heat, each) is each]
 
 
 @dataclass(frozen=True)

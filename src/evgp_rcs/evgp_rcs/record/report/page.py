@@ -18,14 +18,15 @@ from importlib.resources import files
 import itertools
 import time
 
+from evgp_node.results import Mark, Standings
+from evgp_node.roster import Format
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.drawing import Drawing, drawing, NAMES, WIDTH
-from evgp_rcs.record.report.model import Account, Alert, Part, standing, STOPS
+from evgp_rcs.record.report.model import Account, Alert, Part, STOPS
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, Runs, UnreadableError
-from evgp_rcs.rules.laps import Format, Laps, Mark, overall
 from evgp_rcs.rules.race import EventKind
 from jinja2 import Environment, StrictUndefined
 
@@ -42,8 +43,6 @@ LESSER = frozenset(
         EventKind.ACKNOWLEDGED,
         EventKind.LINK_GRADE,
         EventKind.REPORTED,
-        EventKind.PASSING,
-        EventKind.LAP,
         EventKind.CONNECTED,
         EventKind.MALFORMED,
         EventKind.REFUSED_CONNECTION,
@@ -80,12 +79,6 @@ def page(
     title += ' (a part only)' if shown else ''
     # The foot of every printed page; nothing of others is in it.
     foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
-    of_formats = {
-        format_: [
-            each.results for each in standing([*account.laps.values()]) if each.format is format_
-        ]
-        for format_ in (Format.TIME_TRIAL, Format.PRACTICE)
-    }
     events = on_paper = part.events(account, account.events)
     if len(on_paper) > PAPER_ROWS:
         on_paper = [each for each in events if each.event.kind not in LESSER][:PAPER_ROWS]
@@ -121,16 +114,10 @@ def page(
         ],
         clock=clock,
         wording=wording,
-        overall={
-            format_: overall(format_, itertools.chain(*results))
-            for format_, results in of_formats.items()
-            if len(results) > 1
-        },
+        overall=_overall(account),
         lap_chart=_lap_chart,
-        asked_about=lambda laps: [
-            each for each in laps.last_passings(len(laps.crossings)) if each.mark in ASKED_ABOUT
-        ],
-        crossed=lambda laps, at: clock.at(laps.green - account.events[0].monotonic + at, 3),
+        asked_about=lambda timing: [each for each in timing.passings if each.mark in ASKED_ABOUT],
+        crossed=lambda race, at: clock.at((race.green or 0.0) + at, 3),
         teams=account.teams,
         title=title,
         style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
@@ -186,15 +173,28 @@ def _version() -> str:
         return 'of which the version is not known'
 
 
-def _lap_chart(laps: Laps) -> list[list[int]]:
+def _overall(account: Account) -> list[Standings]:
+    """Return the last results of each format that has a result over all heats."""
+    last = {each.format: each for each in account.timing.values()}
+    formats = (Format.TIME_TRIAL, Format.PRACTICE)
+    found = [last[each] for each in formats if each in last]
+    return [each for each in found if each.overall not in ((), each.karts)]
+
+
+def _lap_chart(timing: Standings) -> list[list[int]]:
     """Return the karts in the order in which they ended lap 1, lap 2, and so on."""
-    most = max(map(len, laps.counted.values()), default=0)
+    ended: dict[int, list[float]] = {}
+    for each in timing.karts:
+        if each.total is not None:
+            added = sum(penalty.seconds for penalty in each.penalties)
+            begun = each.total - added - sum(each.lap_times)
+            ended[each.kart] = [*itertools.accumulate(each.lap_times, initial=begun)][1:]
+    most = max(map(len, ended.values()), default=0)
     return [
         sorted(
-            (kart for kart, times in laps.counted.items() if len(times) > lap),
-            key=lambda kart: laps.counted[kart][lap],
+            (kart for kart in ended if len(ended[kart]) > lap), key=lambda kart: ended[kart][lap]
         )
-        for lap in range(1, most)
+        for lap in range(most)
     ]
 
 

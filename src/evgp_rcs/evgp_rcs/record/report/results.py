@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_record results``: who finished when, and who did not and why, as a table.
+``rcs_record results``: each race as a table: the timekeeper's results, and who finished when.
 
-Also what it shares with ``rcs_record laps``: which runs are asked for, and where the table goes.
+There is one classification, the timekeeper's. A race without timing has the order of FINISH.
 """
 
 from __future__ import annotations
@@ -16,17 +16,20 @@ import io
 import pathlib
 import unicodedata
 
+from evgp_node.results import KartResult, Standings, Status
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import add_run_arguments, CALLED, FAILED, open_runs, PARTLY, say
+from evgp_rcs.record.timing import timing_of
 
 COLUMNS = (
     'run',
     'race',
     'heat',
     'place',
+    'finish',
     'kart',
     'team',
     'seconds',
@@ -36,6 +39,15 @@ COLUMNS = (
     'reason',
     'event',
     'complete',
+    'format',
+    'grid',
+    'status',
+    'laps',
+    'total',
+    'best',
+    'lap_times',
+    'penalties',
+    'overall',
 )
 """The columns; what each means is in docs/record.md."""
 
@@ -45,24 +57,15 @@ FORMULA = '=+-@\t\r\n'
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record results`."""
-    return table_options(
-        'results',
-        'Write the results of each race as CSV: the order, the time from GREEN_GREEN '
-        'to the finish, who did not finish and why. A race that is under way is in it as it '
-        'stands.',
-        'The rules are run again for it, which takes some 20 s for an hour. A '
-        'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
-        'gets an apostrophe in front.',
-    )
-
-
-def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentParser:
-    """Return what reads the command line of a subcommand that writes a table of races."""
     parser = argparse.ArgumentParser(
-        prog=f'{CALLED} {way}',
-        description=f'{description} Without --run or --all, these are the races of all runs of '
+        prog=f'{CALLED} results',
+        description="Write the results of each race as CSV: the timekeeper's places, laps, times "
+        'and penalties, the order of FINISH, who did not finish and why. A race that is under way '
+        'is in it as it stands. Without --run or --all, these are the races of all runs of '
         'the day of the newest run: those with no six hours without race control between them.',
-        epilog=f'{epilog} The columns are explained in docs/record.md.',
+        epilog='The rules are run again for it, which takes some 20 s for an hour. A '
+        'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
+        'gets an apostrophe in front. The columns are explained in docs/record.md.',
     )
     add_run_arguments(parser)
     parser.add_argument('--all', action='store_true', help='the races of every run in the record')
@@ -71,7 +74,7 @@ def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentP
         '--output',
         type=pathlib.Path,
         metavar='FILE',
-        help=f'write this file; otherwise the {way} are printed',
+        help='write this file; otherwise the results are printed',
     )
     return parser
 
@@ -92,7 +95,8 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
         kept = [runs.read(run) for run in chosen]
         code = runs.code
     # With the record closed: the race must not wait for what follows.
-    accounts = [Account(each) for each in kept]
+    timing = timing_of(wanted.file)
+    accounts = [Account(each, timing) for each in kept]
     for account in accounts:
         if lacks := account.lacks:
             say(f'run {account.kept.run.number} is known in part only: {lacks}')
@@ -160,23 +164,59 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
         return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
 
     complete = race.stop is not None and not (race.incomplete or race.taken_up)
+    timing = account.timing.get(race.number)
     for result in account.results(race):
         out = result.out
         event = None if out is None else out.event
+        timed = None if timing is None else timing.kart(result.kart)
+        place = result.place if timed is None else timed.place
         yield (
             str(race.number),
             defused(race.heat),
+            str(place or ''),
             str(result.place or ''),
             str(result.kart),
             defused(account.teams.get(result.kart, '')),
             _seconds(race, result),
             moment(race.green),
             moment(result.finished),
-            'FINISHED' if out is None else out.why.name,
-            '' if out is None else wording.why_out(out, clock),
+            *_became(result, timed, clock),
             '' if event is None else str(event.sequence),
             'yes' if complete else 'no',
+            *_timed(timing, timed),
         )
+
+
+def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str, str]:
+    """Return what became of a kart, and why it did not finish."""
+    if timed is not None and timed.status is Status.DISQUALIFIED:
+        return Status.DISQUALIFIED.name, 'see its penalties'
+    if result.out is None:
+        return 'FINISHED', ''
+    return result.out.why.name, wording.why_out(result.out, clock)
+
+
+def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]:
+    """Return what the timekeeper has of a kart."""
+    if timing is None or kart is None:
+        return ('',) * 9
+    grid = timing.grid.index(kart.kart) + 1 if kart.kart in timing.grid else ''
+    overall = next((each.place for each in timing.overall if each.kart == kart.kart), '')
+    return (
+        timing.format.value,
+        str(grid),
+        kart.status.name,
+        str(kart.laps),
+        _time(kart.total),
+        _time(kart.best),
+        ' '.join(map(_time, kart.lap_times)),
+        defused('; '.join(f'{each} ({each.official})' for each in kart.penalties)),
+        str(overall or ''),
+    )
+
+
+def _time(seconds: float | None) -> str:
+    return '' if seconds is None else f'{seconds:.3f}'
 
 
 def _seconds(race: RaceAccount, result: Result) -> str:

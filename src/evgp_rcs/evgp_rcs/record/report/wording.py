@@ -35,9 +35,7 @@ KINDS = {
     EventKind.ALERT_RAISED: 'Alert',
     EventKind.ALERT_CLEARED: 'Alert ended',
     EventKind.ALL_ACKNOWLEDGED: 'Every kart has acknowledged',
-    EventKind.RESULTS: 'Results',
-    EventKind.PASSING: 'Seen at the line',
-    EventKind.LAP: 'Lap',
+    EventKind.ORDER_OF_FINISH: 'Order of finish',
     EventKind.ENDED: 'Race control ends',
 }
 """What each kind of event is called."""

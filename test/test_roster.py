@@ -8,7 +8,9 @@ from __future__ import annotations
 import pathlib
 import re
 
-from evgp_rcs.files.roster import (
+from evgp_node.roster import (
+    Format,
+    Heat,
     load_roster,
     MAX_BYTES,
     parse_roster,
@@ -17,13 +19,11 @@ from evgp_rcs.files.roster import (
     RosterError,
 )
 from evgp_rcs.files.roster_check import main as check_roster
-from evgp_rcs.rules.laps import Format
-from evgp_rcs.rules.race import Heat
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-SHIPPED = pathlib.Path(__file__).parent.parent / 'config' / 'karts.yaml'
+SHIPPED = pathlib.Path(__file__).parents[1] / 'src' / 'evgp_rcs' / 'config' / 'karts.yaml'
 
 TWO_KARTS = """\
 karts:

@@ -16,14 +16,13 @@ from collections.abc import Callable, Iterable, Iterator
 import contextlib
 import dataclasses
 import datetime
+import enum
 import ipaddress
 import pathlib
 import re
 from typing import TypeVar
 
-from evgp_rcs.files.entry_list import as_roster
-from evgp_rcs.rules.laps import Format
-from evgp_rcs.rules.race import Heat
+from evgp_node.entry_list import as_roster
 import yaml
 
 MOST_ENTRIES = 200
@@ -44,7 +43,7 @@ _FIELDS = ('number', 'team', 'address', 'in_race')
 
 _OPTIONAL = ('inspected', 'transponders')
 
-_OF_A_HEAT = ('format', 'laps', 'grid_from')
+_OF_A_HEAT = ('format', 'laps', 'grid_from', 'auto_finish')
 
 _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
@@ -82,6 +81,33 @@ class RosterEntry:
     in_race: bool
     inspected: str = ''
     transponders: tuple[str, ...] = ()
+
+
+class Format(enum.Enum):
+    """What a race is about, which decides the places."""
+
+    RACE = 'race'
+    TIME_TRIAL = 'time_trial'
+    PRACTICE = 'practice'
+
+
+@dataclasses.dataclass(frozen=True)
+class Heat:
+    """
+    Karts that race together; their numbers in ascending order.
+
+    :ivar laps: how many laps each kart drives; 0: no number is set.
+    :ivar grid_from: they start in the order of the results of this heat, or of all heats of this
+        format; empty: nothing says an order.
+    :ivar auto_finish: a kart finishes with its last lap, without an official.
+    """
+
+    name: str
+    karts: tuple[int, ...] = ()
+    format: Format = Format.RACE  # noqa: A003 - the field's name
+    laps: int = 0
+    grid_from: str = ''
+    auto_finish: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -353,19 +379,21 @@ class _Parser:
                     )
                 lines.setdefault(alike, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
-            format_, laps, grid_from = Format.RACE, 0, ''
+            format_, laps, grid_from, auto_finish = Format.RACE, 0, '', False
             if isinstance(value, yaml.MappingNode):
                 fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
                 format_ = self._tried(self._format, fields.get('format'), heat) or format_
                 laps = self._tried(self._laps, fields.get('laps'), heat) or laps
                 source = fields.get('grid_from')
                 grid_from = self._tried(self._grid_from, source, heat, node, name) or grid_from
+                auto = fields.get('auto_finish')
+                auto_finish = self._tried(self._auto_finish, auto, heat) or auto_finish
                 value = fields.get('karts', value)
                 if isinstance(value, yaml.MappingNode):
                     continue  # it has none, which is noted
             karts = self._heat_karts(value, heat)
             if name is not None and karts:
-                yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from)
+                yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from, auto_finish)
 
     def _format(self, node: yaml.Node, heat: str) -> Format:
         try:
@@ -396,6 +424,11 @@ class _Parser:
             node,
             f'{heat}: laps {_shown(node)} is not valid; give 1 to {MOST_LAPS}, or leave it out',
         )
+
+    def _auto_finish(self, node: yaml.Node, heat: str) -> bool:
+        if node.tag == _BOOL and node.value in ('true', 'false'):
+            return bool(node.value == 'true')
+        raise _fault(node, f'{heat}: auto_finish {_shown(node)} is not valid; give true or false')
 
     def _heat_name(self, node: yaml.Node) -> str:
         if isinstance(node, yaml.ScalarNode):

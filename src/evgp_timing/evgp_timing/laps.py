@@ -20,9 +20,11 @@ finish still counts: an official who sees the kart cross may be quicker than the
 
 When it crossed: the first passing of a source and session crossed when it came. From there on
 the source's clock counts, as long as it agrees with the times of arrival to `clock_tolerance`.
-A passing that does not agree crossed when it came, and its source is counted from it anew. So the
-difference between two crossings of one source has the source's precision, and no clock that is
-set or runs away can make a lap that the times of arrival do not.
+What waited while the timekeeper was away may be older by that time.
+A passing that does not agree crossed when it came, and its source is counted from it again. But if
+it is the first of its source in this race, and crossed before GREEN_GREEN by that clock, it is
+late and never counts. So the difference between two crossings of one source has its precision,
+and no clock that is set or runs away can make a lap that the times of arrival do not.
 
 Pure, and immutable: each change is another ``Laps``.
 """
@@ -32,11 +34,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
-import enum
 import functools
 import itertools
 import math
 from typing import Any, NamedTuple
+
+from evgp_node.results import (
+    BY_HAND,
+    Identity,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    Penalty,
+    Status,
+)
+from evgp_node.roster import Format
 
 MOST_A_SECOND = 200
 """Maximum number of passings taken of one source in a second."""
@@ -48,9 +61,6 @@ MOST_SOURCES = 3
 """Maximum number of sources of which passings are taken in a race, besides officials: a correction
 judges all of them again, for which a stop waits (some 2 ms for a thousand)."""
 
-BY_HAND = 'official'
-"""The source of passings that officials count (COUNT_PASSING)."""
-
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
 """Of whom too many passings came, if it is not one source."""
 
@@ -59,70 +69,6 @@ BEAM_PRESS = 3.0
 
 MOST_SEEN = 100_000
 """Number of identities that are known again, over all races."""
-
-MOST_HEATS, MOST_OF_HEATS = 200, 10_000
-"""Maximum number of heats of which the results are kept, and of crossings and penalties in all of
-them together; the newest heat is always kept. Whatever changes in the race, they are written again
-with it (some 20 ms of the disk's time)."""
-
-
-class Format(enum.Enum):
-    """What a race is about, which decides the places."""
-
-    RACE = 'race'
-    TIME_TRIAL = 'time_trial'
-    PRACTICE = 'practice'
-
-
-class Identity(NamedTuple):
-    """Which passing it is: the same one, however often it is said."""
-
-    source: str
-    session: str
-    number: int
-
-    def __str__(self) -> str:
-        """Return it as officials name it."""
-        return f'{self.source} {self.number}'
-
-
-class Passing(NamedTuple):
-    """
-    A passing as it came; the meanings are those of ``evgp_rcs_msgs/Passing``.
-
-    :param stamp_ns: when it crossed, in ns since the epoch of the source's clock.
-    :param strength: None: the source does not say.
-    """
-
-    source: str
-    session: str
-    number: int
-    kart: int = 0
-    transponder: str = ''
-    stamp_ns: int = 0
-    clock: int = 0
-    hits: int = 0
-    strength: float | None = None
-
-    @property
-    def identity(self) -> Identity:
-        """Return which one it is."""
-        return Identity(*self[:3])
-
-
-class Mark(enum.Enum):
-    """
-    What became of a passing.
-
-    ``DOUBTFUL``: too near to the last one that counted. ``UNKNOWN``: nobody has its transponder.
-    ``NOT_COUNTED``: not of a kart that races at that time, or it has all its laps.
-    """
-
-    COUNTED = 'counted'
-    DOUBTFUL = 'doubtful'
-    STRUCK = 'struck out'
-    UNKNOWN = 'unknown'
-    NOT_COUNTED = 'not counted'
 
 
 class Crossing(NamedTuple):
@@ -136,98 +82,6 @@ class Crossing(NamedTuple):
     passing: Passing
     came: float
     at: float
-
-
-class Penalty(NamedTuple):
-    """What an official took from a kart's result, why, and who."""
-
-    kart: int
-    seconds: int
-    laps: int
-    disqualified: bool
-    reason: str
-    official: str
-
-    def __str__(self) -> str:
-        """Return what it costs, and why."""
-        costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
-            self.laps
-        )
-        costs += ['disqualified'] * self.disqualified
-        return f'{", ".join(costs)}: {self.reason}'
-
-
-class Status(enum.Enum):
-    """How a kart stands in the results; from ``DNF`` on it has no place."""
-
-    RUNNING = 'RUNNING'
-    CLASSIFIED = 'CLASSIFIED'
-    DNF = 'DNF'
-    NOT_CLASSIFIED = 'NOT_CLASSIFIED'
-    DISQUALIFIED = 'DISQUALIFIED'
-
-
-class KartResult(NamedTuple):
-    """
-    The result of one kart.
-
-    :param place: from 1; karts that are equal share one; 0: none.
-    :param laps: those that count, after penalties.
-    :param total: in a race from GREEN_GREEN to the last crossing, else the sum of the laps; with
-        the seconds of penalties, in s. None: no lap.
-    :param lap_times: of every lap, in s.
-    :param penalties: in the order in which they were given.
-    """
-
-    kart: int
-    place: int
-    status: Status
-    laps: int
-    total: float | None
-    lap_times: tuple[float, ...]
-    penalties: tuple[Penalty, ...]
-
-    @property
-    def best(self) -> float | None:
-        """Return its best lap, in s; None: no lap."""
-        return min(self.lap_times, default=None)
-
-
-class Owner(NamedTuple):
-    """Whose a transponder is."""
-
-    transponder: str
-    kart: int
-
-
-class Judged(NamedTuple):
-    """A passing with what became of it; ``struck``: why it was struck out."""
-
-    passing: Passing
-    kart: int
-    mark: Mark
-    at: float
-    struck: str
-
-
-class LapsMemory(NamedTuple):
-    """
-    What outlives race control of the laps of a race; the meanings are those of ``Laps``.
-
-    :param crossed: of each kart the times that counted.
-    """
-
-    format: Format = Format.RACE  # noqa: A003 - the field's name
-    wanted: int = 0
-    crossed: Mapping[int, tuple[float, ...]] = {}
-    finished: tuple[int, ...] = ()
-    penalties: tuple[Penalty, ...] = ()
-    heat: str = ''
-    grid: tuple[int, ...] = ()
-
-
-NO_LAPS = LapsMemory()
-"""No race was started."""
 
 
 class Taken(NamedTuple):
@@ -253,13 +107,11 @@ class LapSettings:
     :param min_lap_time: a passing nearer to the last one that counted is doubtful, s.
     :param first_crossing: the first crossing `starts` lap 1, or `ends` it.
     :param clock_tolerance: how far a source's clock may be from the times of arrival, s.
-    :param auto_finish: a kart whose last lap is counted is given FINISH by race control.
     """
 
     min_lap_time: float = 5.0
     first_crossing: str = 'starts'
     clock_tolerance: float = 0.5
-    auto_finish: bool = False
 
 
 class _Rate(NamedTuple):
@@ -268,51 +120,6 @@ class _Rate(NamedTuple):
     since: float = -math.inf
     lately: int = 0
     taken: int = 0
-
-
-@dataclass(frozen=True)
-class Heats:
-    """
-    The results of heats, newest first: of each name the last race in which a kart had a lap.
-
-    Immutable, as ``Laps``.
-    """
-
-    kept: tuple[LapsMemory, ...] = ()
-
-    def keep(self, laps: Laps) -> tuple[Heats, list[str]]:
-        """Keep the result of a heat; also return the heats that are forgotten for it."""
-        if not laps.is_result:
-            return self, []
-        newest = [laps.memory(), *(each for each in self.kept if each.heat != laps.heat)]
-        sizes = itertools.accumulate(
-            len(each.penalties) + sum(map(len, each.crossed.values())) for each in newest
-        )
-        room = min(MOST_HEATS, max(1, sum(size <= MOST_OF_HEATS for size in sizes)))
-        return Heats(tuple(newest[:room])), [each.heat for each in newest[room:]]
-
-    @functools.cached_property
-    def by_name(self) -> Mapping[str, Laps]:
-        """Return the laps of each heat."""
-        return {each.heat: Laps.recall(each, LapSettings(), 0.0) for each in self.kept}
-
-    @functools.cached_property
-    def _best(self) -> dict[tuple[Format, str], tuple[KartResult, ...]]:
-        return {}  # what was asked for: a lap changes none of them
-
-    def best(self, format_: Format, without: str) -> tuple[KartResult, ...]:
-        """Return the best result of each kart in the heats of a format but this one."""
-        key = format_, without if without in self.by_name else ''
-        if key not in self._best:
-            self._best[key] = self._best_without(*key)
-        return self._best[key]
-
-    def _best_without(self, format_: Format, without: str) -> tuple[KartResult, ...]:
-        heats = [each for each in self.by_name.values() if each.heat != without]
-        return overall(
-            format_,
-            (each.result(kart) for each in heats if each.format is format_ for kart in each.karts),
-        )
 
 
 @dataclass(frozen=True)
@@ -326,12 +133,10 @@ class Laps:
     :param transponders: whose each is.
     :param heat: the name of the heat that was in the race; empty: none was.
     :param grid: the order in which the karts were to start; empty: nothing says one.
-    :param heats: the results of the heats before.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, likewise; ``left``: when it left the race.
     :param struck: the passings that were struck out, and why.
     :param given: of passings that do not say who it was, the kart that officials gave them to.
-    :param before: what counted before race control was restarted.
     :param counted: of each kart the times that counted, s since GREEN_GREEN.
     :param marks: what became of each crossing.
     :param unknown: the transponders that no kart has; ``clocks``: the sources whose clocks did
@@ -352,7 +157,6 @@ class Laps:
     struck: Mapping[Identity, str] = field(default_factory=dict)
     given: Mapping[Identity, int] = field(default_factory=dict)
     penalties: tuple[Penalty, ...] = ()
-    before: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     counted: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     marks: tuple[Mark, ...] = ()
     unknown: frozenset[str] = frozenset()
@@ -361,17 +165,17 @@ class Laps:
     rates: Mapping[str, _Rate] = field(default_factory=dict)
     anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
     grid: tuple[int, ...] = ()
-    heats: Heats = Heats()
 
     # ----- what happens -------------------------------------------------------------------
 
     def take(
-        self, passings: Iterable[Passing], now: float, dropped: int = 0
+        self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
     ) -> tuple[Laps, list[Taken]]:
         """
         Take passings that come now, each for the first time, and say what became of them.
 
         :param dropped: how many more came, of whatever sources.
+        :param away: time for which whoever takes them was away before: so late they may come, s.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -398,9 +202,19 @@ class Laps:
             crossing = Crossing(passing, came, came)
             anchor = anchors.setdefault((source, passing.session), crossing)
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
-            if abs(at - came) <= self.settings.clock_tolerance:
+            tolerance = self.settings.clock_tolerance
+            agrees = -tolerance - away <= at - came <= tolerance
+            # Sources say what they see in its order: behind a crossing of this race, it is the
+            # clock that jumped.
+            is_late = at < 0.0 and not any(
+                each.at >= 0.0 and _is_before(each.passing, passing)
+                for each in (*reversed(crossings), *reversed(self.crossings))
+            )
+            if agrees or is_late:
                 crossing = crossing._replace(at=at)
-            else:
+            if not agrees and is_late:
+                clocks.add(source)
+            elif not agrees:
                 anchors[source, passing.session] = crossing
                 if came <= self.ended:
                     clocks.add(source)
@@ -487,7 +301,7 @@ class Laps:
             finish = math.inf  # an official counts what was missed, or struck out
         until = min(self.ended, finish, self.left.get(kart, math.inf))
         too_late = crossing.came > until or (self.wanted and len(times) > self.wanted)
-        if kart not in self.karts or too_late:
+        if kart not in self.karts or too_late or crossing.at < 0.0:
             return Mark.NOT_COUNTED
         if times and crossing.at - times[-1] < self.settings.min_lap_time:
             return Mark.DOUBTFUL
@@ -510,7 +324,7 @@ class Laps:
     def again(self, **changes: Any) -> Laps:
         """Return what comes of all passings if these fields are others; so each race begins."""
         ends = self.settings.first_crossing == 'ends'
-        begun = {kart: self.before.get(kart, (0.0,) * ends) for kart in self.karts}
+        begun = dict.fromkeys(self.karts, (0.0,) * ends)
         fresh = dataclasses.replace(
             self, counted=begun, crossings=(), marks=(), unknown=frozenset(), **changes
         )
@@ -540,27 +354,15 @@ class Laps:
         """Take note that the race was stopped, or is over; what comes now does not count."""
         return dataclasses.replace(self, ended=min(self.ended, now - self.green))
 
-    def penalise(self, penalty: Penalty, heat: str = '') -> Laps:
-        """Add a penalty, in this race or in the result of a heat."""
-        return self._with(heat, (*self.of_heat(heat).penalties, penalty))
+    def penalise(self, penalty: Penalty) -> Laps:
+        """Add a penalty."""
+        return dataclasses.replace(self, penalties=(*self.penalties, penalty))
 
-    def undo_penalty(self, kart: int, heat: str = '') -> Laps:
-        """Take the last penalty of a kart back, likewise."""
-        penalties = self.of_heat(heat).penalties
-        last = max(number for number, each in enumerate(penalties) if each.kart == kart)
-        kept = (each for number, each in enumerate(penalties) if number != last)
-        return self._with(heat, tuple(kept))
-
-    def _with(self, heat: str, penalties: tuple[Penalty, ...]) -> Laps:
-        if self.of_heat(heat) is self:
-            return dataclasses.replace(self, penalties=penalties)
-        heats = Heats(
-            tuple(
-                each._replace(penalties=penalties) if each.heat == heat else each
-                for each in self.heats.kept
-            )
-        )
-        return dataclasses.replace(self, heats=heats)
+    def undo_penalty(self, kart: int) -> Laps:
+        """Take the last penalty of a kart back."""
+        last = max(number for number, each in enumerate(self.penalties) if each.kart == kart)
+        kept = (each for number, each in enumerate(self.penalties) if number != last)
+        return dataclasses.replace(self, penalties=tuple(kept))
 
     # ----- what there is to see -----------------------------------------------------------
 
@@ -585,7 +387,7 @@ class Laps:
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
-            phrases.append(f'the clock of {who} jumps, and the times of arrival count')
+            phrases.append(f'the clock of {who} jumps, or its passings come late')
         for source, count in sorted(self.over.items()):
             phrases.append(f'{count} passings of {source} were too many and are not counted')
         if self.unknown:
@@ -603,19 +405,6 @@ class Laps:
     def is_result(self) -> bool:
         """Return whether it is the result of a heat: a kart has a lap."""
         return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
-
-    def of_heat(self, heat: str) -> Laps:
-        """Return the laps that are the result of a heat; of no name, those of this race."""
-        if not heat or (heat == self.heat and self.is_result):
-            return self
-        return self.heats.by_name.get(heat) or Laps.recall(NO_LAPS, self.settings, 0.0)
-
-    def standings(self, format_: Format) -> tuple[KartResult, ...]:
-        """Return the best result of each kart in all heats of a format, this one too."""
-        if not self.is_result:
-            return self.heats.best(format_, '')
-        own = self.results if self.format is format_ else ()
-        return overall(format_, (*self.heats.best(format_, self.heat), *own))
 
     def last_passings(self, most: int) -> list[Judged]:
         """Return the last passings, oldest first."""
@@ -659,45 +448,10 @@ class Laps:
             status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
 
-    @property
-    def is_recalled(self) -> bool:
-        """Return whether they are those of a race before race control was started."""
-        return self.ended == -math.inf
 
-    # ----- what outlives race control -----------------------------------------------------
-
-    def memory(self) -> LapsMemory:
-        """Return what must outlive race control."""
-        return LapsMemory(
-            self.format,
-            self.wanted,
-            self.counted,
-            tuple(self.finished),
-            self.penalties,
-            self.heat,
-            self.grid,
-        )
-
-    @staticmethod
-    def recall(
-        memory: LapsMemory, settings: LapSettings, now: float, heats: Heats = Heats()
-    ) -> Laps:
-        """Return the laps of a race that ended with race control; no passing counts any more."""
-        return Laps(
-            settings,
-            memory.format,
-            memory.wanted,
-            green=now,
-            karts=tuple(memory.crossed),
-            heat=memory.heat,
-            ended=-math.inf,
-            finished=dict.fromkeys(memory.finished, 0.0),
-            penalties=memory.penalties,
-            before=memory.crossed,
-            counted=memory.crossed,
-            grid=memory.grid,
-            heats=heats,
-        )
+def _is_before(one: Passing, other: Passing) -> bool:
+    """Return whether a source said one before the other."""
+    return one.identity[:2] == other.identity[:2] and one.number < other.number
 
 
 _FULL = _Rate(taken=MOST_A_RACE)

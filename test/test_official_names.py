@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs.rules.official import claim, heard, MOST, said_by, tidy, UNNAMED
+from evgp_node.official import claim, heard, MOST, said_by, tidy, UNNAMED
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest

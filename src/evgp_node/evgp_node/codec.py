@@ -1,0 +1,174 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Values as ROS messages, and back: a message of ``evgp_rcs_msgs`` is the image of a type.
+
+Nothing is decided here, and no field is named: the types say it all, those of the message and
+those of the value. A field of the value is the field of that name of the message; ``stamp_ns`` is
+its `stamp`. Where a message has no None, it has for it: of a state UNKNOWN, of a time 0, of
+another number NaN, of a constant 0. An enum is the constant of its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import enum
+import functools
+import importlib
+import math
+import types
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
+
+from builtin_interfaces.msg import Time
+from evgp_node.results import Mark, Status
+from evgp_node.stamps import stamp_of
+from evgp_node.states import state_message, state_of
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+
+NS = 1_000_000_000
+
+CONSTANTS: dict[type[enum.Enum], Any] = {
+    Grade: msg.LinkQuality,
+    Mark: msg.JudgedPassing,
+    Status: msg.KartResult,
+}
+"""The message that has the constants of each enum; whoever has another enum adds it."""
+
+STAMPED = ('sequence', 'monotonic')
+"""What a message of an event has of the ``StampedEvent`` around it, besides its `stamp`."""
+
+SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
+"""The fields that are sentences of race control; other texts are names, which stay as they are."""
+
+_Value = TypeVar('_Value')
+_TIME = 'builtin_interfaces/Time'
+
+
+def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
+    """
+    Return a value as a message of this type.
+
+    :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
+    """
+    return _image(value, type(value), kind, wall_ns)
+
+
+def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any:
+    image = message()
+    for slot, name, write, _ in _fields(kind, message):
+        setattr(image, slot, write(getattr(value, name), wall_ns))
+    return image
+
+
+def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
+    """
+    Return the value of this type that a message is the image of; its times are wall times, in s.
+
+    :param said: what to do with each of ``SENTENCES``.
+    :raises ValueError: if the message has a constant, or lacks a state, that no value has.
+    """
+    return kind(
+        **{
+            name: read(getattr(message, slot), said)
+            for slot, name, _, read in _fields(kind, type(message))
+        }
+    )
+
+
+_Write = Callable[[Any, int], Any]
+_Read = Callable[[Any, Callable[[str], str]], Any]
+
+
+def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
+    """Return each field of a message: its name there and in the type, how to write and read it."""
+    hints = get_type_hints(kind)
+    names = {name.removesuffix('_ns'): name for name in hints}
+    return [
+        (slot, names[slot], *_both(slot, hints[names[slot]], slot_type))
+        for slot, slot_type in message.get_fields_and_field_types().items()
+        if slot in names or slot not in (*STAMPED, 'stamp')
+    ]
+
+
+_fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.cache(_find_fields)
+
+
+def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
+    """Return how to write, and how to read, a field of these types."""
+    optional = get_origin(hint) is types.UnionType
+    kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
+    if slot == _TIME and kind is int:
+        return lambda ns, _: stamp_of(ns), lambda time, _: time.sec * NS + time.nanosec
+    if slot == _TIME:
+        return _write_time, _read_optional_time if optional else _read_time
+    if kind is RaceState:
+        return lambda state, _: state_message(state), _read_state if optional else _read_some_state
+    if slot.startswith('sequence<') and '/' in slot:
+        one, inner = _class_of(slot[9:-1]), get_args(kind)[0]
+        return (
+            lambda values, wall: [_image(each, inner, one, wall) for each in values],
+            lambda messages, said: tuple(value_of(each, inner, said) for each in messages),
+        )
+    if slot.startswith('sequence<'):
+        return lambda values, _: list(values), lambda values, _: tuple(values)
+    if '/' in slot:
+        one = _class_of(slot)
+        return (
+            lambda value, wall: _image(value, kind, one, wall),
+            lambda message, said: value_of(message, kind, said),
+        )
+    if kind in CONSTANTS:
+        number = {each: int(getattr(CONSTANTS[kind], each.name)) for each in kind}
+        value = {at: each for each, at in number.items()}
+        number, value = ({**number, None: 0}, {**value, 0: None}) if optional else (number, value)
+        return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
+    if issubclass(kind, enum.Enum):
+        if slot != 'string':
+            raise TypeError(f'nobody has added the constants of {kind.__name__}')
+        return lambda each, _: each.value, lambda each, _: kind(each)
+    if optional and kind is float:
+        return (
+            lambda number, _: math.nan if number is None else number,
+            lambda number, _: None if math.isnan(number) else number,
+        )
+    if name in SENTENCES:
+        return lambda text, _: text, lambda text, said: said(text)
+    return lambda value, _: value, lambda value, _: value
+
+
+def _class_of(slot: str) -> type[Any]:
+    package, name = slot.split('/')
+    found: type[Any] = getattr(importlib.import_module(f'{package}.msg'), name)
+    return found
+
+
+def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
+    if number not in values:
+        raise ValueError(f'{number} is no {kind.__name__}')
+    return values[number]
+
+
+def _write_time(time: float | None, wall_ns: int) -> Time:
+    return Time() if time is None else stamp_of(wall_ns + round(time * NS))
+
+
+def _read_time(time: Time, _: Callable[[str], str]) -> float:
+    return float(time.sec) + float(time.nanosec) / NS
+
+
+def _read_optional_time(time: Time, said: Callable[[str], str]) -> float | None:
+    return _read_time(time, said) or None
+
+
+def _read_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState | None:
+    return state_of(message)
+
+
+def _read_some_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState:
+    state = state_of(message)
+    if state is None:
+        raise ValueError(f'{message.state} is no race state')
+    return state

@@ -1,0 +1,59 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Results and corrections of the timekeeper's book, for the report and the tables."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+import sqlite3
+from typing import NamedTuple
+
+from evgp_node.results import Act, Corrected, Standings
+from evgp_node.stream import Gap, SCHEMA_VERSION, Stream
+from evgp_rcs.record.runs import say
+from evgp_rcs.record.store import open_read_only
+
+BOOK = 'timing.sqlite3'
+"""The name of the timekeeper's book, beside the record."""
+
+_STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
+
+
+class Timing(NamedTuple):
+    """
+    What the timekeeper has, by the id of the run and the number of the race in it.
+
+    :param results: the last ones of each race.
+    :param corrections: those of each race, in order, but for laps by hand.
+    """
+
+    results: dict[tuple[str, int], Standings]
+    corrections: dict[tuple[str, int], list[Corrected]]
+
+
+def timing_of(record: pathlib.Path) -> Timing:
+    """Return what the book beside a record has, and say what cannot be read of it."""
+    found = Timing({}, {})
+    path = record.with_name(BOOK)
+    try:
+        with contextlib.closing(open_read_only(path)) as database:
+            (version,) = database.execute('PRAGMA user_version').fetchone()
+            if version != SCHEMA_VERSION:
+                raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
+            for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run'):
+                query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
+                blocks = database.execute(query, (run,)).fetchall()
+                for entry in _STREAM.entries_of(blocks, only=(Standings, Corrected)):
+                    if isinstance(entry, Gap):
+                        say(f'{path}, stream {run}: {entry}; results may be missing')
+                    elif isinstance(entry, Standings):
+                        found.results[entry.run, entry.race] = entry
+                    elif entry.correction.act is not Act.COUNT:
+                        found.corrections.setdefault((entry.run, entry.race), []).append(entry)
+    except FileNotFoundError:
+        say(f'there is no {path}: without timing, there is only the order of FINISH')
+    except (OSError, sqlite3.Error) as error:
+        say(f'{path} cannot be read ({error}): results of the timekeeper are missing')
+    return found

@@ -1,0 +1,166 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The timekeeper's book: a file with all that changed what it knows, in the form of the record.
+
+Each start of the timekeeper, and each half day, begins a stream: `Began` with the id of the
+machine's start, then every input of the desk (``desk.Input``) in the order in which it came, and
+the results of a race when they change (``Standings``). Whoever reads the streams of an event one
+after the other knows what the timekeeper knew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import fcntl
+import pathlib
+import sqlite3
+import time
+from typing import get_args, IO
+
+from evgp_node.results import Standings
+from evgp_node.stream import Began, Block, Gap, SCHEMA_VERSION, Stream
+from evgp_protocol import clock
+from evgp_timing import desk
+
+WRITER = 'timekeeper'
+"""Who writes these streams."""
+
+EVENT_LASTS_NS = 3 * 86_400 * 10**9
+"""Time after which a race belongs to another event, whose heats may have the same names, in
+nanoseconds."""
+
+STREAM_LASTS_NS = 12 * 3_600 * 10**9
+"""Time after which the next entry begins a stream, in nanoseconds; a race is as old as that."""
+
+BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
+"""Where Linux has the id of this start of the machine."""
+
+Entry = Began | desk.Input | Standings
+
+STREAM: Stream[Entry] = Stream(get_args(Entry))
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the timekeeper
+    run INTEGER NOT NULL, -- counts them from 1
+    number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
+    data BLOB NOT NULL, -- stream.Block
+    PRIMARY KEY (run, number)
+)
+"""
+
+
+class BookError(RuntimeError):
+    """The file cannot be used; the text says why, and what would be right."""
+
+
+class Book:
+    """
+    The file, and the stream that this program writes into it.
+
+    :param path: made, with its folder, if there is none.
+    :raises BookError: if it cannot be written, or another timekeeper has it.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self._path = path
+        self._entries = self._blocks = self._began_ns = 0
+        self._boot = BOOT.read_text(encoding='ascii').strip()
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._claimed: IO[bytes] = path.open('ab')
+        except OSError as error:
+            raise BookError(f'{path} cannot be written: {error.strerror}') from error
+        try:
+            fcntl.flock(self._claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self._database = self._open()
+        except BlockingIOError as error:
+            self._claimed.close()
+            raise BookError(
+                f'{path} is the file of another timekeeper that is running: end that one, or '
+                'choose another file with the parameter book'
+            ) from error
+        except sqlite3.Error as error:
+            self._claimed.close()
+            raise self._unusable(error) from error
+
+    def _unusable(self, error: sqlite3.Error) -> BookError:
+        return BookError(
+            f'{self._path} cannot be used as the file of a timekeeper ({error}): move it away, or '
+            'choose another one with the parameter book'
+        )
+
+    def _open(self) -> sqlite3.Connection:
+        # One thread opens it, another one writes, and they take turns.
+        database = sqlite3.connect(
+            self._path, timeout=1.0, isolation_level=None, check_same_thread=False
+        )
+        (version,) = database.execute('PRAGMA user_version').fetchone()
+        if version not in (0, SCHEMA_VERSION):
+            raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
+        database.execute('PRAGMA journal_mode = WAL')
+        database.execute('PRAGMA synchronous = FULL')
+        database.execute(_SCHEMA)
+        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
+        (last,) = database.execute('SELECT max(run) FROM block').fetchone()
+        self._run = (last or 0) + 1
+        return database
+
+    def known(self) -> Iterator[desk.Input | Gap]:
+        """
+        Yield what the streams of this event have, the oldest first, by the clock of this start.
+
+        :raises BookError: if the file is damaged where SQLite notices it.
+        """
+        try:
+            runs = self._database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall()
+            for (run,) in runs:
+                query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
+                yield from self._of_stream(self._database.execute(query, (run,)).fetchall())
+        except sqlite3.Error as error:
+            raise self._unusable(error) from error
+
+    def _of_stream(self, blocks: list[tuple[int, bytes]]) -> Iterator[desk.Input | Gap]:
+        now_ns, moved = time.time_ns(), 0.0
+        began: Began | None = None
+        for entry in STREAM.entries_of(blocks):
+            if isinstance(entry, Began):
+                if now_ns - entry.wall_ns > EVENT_LASTS_NS:
+                    return
+                began = entry if entry.run != self._boot else None
+            elif isinstance(entry, Gap):
+                yield entry
+            elif not isinstance(entry, Standings):
+                if began is not None:  # the machine was started again: its clock began at 0
+                    moved = clock.now() - (now_ns - began.wall_ns) / 1e9 - entry.at
+                    began = None
+                yield entry._replace(at=entry.at + moved)
+
+    def write(self, *entries: Entry) -> None:
+        """
+        Write entries, in one transaction.
+
+        :raises OSError: if the disk does not take it; nothing of it is written then.
+        """
+        new: list[Entry] = list(entries)
+        now_ns = time.time_ns()
+        if now_ns - self._began_ns > STREAM_LASTS_NS:
+            self._run += self._entries > 0
+            self._entries = self._blocks = 0
+        if not self._entries:
+            self._began_ns = now_ns
+            new.insert(0, Began(self._boot, WRITER, now_ns))
+        block = Block(self._entries, b''.join(map(STREAM.encode, new))).compressed()
+        try:
+            row = self._run, self._blocks + 1, block
+            self._database.execute('INSERT INTO block VALUES (?, ?, ?)', row)
+        except sqlite3.Error as error:
+            raise OSError(f'{self._path} does not take it: {error}') from error
+        self._entries += len(new)
+        self._blocks += 1
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._database.close()
+        self._claimed.close()

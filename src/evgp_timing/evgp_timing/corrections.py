@@ -1,0 +1,78 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The catalogue of the timekeeper's corrections: no kart sees any of them.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from evgp_node.entries import Entry, OF_TIMEKEEPER
+from evgp_node.results import Act
+
+CORRECTIONS: dict[Act, Entry] = {
+    Act.COUNT: Entry(
+        'LAP',
+        'an official saw this kart cross the timing line',
+        f'{OF_TIMEKEEPER}kart/count_passing',
+        to_one_kart=True,
+        word='count-passing',
+    ),
+    Act.STRIKE: Entry(
+        'STRIKE PASSING',
+        'strike a passing of the timing line out: it does not count',
+        f'{OF_TIMEKEEPER}set_passing_struck',
+        fixed={'struck': True},
+        takes=('source', 'session', 'number', 'reason', 'race'),
+        word='strike-passing',
+    ),
+    Act.RESTORE: Entry(
+        'RESTORE PASSING',
+        'put a passing back that was struck out',
+        f'{OF_TIMEKEEPER}set_passing_struck',
+        fixed={'struck': False},
+        takes=('source', 'session', 'number', 'reason', 'race'),
+        word='restore-passing',
+    ),
+    Act.GIVE: Entry(
+        'GIVE TRANSPONDER',
+        'a transponder is of this kart; its passings in this race count for it',
+        f'{OF_TIMEKEEPER}kart/give_transponder',
+        to_one_kart=True,
+        takes=('transponder',),
+        word='give-transponder',
+    ),
+    Act.PENALISE: Entry(
+        'PENALISE',
+        'add seconds to the result of a kart, take laps away, or disqualify it',
+        f'{OF_TIMEKEEPER}kart/penalise',
+        to_one_kart=True,
+        takes=('seconds', 'laps', 'disqualified', 'reason', 'race'),
+        word='penalise',
+    ),
+    Act.UNDO_PENALTY: Entry(
+        'UNDO PENALTY',
+        'take the last penalty of a kart back',
+        f'{OF_TIMEKEEPER}kart/undo_penalty',
+        to_one_kart=True,
+        takes=('race',),
+        word='undo-penalty',
+    ),
+    Act.CHOOSE: Entry(
+        'COUNT THIS RACE',
+        'the results of this race are those of its heat',
+        f'{OF_TIMEKEEPER}choose_race',
+        takes=('race',),
+        word='choose-race',
+    ),
+    Act.PUBLISH: Entry(
+        'PUBLISH RESULTS',
+        'publish the results of a race',
+        f'{OF_TIMEKEEPER}publish_results',
+        takes=('race',),
+        word='publish-results',
+    ),
+}
+"""Every correction."""

@@ -1,0 +1,524 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the timekeeper knows: every race of the event with its laps, and which race of a heat counts.
+
+Three things change it, in the order in which they came (`Input`): what race control says (`Told`),
+passings of the timing line (`Passed`), and the corrections of officials (`Corrected`). The
+timekeeper writes them into a stream of its own, so a program that was restarted feeds them again
+and knows everything again.
+
+Nothing here sends a kart anything. With `auto_finish`, `Desk.finishes` says for which karts the
+node asks race control for FINISH.
+
+Times are seconds since the machine was started, the clock of race control's events.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+import enum
+import math
+from typing import NamedTuple
+
+from evgp_node.results import (
+    Act,
+    BY_HAND,
+    Corrected,
+    Correction,
+    HeatGrid,
+    Identity,
+    KartResult,
+    Mark,
+    Passing,
+    Penalty,
+    RaceOfEvent,
+    Standings,
+)
+from evgp_node.roster import Format, Heat
+from evgp_timing.laps import Laps, LapSettings, overall, Taken
+
+MOST_SEEN = 100_000
+"""Maximum number of passings that are recognised when a source sends them again."""
+
+MOST_GIVEN = 100
+"""Maximum number of transponders that officials give, and of penalties in a race."""
+
+MOST_PASSINGS = 200
+"""Maximum number of passings in the results."""
+
+
+class Roster(NamedTuple):
+    """The karts and heats, as timing goes by them; ``transponders``: whose each is."""
+
+    karts: tuple[int, ...]
+    transponders: Mapping[str, int] = {}
+    heats: tuple[Heat, ...] = ()
+
+
+# ----- what changes it ------------------------------------------------------------------------
+
+
+class What(enum.Enum):
+    """What race control says of a race, or of a kart in it."""
+
+    GRID_ACTIVE = 'the grid forms'
+    GREEN_GREEN = 'the race is started'
+    SENT_GREEN = 'a kart is sent GREEN_GREEN'
+    FINISH = 'a kart has finished'
+    UNDO_FINISH = 'its finish is undone'
+    LEFT = 'a kart leaves the race'
+    OVER = 'the race is stopped or over'
+
+
+class Told(NamedTuple):
+    """
+    Something that race control said.
+
+    :param run: the id of its run; ``race``: the number of the race in it.
+    :param sequence: the number of the event.
+    """
+
+    at: float
+    what: What
+    run: str
+    race: int
+    heat: str = ''
+    kart: int = 0
+    sequence: int = 0
+
+
+class Heard(NamedTuple):
+    """All events of a run of race control have come, up to this number."""
+
+    at: float
+    run: str
+    sequence: int
+
+
+class Missed(NamedTuple):
+    """Events of race control did not come here; what they said is not known."""
+
+    at: float
+    run: str
+    race: int
+    events: int
+
+
+class Passed(NamedTuple):
+    """
+    What sources saw.
+
+    :param dropped: so many more passings were too many to be taken.
+    :param away: time for which the timekeeper was away before, in s: so late they may come.
+    """
+
+    at: float
+    passings: tuple[Passing, ...]
+    dropped: int = 0
+    away: float = 0.0
+
+
+Input = Told | Heard | Missed | Passed | Corrected
+
+
+class Answer(NamedTuple):
+    """What became of a correction: whether it was accepted, and a sentence for the official."""
+
+    success: bool
+    text: str
+
+
+class Finish(NamedTuple):
+    """
+    A FINISH to ask race control for.
+
+    :param attempt: how often the finish of this kart was undone in this race.
+    """
+
+    run: str
+    race: int
+    kart: int
+    attempt: int
+
+
+# ----- what it knows --------------------------------------------------------------------------
+
+
+@dataclass
+class Race:
+    """
+    A race of the event.
+
+    :param began: when its grid formed.
+    :param started: GREEN_GREEN was sent.
+    :param published: the timekeeper has published its results.
+    :param missed: how many events of race control did not come here.
+    :param by_finish: of each kart that crossed by its FINISH, the passing that was counted.
+    :param undone: how often the finish of each kart was undone.
+    """
+
+    run: str
+    number: int
+    began: float
+    laps: Laps
+    started: bool = False
+    published: bool = False
+    missed: int = 0
+    by_finish: dict[int, Identity] = field(default_factory=dict)
+    undone: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def heat(self) -> str:
+        """Return the name of the heat that was in the race; empty: none was."""
+        return self.laps.heat
+
+
+class Desk:
+    """
+    The timekeeper's desk; `feed` changes it, the rest shows what it knows.
+
+    :ivar races: every race of the event, oldest first.
+    """
+
+    def __init__(self, roster: Roster, settings: LapSettings) -> None:
+        self.roster = roster
+        self.settings = settings
+        self.races: list[Race] = []
+        self._given: dict[str, int] = {}
+        self._chosen: dict[str, Race] = {}
+        self._seen: dict[Identity, None] = {}
+
+    def feed(self, given: Input) -> Answer | None:
+        """Take what came; a correction is answered."""
+        match given:
+            case Told():
+                self._told(given)
+            case Missed(_, run, _, events):
+                if self.races and self.races[-1].run == run:
+                    self.races[-1].missed += events
+            case Passed():
+                self._passed(given)
+            case Corrected(at, correction):
+                return self._correct(correction, at)
+        return None
+
+    # ----- what race control says ---------------------------------------------------------
+
+    def _told(self, told: Told) -> None:
+        race = self._race_of(told)
+        if race is None:
+            return
+        laps, kart = race.laps, told.kart
+        match told.what:
+            case What.GREEN_GREEN:
+                race.started = True
+                race.laps = self._laps(told.heat, told.at, laps)
+            case What.SENT_GREEN if race.started and kart not in laps.karts:
+                karts = (*laps.karts, kart)
+                grid = self._grid(karts, self._heat(laps.heat))
+                race.laps = laps.again(karts=karts, grid=grid)
+            case What.FINISH:
+                self._finish(race, kart, told.at)
+            case What.UNDO_FINISH:
+                self._undo_finish(race, kart)
+            case What.LEFT:
+                race.laps = laps.leave(kart, told.at)
+            case What.OVER if race.started:
+                race.laps = laps.end(told.at)
+            case _:
+                pass
+
+    def _race_of(self, told: Told) -> Race | None:
+        """Return the race that race control means; None: its grid formed before what is known."""
+        newest = self.races[-1] if self.races else None
+        if newest is not None and (newest.run, newest.number) == (told.run, told.race):
+            return newest
+        if newest is not None:
+            newest.laps = newest.laps.end(told.at)  # race control was restarted
+        if told.what is not What.GRID_ACTIVE:
+            return None
+        laps = self._laps(told.heat, told.at, newest.laps if newest is not None else None)
+        self.races.append(Race(told.run, told.race, told.at, laps))
+        return self.races[-1]
+
+    def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
+        """Return the laps of a race that begins; the clocks of the sources go on as before."""
+        known = self._heat(heat)
+        owners = {**self.roster.transponders, **self._given}
+        anchors = {}
+        if before is not None:
+            sooner = begins - before.green
+            anchors = {
+                source: each._replace(came=each.came - sooner, at=each.at - sooner)
+                for source, each in before.anchors.items()
+            }
+        laps = Laps(self.settings, known.format, known.laps, begins, (), owners, heat=heat)
+        return laps.again(anchors=anchors)
+
+    def _finish(self, race: Race, kart: int, at: float) -> None:
+        """Have a kart finish; where only its last lap is left, it crosses the line by that."""
+        laps = race.laps
+        if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
+            identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
+            laps, (seen,) = laps.take([Passing(*identity, kart=kart)], at)
+            if seen.mark is Mark.COUNTED:
+                race.by_finish[kart] = seen.passing.identity
+        race.laps = laps.finish(kart, at)
+
+    def _undo_finish(self, race: Race, kart: int) -> None:
+        race.undone[kart] = race.undone.get(kart, 0) + 1
+        race.laps = race.laps.undo_finish(kart)
+        crossing = race.by_finish.pop(kart, None)
+        if crossing is not None:
+            race.laps = race.laps.strike(crossing, 'its FINISH was undone')
+
+    # ----- the timing line ----------------------------------------------------------------
+
+    def _passed(self, given: Passed) -> None:
+        came = given.passings
+        fresh = {each.identity: each for each in came if each.identity not in self._seen}
+        self._seen |= dict.fromkeys(fresh)
+        while len(self._seen) > MOST_SEEN:
+            del self._seen[next(iter(self._seen))]
+        if self.races:
+            race = self.races[-1]
+            terms = given.at, given.dropped, given.away
+            race.laps, taken = race.laps.take(fresh.values(), *terms)
+            for each in taken:
+                if each.kart in race.by_finish and each.mark is not Mark.COUNTED:
+                    self._take_its_place(race, each)
+
+    @staticmethod
+    def _take_its_place(race: Race, seen: Taken) -> None:
+        """Have the crossing that a source saw be that of the FINISH, if it counts without it."""
+        identity = seen.passing.identity
+        laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
+        marks = zip(laps.crossings, laps.marks, strict=True)
+        if any(each.passing.identity == identity and mark is Mark.COUNTED for each, mark in marks):
+            race.laps = laps
+
+    def _by_hand(self, race: Race) -> int:
+        """Return the number of the next passing that officials count."""
+        return 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
+
+    def finishes(self) -> Iterator[Finish]:
+        """Yield the karts of the newest race that have all their laps, and no FINISH yet."""
+        race = self.races[-1] if self.races else None
+        if race is None or not self._heat(race.heat).auto_finish or race.laps.ended < math.inf:
+            return
+        for kart in race.laps.karts:
+            out = kart in race.laps.finished or kart in race.laps.left
+            # What an official has undone, an official gives again.
+            if race.laps.is_done(kart) and not out and not race.undone.get(kart):
+                yield Finish(race.run, race.number, kart, 0)
+
+    # ----- corrections --------------------------------------------------------------------
+
+    def about(self, given: Corrected) -> Corrected:
+        """Return a correction with the race that it is about."""
+        number = given.correction.race
+        if not self.races or number > len(self.races):
+            return given
+        race = self.races[number - 1]
+        return given._replace(run=race.run, race=race.number)
+
+    def _correct(self, asked: Correction, now: float) -> Answer:
+        if not 0 <= asked.race <= len(self.races):
+            return Answer(False, f'there is no race {asked.race} of this event')
+        race = self.races[asked.race - 1] if self.races else None
+        if asked.act is Act.GIVE:
+            return self._give(asked)
+        if race is None or not race.started:
+            return Answer(False, 'no race was started')
+        why_not = self._refusal(asked, race.laps)
+        return Answer(not why_not, why_not or self._put_in_force(asked, race, now))
+
+    def _give(self, asked: Correction) -> Answer:
+        name, kart = asked.transponder, asked.kart
+        if not name:
+            return Answer(False, 'name the transponder')
+        if kart not in self.roster.karts:
+            return Answer(False, f'there is no kart {kart}')
+        if name not in self._given and len(self._given) >= MOST_GIVEN:
+            return Answer(False, f'{MOST_GIVEN} transponders were given; put them into the roster')
+        self._given[name] = kart
+        for race in self.races[-1:]:
+            race.laps = race.laps.again(transponders={**race.laps.transponders, name: kart})
+        return Answer(True, f'transponder {name} belongs to kart {kart}')
+
+    @staticmethod
+    def _refusal(asked: Correction, laps: Laps) -> str:
+        """Return why a correction of a race is refused; empty: it is accepted."""
+        act = asked.act
+        if act in (Act.STRIKE, Act.RESTORE):
+            if not laps.knows(asked.passing):
+                return f'this race has no passing {asked.passing}'
+            if (asked.passing in laps.struck) is (act is Act.STRIKE):
+                return (
+                    f'passing {asked.passing} is {"" if act is Act.STRIKE else "not "}struck out'
+                )
+        if act in (Act.COUNT, Act.PENALISE, Act.UNDO_PENALTY) and asked.kart not in laps.karts:
+            return f'kart {asked.kart} did not start this race'
+        if act in (Act.STRIKE, Act.PENALISE) and not asked.reason:
+            return 'say why'
+        if act is Act.PENALISE:
+            if not (asked.seconds or asked.laps or asked.disqualified):
+                return 'say what it costs: seconds, laps, or the place'
+            if len(laps.penalties) >= MOST_GIVEN:
+                return f'there are {MOST_GIVEN} penalties already'
+        if act is Act.UNDO_PENALTY and asked.kart not in {each.kart for each in laps.penalties}:
+            return f'kart {asked.kart} has no penalty'
+        if act is Act.PUBLISH and laps.ended == math.inf:
+            return 'the race is under way'
+        if act is Act.CHOOSE and not laps.is_result:
+            return 'that race has no heat, or no lap was counted in it'
+        return ''
+
+    def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
+        laps, kart = race.laps, asked.kart
+        race.published = False  # what was published is no longer so
+        match asked.act:
+            case Act.COUNT:
+                identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
+                race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
+                became = taken[0].mark.value if taken else 'not taken, too many passings come'
+                return f'kart {kart} crossed the line: {became}'
+            case Act.STRIKE:
+                race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
+                return f'passing {asked.passing} is struck out'
+            case Act.RESTORE:
+                race.laps = laps.restore(asked.passing)
+                return f'passing {asked.passing} counts again, if the rules let it'
+            case Act.PENALISE:
+                terms = kart, asked.seconds, asked.laps, asked.disqualified
+                penalty = Penalty(*terms, asked.reason, asked.official)
+                race.laps = laps.penalise(penalty)
+                return f'kart {kart}: {penalty}'
+            case Act.UNDO_PENALTY:
+                race.laps = laps.undo_penalty(kart)
+                return f'the last penalty of kart {kart} is taken back'
+            case Act.PUBLISH:
+                race.published = True
+                return f'the results of race {self.races.index(race) + 1} are published'
+            case _:
+                self._chosen[race.heat] = race
+                return f'race {self.races.index(race) + 1} counts as {race.heat}'
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    def _heat(self, name: str) -> Heat:
+        return next((heat for heat in self.roster.heats if heat.name == name), Heat(''))
+
+    def counting(self) -> dict[str, Race]:
+        """
+        Return of each heat the race that counts.
+
+        It is the one that an official has chosen, else the last one with a lap.
+        """
+        last = {each.heat: each for each in self.races if each.laps.is_result}
+        return {heat: self._chosen.get(heat, race) for heat, race in last.items()}
+
+    def best(self, format_: Format) -> tuple[KartResult, ...]:
+        """Return the best result of each kart in the heats of a format that count."""
+        races = (race.laps for race in self.counting().values())
+        return overall(
+            format_, (each for laps in races if laps.format is format_ for each in laps.results)
+        )
+
+    def _order(self, source: str) -> list[int]:
+        """Return the karts of a heat, or of the heats of a format, by their results."""
+        if any(heat.name == source for heat in self.roster.heats):
+            race = self.counting().get(source)
+            results = race.laps.results if race is not None else ()
+        else:
+            results = self.best(Format(source)) if source else ()
+        return [each.kart for each in results]
+
+    def _grid(self, karts: tuple[int, ...], heat: Heat) -> tuple[int, ...]:
+        order = self._order(heat.grid_from)
+        if not order:
+            return ()
+        return tuple(
+            sorted(karts, key=lambda kart: order.index(kart) if kart in order else math.inf)
+        )
+
+    def grids(self) -> dict[str, tuple[int, ...]]:
+        """Return the order of start of each heat; empty: nothing says one yet."""
+        return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
+
+    def standings(self, now: float = 0.0) -> Standings:
+        """Return what there is to see at this time, in seconds."""
+        grids = self.grids()
+        seen = Standings(
+            stamp=now,
+            grids=tuple(HeatGrid(*each) for each in grids.items()),
+            next_heat=self._next_heat(grids),
+            races=tuple(self._listed()),
+            questions=tuple(self.questions(now)),
+        )
+        if not self.races:
+            return seen
+        race = self.races[-1]
+        laps = race.laps
+        passings = tuple(laps.last_passings(MOST_PASSINGS))
+        return seen._replace(
+            run=race.run,
+            race=race.number,
+            heat=laps.heat,
+            format=laps.format,
+            laps=laps.wanted,
+            grid=laps.grid,
+            karts=laps.results,
+            overall=self.best(laps.format),
+            passings=passings,
+            older=len(laps.crossings) - len(passings),
+            published=race.published,
+        )
+
+    def _listed(self) -> Iterator[RaceOfEvent]:
+        counting = [id(each) for each in self.counting().values()]
+        for number, race in enumerate(self.races, 1):
+            classified = sum(each.place > 0 for each in race.laps.results)
+            counts = id(race) in counting
+            yield RaceOfEvent(number, race.heat, race.began, classified, counts)
+
+    def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
+        """Return whose turn is next of the heats of one kart that have no result, nor the race."""
+        raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
+        turns = [
+            (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
+            for heat in self.roster.heats
+            if len(grids[heat.name]) == 1 and heat.name not in raced
+        ]
+        return min(turns, default=(0, ''))[1]
+
+    def questions(self, now: float = 0.0) -> list[str]:
+        """Return what somebody should look at in the newest race, as sentences."""
+        if not self.races:
+            return []
+        laps, missed = self.races[-1].laps, self.races[-1].missed
+        asked = [f'{missed} events of race control did not come: check the laps'] if missed else []
+        others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
+        others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
+        if others:
+            asked.append(
+                f'Race control has {", ".join(sorted(others))}, which are not in the roster here: '
+                'start both with the same roster'
+            )
+        for kart in laps.karts:
+            missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
+            if laps.wanted and kart in laps.finished and missing > 0:
+                asked.append(
+                    f'Kart {kart} was given FINISH, and {missing} of its laps are missing'
+                )
+        if trouble := laps.trouble(now):
+            asked.append(trouble)
+        placed = [each.kart for each in laps.results if each.kart in laps.finished]
+        if placed != sorted(placed, key=lambda kart: laps.finished[kart]):
+            asked.append('The order of FINISH is not the order of the results')
+        return asked

@@ -1,0 +1,213 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the timekeeper's window shows, as texts: it works out no result.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import math
+import time
+from typing import NamedTuple
+
+from evgp_node.results import Act, BY_HAND, Judged, KartResult, Mark, Passing, Standings, Status
+from evgp_node.roster import Format
+
+HEADINGS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
+"""The headings of the results."""
+
+_STATUS = {
+    Status.CLASSIFIED: 'finished',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: '',  # its penalty says it
+}
+_MARKS = {
+    Mark.DOUBTFUL: 'doubtful: too soon after the crossing before',
+    Mark.NOT_COUNTED: 'not counted',
+}
+_BUTTONS = {Act.STRIKE: 'Strike', Act.RESTORE: 'Restore', Act.GIVE: 'Whose?'}
+
+
+class Row(NamedTuple):
+    """
+    The result of one kart.
+
+    :param cells: the text of each of ``HEADINGS``.
+    :param penalised: an official took something from its result.
+    """
+
+    kart: int
+    cells: tuple[str, ...]
+    penalised: bool
+
+
+class Crossing(NamedTuple):
+    """
+    One passing of the timing line.
+
+    :param at: when it crossed, since GREEN_GREEN.
+    :param kart: its number; ``?``: nobody knows.
+    :param text: what became of it.
+    :param act: what its button does, and ``button`` what it says.
+    """
+
+    passing: Passing
+    at: str
+    kart: str
+    text: str
+    act: Act
+
+    @property
+    def button(self) -> str:
+        """Return what its button says."""
+        return _BUTTONS[self.act]
+
+    def __str__(self) -> str:
+        """Return which one it is, as a dialog names it."""
+        return f'Kart {self.kart} at {self.at}: {self.text} ({self.passing.identity})'
+
+
+def clock_time(seconds: float | None, digits: int = 3) -> str:
+    """Return a time as minutes:seconds, as ``1:02.345``; empty if there is none."""
+    if seconds is None or not math.isfinite(seconds):
+        return ''
+    unit = 10**digits
+    minutes, rest = divmod(round(abs(seconds) * unit), 60 * unit)
+    point = f'.{rest % unit:0{digits}}' if digits else ''
+    return f'{"-" if seconds < 0 else ""}{minutes}:{rest // unit:02}{point}'
+
+
+def title(results: Standings) -> str:
+    """Return which race is shown."""
+    return results.heat or ('Race' if results.races else 'No race yet')
+
+
+def about(results: Standings, state: str) -> str:
+    """
+    Return what there is to say of the race that is shown.
+
+    :param state: the state of the race, and for how long.
+    """
+    words = [
+        results.format.value.replace('_', ' ') + f' to {results.laps} laps' * bool(results.laps)
+    ]
+    if not results.races:
+        return state
+    words.append(f'run of {_hour(results.races[-1].stamp)}')
+    return ' · '.join(filter(None, [*words, state, 'results published' * results.published]))
+
+
+def _hour(stamp: float) -> str:
+    return time.strftime('%H:%M', time.localtime(stamp))
+
+
+def races(results: Standings) -> list[tuple[str, int]]:
+    """Return every race of the event with its number, newest first."""
+    return [
+        (
+            f'{each.heat or "Race"}, run of {_hour(each.stamp)}: {each.classified} classified'
+            + ', counts' * each.counts,
+            each.number,
+        )
+        for each in reversed(results.races)
+    ]
+
+
+def newest_with_results(results: Standings) -> int:
+    """Return the number of the race that a correction is probably of; 0: there was none."""
+    began = results.races[: len(results.races) - (not results.karts)]
+    return began[-1].number if began else 0
+
+
+def karts(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, int]]:
+    """Return every kart with its number, as an official chooses one."""
+    known = {**{each.kart: '' for each in results.karts}, **teams}
+    return [(f'{number}  {team}'.rstrip(), number) for number, team in sorted(known.items())]
+
+
+def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
+    """
+    Return the results, best first.
+
+    :param teams: the team of each kart of the roster.
+    """
+    return [
+        Row(
+            kart.kart,
+            (
+                str(kart.place or ''),
+                str(kart.kart),
+                teams.get(kart.kart, ''),
+                str(kart.laps),
+                clock_time(kart.total),
+                _gap(results, kart),
+                clock_time(kart.best),
+                clock_time(next(iter(kart.lap_times[-1:]), None)),
+                '; '.join(filter(None, (_status(results, kart), *map(str, kart.penalties)))),
+            ),
+            bool(kart.penalties),
+        )
+        for kart in results.karts
+    ]
+
+
+def _status(results: Standings, kart: KartResult) -> str:
+    if kart.status is Status.RUNNING:
+        return f'lap {len(kart.lap_times) + 1}'
+    return _STATUS[kart.status]
+
+
+def _gap(results: Standings, kart: KartResult) -> str:
+    """Return how far a kart is behind the first one."""
+    first = results.karts[0]
+    mine, best = (kart.total, first.total)
+    behind = first.laps - kart.laps
+    if results.format is Format.PRACTICE:
+        mine, best, behind = kart.best, first.best, 0
+    if kart is first or not kart.place or mine is None or best is None:
+        return ''
+    return f'+{behind} lap{"s" * (behind > 1)}' if behind else f'+{mine - best:.3f}'
+
+
+def crossings(results: Standings) -> list[Crossing]:
+    """Return the passings of the race, newest first."""
+    return [*_crossings(results)]
+
+
+def _crossings(results: Standings) -> Iterator[Crossing]:
+    # The newest crossing of a kart that counted ended its last lap, and so on.
+    laps = {each.kart: [*each.lap_times] for each in results.karts}
+    for judged in reversed(results.passings):
+        passing = judged.passing
+        act = Act.STRIKE
+        if judged.mark is Mark.STRUCK:
+            act = Act.RESTORE
+        elif judged.mark is Mark.UNKNOWN and passing.transponder:
+            act = Act.GIVE
+        text = _became(judged, laps.get(judged.kart, []), results.laps)
+        if passing.source == BY_HAND:
+            text = f'by hand, {text}'
+        yield Crossing(passing, clock_time(judged.at, 1), str(judged.kart or '?'), text, act)
+
+
+def _became(judged: Judged, laps: list[float], wanted: int) -> str:
+    """Return what became of a passing; the laps are those that were driven until then."""
+    match judged.mark:
+        case Mark.STRUCK:
+            return f'struck: {judged.struck}'
+        case Mark.UNKNOWN if judged.passing.transponder:
+            return f'transponder {judged.passing.transponder}'
+        case Mark.UNKNOWN:
+            return 'nobody has said who'
+        case Mark.COUNTED if laps:
+            number = len(laps)
+            return f'lap {number}, {clock_time(laps.pop())}' + ': finish' * (number == wanted)
+        case Mark.COUNTED:
+            return 'starts lap 1'
+        case _:
+            return _MARKS[judged.mark]

@@ -1,0 +1,452 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The timekeeper's window: Qt's own tables, dialogs and buttons.
+
+:raises ImportError: if there is no Qt for Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+import importlib
+import importlib.util
+import math
+from typing import Any, TypeAlias
+
+from evgp_node.entries import Entry
+from evgp_node.official import MOST, MOST_OF_NAME
+from evgp_node.results import Act, Passing, Standings
+from evgp_protocol import clock
+from evgp_timing import window_view as view
+from evgp_timing.corrections import CORRECTIONS
+from evgp_timing.desk import Answer
+
+_BINDING = 'PySide6' if importlib.util.find_spec('PySide6') else 'PyQt6'
+QtCore: Any = importlib.import_module(f'{_BINDING}.QtCore')
+QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
+QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
+
+OUT_OF_DATE = 3.0
+"""Time without a word after which what is shown is out of date, in seconds."""
+
+NO_ANSWER = 5.0
+"""Time without an answer to a correction after which the window says so, in seconds."""
+
+STOPS_NOTHING = 'This window stops and starts nothing. Stops: the race window, the stop button.'
+NO_WORD = 'No word from the timekeeper for {age}: what is shown is out of date'
+NOT_SENT = '{label} was not sent: no word from the timekeeper for {age}'
+NOT_ANSWERED = '{label}: no answer for {age}. Look at the results before you press it again'
+LINE_SILENT = 'nothing is heard of it for {age}'
+NO_RACE_CONTROL = 'race control is not heard'
+NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
+
+Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
+"""Sends a correction in an official's name, with the fields of its request, and returns at once.
+The function is called with the answer, in the window's thread."""
+
+REFRESH = 50
+"""Time between two looks at what was heard, in milliseconds."""
+
+ROW = 39
+"""Minimum height of a row, in pixels."""
+
+_BUTTONS = {
+    Act.PENALISE: 'Penalty…',
+    Act.UNDO_PENALTY: 'Undo penalty…',
+    Act.CHOOSE: 'Which run counts…',
+    Act.PUBLISH: 'Publish results…',
+}
+_MOST = {'seconds': 3600, 'laps': 100}
+_WIDE = ('about', 'said', 'warning', 'text')  # labels that take what room there is
+_WIDTHS = {'KART': 66, '': 94}
+_NUMBERS = ('LAPS', 'TIME', 'GAP', 'BEST', 'LAST')
+_LEFT = QtCore.Qt.AlignmentFlag.AlignLeft | QtCore.Qt.AlignmentFlag.AlignVCenter
+_RIGHT = QtCore.Qt.AlignmentFlag.AlignRight | QtCore.Qt.AlignmentFlag.AlignVCenter
+_BLACK, _RED, _GREY = map(QtGui.QColor, ('#14171A', '#B3001B', '#5E676F'))
+
+_STYLE = """
+QWidget { font-family: Inter, 'Noto Sans', 'DejaVu Sans'; font-size: 14px; color: #14171A; }
+QWidget#window { background: #EEF0F2; }
+QDialog, QHeaderView, QLineEdit, QTableWidget { background: #FFFFFF; }
+QFrame#card { background: #FFFFFF; border: 1px solid #D5D9DE; border-radius: 6px; }
+QLabel#title { font-size: 22px; font-weight: bold; }
+QLabel#about, QLabel#stops { color: #5E676F; }
+QLabel[bad=true], QLabel#warning { color: #B3001B; font-weight: bold; }
+QLabel#badge { background: #14171A; color: #FFFFFF; font-weight: bold; border-radius: 5px;
+  padding: 3px 8px; }
+QTableWidget { border: none; font-size: 15px; selection-background-color: #E2E6EA;
+  selection-color: #14171A; }
+QTableWidget::item { border-bottom: 1px solid #E2E6EA; padding: 0 6px; }
+QHeaderView::section { background: #FFFFFF; color: #5E676F; font-size: 11px; font-weight: bold;
+  border: none; border-bottom: 1px solid #D5D9DE; padding: 6px; }
+QLineEdit { padding: 4px; }
+QPushButton { background: #FFFFFF; border: 1px solid #14171A; border-radius: 6px;
+  padding: 6px 12px; font-weight: bold; }
+QPushButton#small { font-size: 12px; padding: 2px 7px; }
+QPushButton#PUBLISH { background: #1F6FEB; border-color: #1F6FEB; color: #FFFFFF; }
+QPushButton:focus { border: 2px solid #1F6FEB; }
+QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB6; }
+"""
+
+
+class TimekeeperWindow:
+    """
+    The window.
+
+    The functions `on_...` take what was heard, in the window's thread.
+
+    :param give: sends a correction.
+    :param take: tells it what was heard since the last time.
+    :param official: who corrects, as far as that is known at start.
+    """
+
+    def __init__(
+        self, give: Give, take: Callable[[TimekeeperWindow], None], official: str
+    ) -> None:
+        """Make the window; it is not shown yet."""
+        self._give, self._take = give, take
+        self._results = Standings()
+        self._heard = self._race_heard = clock.now()
+        self._teams: dict[int, str] = {}
+        self._state, self._since = '', math.inf
+        self._lines: dict[str, tuple[str, str, float]] = {}
+        self._rows: list[view.Row] = []
+        self._crossings: list[view.Crossing] = []
+        self._waiting: dict[object, tuple[str, float]] = {}
+        self.widget = QtWidgets.QWidget(objectName='window', windowTitle='EVGP timekeeper')
+        self.widget.setStyleSheet(_STYLE)
+        self._title, self._about, self._warning, self._said = map(
+            _label, ('title', 'about', 'warning', 'said')
+        )
+        self._said.setAlignment(_RIGHT)
+        self._lap = _line('lap', 'Kart', 5, 60)
+        self._lap.returnPressed.connect(self._count)
+        self._official = _line('official', 'Your name', MOST_OF_NAME, 140, official)
+        self._buttons = [_button('COUNT', 'Lap by hand', self._count)]
+        for act, text in _BUTTONS.items():
+            self._buttons.append(_button(act.name, text, partial(self._ask, act)))
+        self._table = _table(view.HEADINGS, stretched='TEAM')
+        self._passings = _table(('TIME', 'KART', NEWEST_FIRST, ''), stretched=NEWEST_FIRST)
+        self._warnings = _card(self._warning)
+        layout = QtWidgets.QVBoxLayout(self.widget)
+        layout.addWidget(_card(self._title, self._about, self._lap, *self._buttons))
+        layout.addWidget(self._warnings)
+        tables = QtWidgets.QHBoxLayout()
+        tables.addWidget(_card(self._table), 2)
+        tables.addWidget(_card(self._passings), 1)
+        layout.addLayout(tables, 1)
+        layout.addWidget(_card(_label('stops', STOPS_NOTHING), self._said, self._official))
+        timer = QtCore.QTimer(self.widget)
+        timer.timeout.connect(self._refresh)
+        timer.start(REFRESH)
+        self._refresh()
+        self._lap.setFocus()
+
+    # ----- what is heard ------------------------------------------------------------------
+
+    def on_results(self, results: Standings) -> None:
+        """Take the results as they stand."""
+        self._results, self._heard = results, clock.now()
+        self._show_results()
+        self._show_crossings(view.crossings(results))
+
+    def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
+        """Take the state of the race, for how long it has been in it, and the teams."""
+        self._race_heard, self._state = clock.now(), state
+        self._since = self._race_heard - seconds
+        if teams != self._teams:
+            self._teams = dict(teams)
+            self._show_results()
+
+    def on_line(self, name: str, where: str, trouble: str) -> None:
+        """Take what a timing line says of itself; it is well if that is no trouble."""
+        self._lines[name] = where, trouble, clock.now()
+
+    # ----- what is shown ------------------------------------------------------------------
+
+    def _refresh(self) -> None:
+        """Take what was heard, and show how old everything is, and what was not answered."""
+        self._take(self)
+        now, state = clock.now(), NO_RACE_CONTROL
+        if now - self._race_heard <= OUT_OF_DATE and self._since < math.inf:
+            state = f'{self._state} {view.clock_time(now - self._since, 0)}'
+        wrong, well = list(self._results.questions), []
+        for name, (where, trouble, heard) in self._lines.items():
+            if now - heard > OUT_OF_DATE:
+                trouble = LINE_SILENT.format(age=_age(heard))
+            if trouble:
+                wrong.append(f'Timing line {name} ({where}): {trouble}')
+            else:
+                well.append(f'{name}: {where}')
+        if now - self._heard > OUT_OF_DATE:
+            wrong.insert(0, NO_WORD.format(age=_age(self._heard)))
+        self._title.setText(view.title(self._results))
+        self._about.setText(' · '.join((view.about(self._results, state), *well)))
+        self._warning.setText('\n'.join(wrong))
+        self._warnings.setVisible(bool(wrong))
+        for each in (self._table, self._passings, *self._buttons):
+            each.setEnabled(self._is_fresh())
+        for call, (label, asked) in [*self._waiting.items()]:
+            if now - asked > NO_ANSWER:
+                del self._waiting[call]
+                self._say(NOT_ANSWERED.format(label=label, age=_age(asked)), bad=True)
+
+    def _is_fresh(self) -> bool:
+        return self._results.stamp > 0.0 and clock.now() - self._heard <= OUT_OF_DATE
+
+    def _say(self, text: str, bad: bool = False) -> None:
+        """Show a sentence in the bottom line."""
+        self._said.setText(text)
+        self._said.setProperty('bad', bad)
+        self._said.style().polish(self._said)
+
+    def _show_results(self) -> None:
+        rows = view.rows(self._results, self._teams)
+        if rows == self._rows:
+            return
+        self._rows = rows
+        self._table.setRowCount(len(self._rows))
+        for place, row in enumerate(self._rows):
+            for column, (heading, text) in enumerate(zip(view.HEADINGS, row.cells, strict=True)):
+                if heading == 'KART':
+                    _badge(self._table, place, column, text)
+                else:
+                    bad = row.penalised and heading == 'STATUS'
+                    strong = bad or heading == 'POS'
+                    _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
+
+    def _show_crossings(self, seen: list[view.Crossing]) -> None:
+        """Show the crossings; a row stays that of its passing while others come above it."""
+        if seen == self._crossings:
+            return
+        table, new = self._passings, [each.passing for each in seen]
+        old = [each.passing for each in self._crossings]
+        self._crossings = seen
+        fresh = next(n for n in range(len(new) + 1) if new[n:] == old[: len(new) - n])
+        for place in range(fresh):
+            table.insertRow(place)
+            button = _button('small', '', partial(self._correct, new[place]))
+            button.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
+            _inside(table, place, 3, button)
+        table.setRowCount(len(new))
+        for place, each in enumerate(seen):
+            struck = each.act is Act.RESTORE
+            _write(table, place, 0, each.at, False, _GREY)
+            _badge(table, place, 1, each.kart)
+            _write(table, place, 2, each.text, struck, _RED if struck else _BLACK)
+            table.cellWidget(place, 3).findChild(QtWidgets.QPushButton).setText(each.button)
+        table.resizeRowsToContents()
+
+    # ----- what is corrected --------------------------------------------------------------
+
+    def _count(self) -> None:
+        """Count a lap of the kart whose number was typed."""
+        typed = self._lap.text().strip()
+        self._lap.clear()
+        self._lap.setFocus()
+        if typed in {str(number) for _, number in view.karts(self._results, self._teams)}:
+            self._send(Act.COUNT, kart=int(typed))
+        else:
+            said = f'There is no kart {typed}' if typed else 'Type the number of the kart first'
+            self._say(said, bad=True)
+
+    def _correct(self, passing: Passing) -> None:
+        """Strike a passing out, put it back, or give its transponder to a kart."""
+        seen = next(each for each in self._crossings if each.passing == passing)
+        this = {**passing.identity._asdict(), 'race': self._results.races[-1].number}
+        if seen.act is Act.GIVE:
+            self._ask(seen.act, str(seen), transponder=passing.transponder)
+        elif seen.act is Act.STRIKE:
+            self._ask(seen.act, str(seen), **this)
+        else:
+            self._send(seen.act, reason='', **this)
+
+    def _ask(self, act: Act, text: str = '', **given: Any) -> None:
+        """
+        Open a dialog for a correction, and send it once it is confirmed.
+
+        :param text: what it is about.
+        :param given: the fields of the request that are known.
+        """
+        entry = CORRECTIONS[act]
+        dialog = QtWidgets.QDialog(self.widget, objectName='dialog', windowTitle=entry.label)
+        dialog.setAttribute(QtCore.Qt.WidgetAttribute.WA_DeleteOnClose)
+        form = QtWidgets.QFormLayout(dialog)
+        form.addRow(_label('text', text or f'{entry.meaning[:1].upper()}{entry.meaning[1:]}.'))
+        fields = {}
+        for name in (*('kart',) * entry.to_one_kart, *entry.takes):
+            if name not in given:
+                fields[name] = self._field(name)
+                fields[name].setObjectName(name)
+                form.addRow(name.capitalize(), fields[name])
+        standard = QtWidgets.QDialogButtonBox.StandardButton
+        yes, no = standard.Ok, standard.Cancel
+        box = QtWidgets.QDialogButtonBox(yes | no)
+        box.button(yes).setText(entry.label.capitalize())
+        form.addRow(box)
+
+        def check() -> None:
+            told = {name: _value(widget) for name, widget in fields.items()}
+            costs = act is not Act.PENALISE or any(told[each] for each in (*_MOST, 'disqualified'))
+            # None: nothing is chosen.
+            box.button(yes).setEnabled(bool(costs and not {None, ''} & {*told.values()}))
+
+        for each in fields.values():
+            _changed(each).connect(check)
+        check()
+        box.accepted.connect(
+            lambda: self._send(act, **given, **{name: _value(fields[name]) for name in fields})
+        )
+        box.accepted.connect(dialog.accept)
+        box.rejected.connect(dialog.reject)
+        dialog.finished.connect(lambda _: self._lap.setFocus())
+        dialog.open()
+
+    def _field(self, name: str) -> Any:
+        """Return the widget for a field of a request."""
+        if name == 'kart':
+            place = self._table.currentRow()
+            chosen = self._rows[place].kart if 0 <= place < len(self._rows) else 0
+            return _choice(view.karts(self._results, self._teams), chosen)
+        if name == 'race':
+            return _choice(view.races(self._results), view.newest_with_results(self._results))
+        if name in _MOST:
+            return QtWidgets.QSpinBox(maximum=_MOST[name])
+        if name == 'disqualified':
+            return QtWidgets.QCheckBox()
+        return QtWidgets.QLineEdit(maxLength=MOST)
+
+    def _send(self, act: Act, **fields: Any) -> None:
+        entry, call = CORRECTIONS[act], object()
+        if not self._is_fresh():
+            self._say(NOT_SENT.format(label=entry.label, age=_age(self._heard)), bad=True)
+            return
+        self._waiting[call] = entry.label, clock.now()
+        self._say(f'{entry.label}: sent')
+
+        def answered(answer: Answer) -> None:
+            self._waiting.pop(call, None)
+            refused = '' if answer.success else ' refused'
+            self._say(f'{entry.label}{refused}: {answer.text}', bad=not answer.success)
+
+        self._give(entry, self._official.text(), {**entry.fixed, **fields}, answered)
+
+
+# ----- widgets --------------------------------------------------------------------------------
+
+
+def _age(since: float) -> str:
+    return clock.duration(clock.now() - since, 0)
+
+
+def _label(name: str, text: str = '') -> Any:
+    label = QtWidgets.QLabel(text, objectName=name, wordWrap=name in _WIDE)
+    label.setTextFormat(QtCore.Qt.TextFormat.PlainText)
+    return label
+
+
+def _line(name: str, hint: str, most: int, width: int, text: str = '') -> Any:
+    line = QtWidgets.QLineEdit(text, objectName=name, placeholderText=hint, maxLength=most)
+    line.setFixedWidth(width)
+    return line
+
+
+def _button(name: str, text: str, act: Callable[[], None]) -> Any:
+    button = QtWidgets.QPushButton(text, objectName=name)
+    button.clicked.connect(lambda: act())
+    return button
+
+
+def _card(*widgets: Any) -> Any:
+    """Return a frame with widgets side by side."""
+    card = QtWidgets.QFrame(objectName='card')
+    layout = QtWidgets.QHBoxLayout(card)
+    for each in widgets:
+        layout.addWidget(each, int(each.objectName() in _WIDE))
+    return card
+
+
+def _table(headings: Sequence[str], stretched: str) -> Any:
+    table = QtWidgets.QTableWidget(0, len(headings))
+    table.setHorizontalHeaderLabels(headings)
+    table.verticalHeader().hide()
+    table.verticalHeader().setMinimumSectionSize(ROW)
+    table.verticalHeader().setDefaultSectionSize(ROW)
+    table.setShowGrid(False)
+    table.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
+    table.setEditTriggers(table.EditTrigger.NoEditTriggers)
+    table.setSelectionBehavior(table.SelectionBehavior.SelectRows)
+    table.setSelectionMode(table.SelectionMode.SingleSelection)
+    header = table.horizontalHeader()
+    header.sectionResized.connect(table.resizeRowsToContents)
+    for column, heading in enumerate(headings):
+        mode = header.ResizeMode.ResizeToContents
+        if heading == stretched:
+            mode = header.ResizeMode.Stretch
+        elif heading in _WIDTHS:
+            mode = header.ResizeMode.Fixed
+            table.setColumnWidth(column, _WIDTHS[heading])
+        header.setSectionResizeMode(column, mode)
+        table.horizontalHeaderItem(column).setTextAlignment(_side(heading))
+    return table
+
+
+def _side(heading: str) -> Any:
+    return _RIGHT if heading in _NUMBERS else _LEFT
+
+
+def _write(table: Any, row: int, column: int, text: str, strong: bool, colour: Any) -> None:
+    item = table.item(row, column)
+    if item is None:
+        item = QtWidgets.QTableWidgetItem()
+        item.setTextAlignment(_side(table.horizontalHeaderItem(column).text()))
+        table.setItem(row, column, item)
+    font = item.font()
+    font.setBold(strong)
+    item.setFont(font)
+    item.setForeground(colour)
+    item.setText(text)
+
+
+def _badge(table: Any, row: int, column: int, text: str) -> None:
+    if table.cellWidget(row, column) is None:
+        _inside(table, row, column, _label('badge'))
+    table.cellWidget(row, column).findChild(QtWidgets.QLabel).setText(text)
+
+
+def _inside(table: Any, row: int, column: int, widget: Any) -> None:
+    """Put a widget into a cell, in its own size."""
+    cell = QtWidgets.QWidget()
+    layout = QtWidgets.QHBoxLayout(cell)
+    layout.setContentsMargins(6, 4, 6, 4)
+    layout.addWidget(widget, 0, _LEFT)
+    table.setCellWidget(row, column, cell)
+
+
+def _choice(entries: Sequence[tuple[str, int]], chosen: int) -> Any:
+    choice = QtWidgets.QComboBox()
+    for text, number in entries:
+        choice.addItem(text, number)
+    choice.setCurrentIndex(choice.findData(chosen))
+    return choice
+
+
+_READ = {
+    'currentIndexChanged': 'currentData',
+    'valueChanged': 'value',
+    'textChanged': 'text',
+    'toggled': 'isChecked',
+}
+"""The signal of each kind of field, and what reads it; a number has a text, too."""
+
+
+def _changed(field: Any) -> Any:
+    return next(getattr(field, name) for name in _READ if hasattr(field, name))
+
+
+def _value(field: Any) -> Any:
+    value = next(getattr(field, read) for name, read in _READ.items() if hasattr(field, name))()
+    return value.strip() if isinstance(value, str) else value

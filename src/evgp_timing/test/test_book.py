@@ -1,0 +1,232 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The timekeeper's book, in real files: what was written comes back, and what is lost is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import pathlib
+import sqlite3
+import time
+import zlib
+
+from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
+from evgp_node.stream import Began, Block, Gap
+from evgp_protocol import clock
+from evgp_timing.book import Book, BookError, EVENT_LASTS_NS, STREAM, STREAM_LASTS_NS
+from evgp_timing.desk import Heard, Input, Missed, Passed, Told, What
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+NAMES = st.text(st.characters(codec='utf-8'), max_size=12)
+TIMES = st.floats(0.0, 1e9)
+NUMBERS = st.integers(0, 2**32 - 1)
+KARTS = st.integers(0, 2**16 - 1)
+PASSINGS = st.builds(
+    Passing,
+    source=NAMES | st.just(BY_HAND),
+    session=NAMES,
+    number=NUMBERS,
+    kart=KARTS,
+    transponder=NAMES,
+    stamp_ns=st.integers(0, 2**62),
+    clock=st.integers(0, 2),
+    hits=KARTS,
+    strength=st.none() | st.floats(-1e9, 1e9),
+)
+CORRECTIONS = st.builds(
+    Correction,
+    act=st.sampled_from(Act),
+    official=NAMES,
+    kart=KARTS,
+    race=KARTS,
+    passing=st.builds(Identity, NAMES, NAMES, NUMBERS),
+    transponder=NAMES,
+    seconds=NUMBERS,
+    laps=NUMBERS,
+    disqualified=st.booleans(),
+    reason=NAMES,
+)
+INPUTS: st.SearchStrategy[Input] = st.one_of(
+    st.builds(Told, TIMES, st.sampled_from(What), NAMES, NUMBERS, NAMES, KARTS, NUMBERS),
+    st.builds(Heard, TIMES, NAMES, NUMBERS),
+    st.builds(Missed, TIMES, NAMES, NUMBERS, NUMBERS),
+    st.builds(Passed, TIMES, st.lists(PASSINGS, max_size=3).map(tuple), NUMBERS, TIMES),
+    st.builds(Corrected, TIMES, CORRECTIONS, NAMES, NUMBERS),
+)
+
+TOLD = Told(100.0, What.GREEN_GREEN, 'a run', 1, 'Heat 1', sequence=7)
+
+
+def known(path: pathlib.Path) -> list[Input | Gap]:
+    """Return what a timekeeper that is started knows."""
+    opened = Book(path)
+    try:
+        return [*opened.known()]
+    finally:
+        opened.close()
+
+
+def written(path: pathlib.Path, *entries: Input | Standings) -> None:
+    """Have a timekeeper write entries, one after the other, and end."""
+    opened = Book(path)
+    for each in entries:
+        opened.write(each)
+    opened.close()
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    """Return where no book is yet."""
+    return tmp_path / 'evgp_rcs' / 'timing.sqlite3'
+
+
+@settings(max_examples=30)  # each waits for the disk
+@given(st.lists(st.lists(INPUTS, min_size=1, max_size=4), max_size=5))
+def test_every_input_comes_back_in_its_order_whichever_start_wrote_it(
+    tmp_path_factory: pytest.TempPathFactory, starts: list[list[Input]]
+) -> None:
+    path = tmp_path_factory.mktemp('book') / 'timing.sqlite3'
+    for inputs in starts:
+        written(path, *inputs)
+    assert known(path) == [each for inputs in starts for each in inputs]
+
+
+def test_what_is_written_together_comes_back_and_results_are_for_reports_alone(
+    path: pathlib.Path,
+) -> None:
+    opened = Book(path)
+    opened.write(TOLD, Passed(101.0, ()))
+    opened.write(Standings())
+    opened.write(TOLD)
+    opened.close()
+    assert known(path) == [TOLD, Passed(101.0, ()), TOLD]
+
+
+def test_of_two_timekeepers_with_one_book_the_second_is_refused(path: pathlib.Path) -> None:
+    first = Book(path)
+    with pytest.raises(BookError, match='another timekeeper that is running: end that one'):
+        Book(path)
+    first.write(TOLD)
+    first.close()
+    assert known(path) == [TOLD]
+
+
+def no_database(path: pathlib.Path) -> None:
+    path.write_bytes(b'no database' * 1000)
+
+
+def another_version(path: pathlib.Path) -> None:
+    sqlite3.connect(path).execute('PRAGMA user_version = 3')
+
+
+def another_program(path: pathlib.Path) -> None:
+    sqlite3.connect(path).execute('CREATE TABLE block (at REAL)')
+
+
+def half_lost(path: pathlib.Path) -> None:
+    opened = Book(path)
+    for number in range(300):
+        opened.write(TOLD._replace(sequence=number, run='x' * number))
+    opened.close()
+    content = path.read_bytes()
+    half = len(content) // 2
+    path.write_bytes(content[:half] + bytes([255]) * (len(content) - half))
+
+
+@pytest.mark.parametrize('damage', [no_database, another_version, another_program, half_lost])
+def test_a_file_that_is_no_book_is_refused_with_what_to_do(
+    damage: Callable[[pathlib.Path], None], path: pathlib.Path
+) -> None:
+    path.parent.mkdir()
+    damage(path)
+    with pytest.raises(BookError, match='move it away, or choose another one') as refused:
+        known(path)
+    assert str(path) in str(refused.value)
+    assert '\n' not in str(refused.value)
+
+
+def test_a_folder_in_which_nobody_may_write_is_refused(tmp_path: pathlib.Path) -> None:
+    (tmp_path / 'file').touch()
+    with pytest.raises(BookError, match='cannot be written'):
+        Book(tmp_path / 'file' / 'timing.sqlite3')
+
+
+def test_a_block_that_is_damaged_is_told_and_all_others_come_back(path: pathlib.Path) -> None:
+    entries = [TOLD._replace(sequence=number) for number in range(4)]
+    written(path, *entries)
+    with sqlite3.connect(path) as database:
+        database.execute('UPDATE block SET data = ? WHERE number = 3', (zlib.compress(b'?'),))
+    first, second, gap, last = known(path)
+    assert [first, second, last] == [*entries[:2], entries[3]]
+    assert isinstance(gap, Gap)
+    assert gap.entries == 1
+    assert 'damaged' in str(gap)
+
+
+def aged(path: pathlib.Path, by_ns: int, boot: str = '') -> None:
+    """Have the streams of a book be older than they are, or of another start of the machine."""
+    with sqlite3.connect(path) as database:
+        for rowid, data in database.execute('SELECT rowid, data FROM block').fetchall():
+            block = Block.of(data)
+            entries = [
+                Began(boot or each.run, each.program, each.wall_ns - by_ns)
+                if isinstance(each, Began)
+                else each
+                for each in STREAM.decode(block.data)
+            ]
+            older = Block(block.entries, b''.join(map(STREAM.encode, entries))).compressed()
+            database.execute('UPDATE block SET data = ? WHERE rowid = ?', (older, rowid))
+
+
+@pytest.mark.parametrize(
+    ('age_ns', 'goes_on'), [(EVENT_LASTS_NS - 10**11, True), (EVENT_LASTS_NS, False)]
+)
+def test_an_event_goes_on_for_three_days_and_what_is_older_is_of_another(
+    age_ns: int, goes_on: bool, path: pathlib.Path
+) -> None:
+    written(path, TOLD)
+    aged(path, age_ns)
+    later = TOLD._replace(sequence=8)
+    written(path, later)
+    assert known(path) == [TOLD, later][not goes_on :]
+
+
+def test_a_timekeeper_that_runs_for_days_keeps_what_is_not_older(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    began_ns, later = time.time_ns(), TOLD._replace(sequence=8)
+    opened = Book(path)
+    opened.write(TOLD)
+    monkeypatch.setattr(time, 'time_ns', lambda: began_ns + STREAM_LASTS_NS + 10**9)
+    opened.write(later)
+    monkeypatch.setattr(time, 'time_ns', lambda: began_ns + EVENT_LASTS_NS + 10**9)
+    opened.close()
+    assert known(path) == [later]
+
+
+def test_after_a_start_of_the_machine_times_are_by_its_new_clock(path: pathlib.Path) -> None:
+    began = clock.now()
+    written(path, TOLD._replace(at=50_000.0), Passed(50_010.0, ()))
+    aged(path, 3_600 * 10**9, boot='another start')
+    told, passed = known(path)
+    assert isinstance(told, Told)
+    assert isinstance(passed, Passed)
+    assert passed.at - told.at == pytest.approx(10.0)
+    assert told.at == pytest.approx(began - 3_600.0, abs=30.0)
+
+
+def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
+    path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = Book(path)
+    opened.write(TOLD)
+    with sqlite3.connect(path) as other:
+        other.execute('BEGIN IMMEDIATE')
+        with pytest.raises(OSError, match='does not take it'):
+            opened.write(TOLD._replace(sequence=8))
+    opened.write(TOLD._replace(sequence=9))
+    opened.close()
+    assert known(path) == [TOLD, TOLD._replace(sequence=9)]

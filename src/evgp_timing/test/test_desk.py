@@ -1,0 +1,286 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the timekeeper knows of races that race control told it, and of passings on paper."""
+
+from __future__ import annotations
+
+import itertools
+
+from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
+from evgp_node.roster import Format, Heat
+from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Told, What
+from evgp_timing.laps import LapSettings
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+ROSTER = Roster(
+    (1, 2, 3),
+    {'t1': 1, 't2': 2, 't3': 3},
+    (
+        Heat('Heat 1', (1, 2), Format.RACE, 2),
+        Heat('Heat 2', (3,), Format.RACE, 2, auto_finish=True),
+        Heat('Final', (1, 2, 3), grid_from='Heat 1'),
+    ),
+)
+
+
+class Event:
+    """An event on paper: race control's word, a timing line, officials."""
+
+    def __init__(self) -> None:
+        self.desk = Desk(ROSTER, LapSettings())
+        self.now = 1000.0
+        self.run = 'run 1'
+        self.race = 0
+        self.heat = ''
+        self._numbers = itertools.count(1)
+
+    def tell(self, what: What, kart: int = 0) -> None:
+        self.desk.feed(Told(self.now, what, self.run, self.race, self.heat, kart))
+
+    def start(self, heat: str, *karts: int) -> None:
+        """Start a race."""
+        self.race += 1
+        self.heat = heat
+        self.tell(What.GRID_ACTIVE)
+        self.now += 10.0
+        self.tell(What.GREEN_GREEN)
+        for kart in karts:
+            self.tell(What.SENT_GREEN, kart)
+
+    def cross(self, kart: int, after: float = 10.0, ago: float = 0.0) -> Passing:
+        """Have the line see a kart, and say it so long after that."""
+        self.now += after
+        stamp = round((self.now - ago) * 1e9)
+        passing = Passing('line', 'today', next(self._numbers), 0, f't{kart}', stamp)
+        self.desk.feed(Passed(self.now, (passing,)))
+        return passing
+
+    def lap(self, laps: int, *karts: int) -> None:
+        """Have karts drive so many laps, one behind the other."""
+        for kart in karts * (laps + 1):
+            self.cross(kart)
+
+    def correct(self, act: Act, kart: int = 0, **terms: object) -> bool:
+        asked = Correction(act, 'Tina', kart)._replace(**terms)  # type: ignore[arg-type]
+        answer = self.desk.feed(Corrected(self.now, asked))
+        assert answer is not None
+        assert answer.text
+        return answer.success
+
+    def places(self) -> list[tuple[int, int, Status]]:
+        return [(each.kart, each.place, each.status) for each in self.desk.standings().karts]
+
+
+@pytest.fixture
+def event() -> Event:
+    """Return an event before its first race."""
+    return Event()
+
+
+def test_karts_that_are_sent_green_race_and_their_laps_count(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(2, 2, 1)
+    event.cross(3)
+    assert event.places() == [(2, 1, Status.CLASSIFIED), (1, 2, Status.CLASSIFIED)]
+    assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
+
+
+def test_a_finish_is_the_crossing_where_only_the_last_lap_is_left(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1, 2)
+    event.now += 10.0
+    event.tell(What.FINISH, 1)
+    assert event.places()[0] == (1, 1, Status.CLASSIFIED)
+    assert event.desk.races[-1].laps.is_done(1)
+    pressed = event.desk.standings().karts[0].lap_times[-1]
+    # The line says it a moment later: it is the same crossing, with the line's time.
+    event.cross(1, after=0.3, ago=0.4)
+    winner = event.desk.standings().karts[0]
+    assert winner.laps == 2
+    assert winner.lap_times[-1] == pytest.approx(pressed - 0.1)
+    event.cross(1)  # on its way to the garage
+    assert event.desk.standings().karts[0] == winner
+    event.tell(What.UNDO_FINISH, 1)
+    assert event.desk.standings().karts[0].lap_times == winner.lap_times  # the line saw it
+
+
+def test_an_undone_finish_strikes_its_crossing_and_auto_finish_does_not_give_it_again(
+    event: Event,
+) -> None:
+    event.start('Heat 2', 3)
+    event.lap(1, 3)
+    event.now += 10.0
+    event.tell(What.FINISH, 3)
+    event.tell(What.UNDO_FINISH, 3)
+    (kart,) = event.desk.standings().karts
+    assert (kart.laps, kart.status) == (1, Status.RUNNING)
+    event.cross(3)
+    assert event.desk.races[-1].laps.is_done(3)
+    assert [*event.desk.finishes()] == []
+
+
+def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(event: Event) -> None:
+    event.start('Heat 2', 3)
+    event.lap(1, 3)
+    assert [*event.desk.finishes()] == []
+    event.cross(3)
+    assert [*event.desk.finishes()] == [Finish('run 1', 1, 3, 0)]
+    event.tell(What.FINISH, 3)
+    assert [*event.desk.finishes()] == []
+
+
+@pytest.mark.parametrize('late', [0.2, 30.0])
+def test_a_crossing_from_before_green_never_counts_however_late_it_arrives(
+    event: Event, late: float
+) -> None:
+    event.start('', 1)
+    event.cross(1)
+    event.tell(What.OVER)
+    event.now += 60.0
+    event.start('', 1)
+    event.cross(1, after=late, ago=late + 1.0)
+    assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
+    event.cross(1)
+    assert event.desk.standings().passings[-1].mark is Mark.COUNTED
+
+
+def test_every_run_of_a_heat_is_kept_and_an_official_says_which_one_counts(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(2, 2, 1)
+    event.tell(What.OVER)
+    assert event.desk.grids()['Final'] == (2, 1, 3)
+    event.start('Heat 1', 1, 2)  # by mistake
+    event.tell(What.OVER)
+    assert event.desk.grids()['Final'] == (2, 1, 3)  # no lap: it is no result
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1, 2)
+    event.tell(What.OVER)
+    assert event.desk.grids()['Final'] == (1, 2, 3)
+    assert event.correct(Act.CHOOSE, race=1)
+    assert event.desk.grids()['Final'] == (2, 1, 3)
+    assert not event.correct(Act.CHOOSE, race=2)
+
+
+def test_a_correction_may_concern_an_earlier_race(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(2, 2, 1)
+    event.tell(What.OVER)
+    event.start('Heat 2', 3)
+    assert event.correct(Act.PENALISE, 2, race=1, disqualified=True, reason='cut the chicane')
+    assert [each.kart for each in event.desk.races[0].laps.results] == [1, 2]
+    assert event.desk.best(Format.RACE)[0].kart == 1
+    assert event.correct(Act.UNDO_PENALTY, 2, race=1)
+    assert event.desk.grids()['Final'] == (2, 1, 3)
+
+
+@pytest.mark.parametrize(
+    'asked',
+    [
+        Correction(Act.COUNT, kart=3),
+        Correction(Act.STRIKE, passing=Identity('line', 'today', 99), reason='twice'),
+        Correction(Act.PENALISE, kart=1, reason='nothing'),
+        Correction(Act.PENALISE, kart=1, seconds=5),
+        Correction(Act.UNDO_PENALTY, kart=1),
+        Correction(Act.GIVE, kart=9, transponder='t9'),
+        Correction(Act.GIVE, kart=1),
+        Correction(Act.CHOOSE, race=7),
+    ],
+    ids=lambda asked: f'{asked.act.name} {asked.kart}',
+)
+def test_what_means_nothing_is_refused_and_changes_nothing(
+    event: Event, asked: Correction
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1)
+    before = event.desk.standings()
+    answer = event.desk.feed(Corrected(event.now, asked))
+    assert answer is not None
+    assert not answer.success
+    assert event.desk.standings() == before
+
+
+def test_a_restart_of_race_control_ends_the_race_and_the_next_one_begins_anew(
+    event: Event,
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1, 2)
+    event.run, event.race = 'run 2', 1
+    event.tell(What.OVER)  # of the race that it took up
+    event.cross(1)
+    assert event.desk.standings().karts[0].laps == 1
+    assert len(event.desk.races) == 1
+    event.start('Heat 1', 1, 2)
+    assert len(event.desk.races) == 2
+
+
+def test_what_finish_and_laps_disagree_about_is_a_question(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1, 2)
+    event.cross(1)
+    assert event.desk.questions() == []
+    event.now += 1.0
+    event.tell(What.FINISH, 2)
+    event.now += 1.0
+    event.tell(What.FINISH, 1)
+    assert len(event.desk.questions()) == 1  # the order
+    event.tell(What.UNDO_FINISH, 2)
+    assert event.desk.questions() == []
+
+
+def test_a_kart_or_heat_that_is_not_in_the_roster_here_is_a_question(event: Event) -> None:
+    event.start('Heat 9', 1, 7)
+    (asked,) = event.desk.questions()
+    assert 'Heat 9, kart 7' in asked
+    assert 'same roster' in asked
+
+
+def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.desk.feed(Missed(event.now, 'another run', 1, 5))
+    assert event.desk.questions() == []
+    event.desk.feed(Missed(event.now, event.run, 1, 5))
+    (asked,) = event.desk.questions()
+    assert asked.startswith('5 events of race control did not come')
+
+
+KARTS = st.sampled_from((1, 2, 3))
+WORDS = st.sampled_from([*What])
+ACTS = st.sampled_from([*Act])
+
+
+@given(st.lists(st.tuples(st.one_of(WORDS, ACTS, st.just('cross')), KARTS), max_size=60))
+def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_it(
+    story: list[tuple[object, int]],
+) -> None:
+    event, again = Event(), Desk(ROSTER, LapSettings())
+    fed = []
+    feed = event.desk.feed
+
+    def feed_and_keep(given: Input) -> Answer | None:
+        fed.append(given)
+        return feed(given)
+
+    event.desk.feed = feed_and_keep  # type: ignore[method-assign]
+    for what, kart in story:
+        event.now += 3.0
+        if what is What.GRID_ACTIVE:
+            event.start('Heat 1', 1, 2)
+        elif isinstance(what, What):
+            event.tell(what, kart)
+        elif isinstance(what, Act):
+            passing = Identity('line', 'today', kart)
+            event.correct(
+                what, kart, passing=passing, transponder='t9', seconds=5, reason='because'
+            )
+        else:
+            event.cross(kart)
+    for each in fed:
+        again.feed(each)
+    assert again.standings() == event.desk.standings()
+    assert again.grids() == event.desk.grids()
+    assert again.questions() == event.desk.questions()
+    by_hand = [each for each in event.desk.standings().passings if each.passing.source == BY_HAND]
+    assert len({each.passing.identity for each in by_hand}) == len(by_hand)

@@ -1,0 +1,483 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The timekeeper as a process beside a real race: what becomes of both, whatever becomes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import pathlib
+import signal
+import time
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+from evgp_node.qos import latched
+from evgp_node.restarting import IN_THE_WAY, WRONG_SETTING
+from evgp_node.results import Act
+from evgp_node.services import service_class
+from evgp_node.stamps import stamp_of
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.part import Part
+from evgp_testing.process import Process
+from evgp_testing.race_control import address_of, RaceControl, write_roster
+from evgp_testing.ros_side import RosSide
+from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_timing.corrections import CORRECTIONS
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
+import pytest
+
+KARTS = (1, 2)
+
+HEAT = 'Heat 1'
+
+HEATS = {HEAT: {'karts': [*KARTS], 'laps': 2, 'auto_finish': True}}
+
+LAP = 1.5
+"""Time between two crossings of a kart by the clock of the line, in s. They are said at once:
+its clock may be ahead by so much."""
+
+COUNTED, NOT_COUNTED = msg.JudgedPassing.COUNTED, msg.JudgedPassing.NOT_COUNTED
+
+
+class Line(RosSide):
+    """A source of passings, and somebody who sees the results and corrects them."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('line', domain)
+        self.results: msg.Results | None = None
+        self.heard = 0
+        self._number = 0
+        self._began_ns = time.time_ns()
+        self._ahead = dict.fromkeys(KARTS, -LAP)
+        self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
+        subscribe = self.node.create_subscription
+        subscribe(msg.Results, '/rcs/timekeeper/results', self._hear, latched(1))
+        self._clients = {
+            act: self.node.create_client(
+                service_class(entry.service_type), f'/rcs/{entry.service}'
+            )
+            for act, entry in CORRECTIONS.items()
+        }
+        self.spin()
+
+    def _hear(self, results: msg.Results) -> None:
+        with self.news:
+            self.results = results
+            self.heard += 1
+            self.news.notify_all()
+
+    def now(self) -> float:
+        """Return the time by its clock, in seconds."""
+        return (time.time_ns() - self._began_ns) / 1e9
+
+    def sees(self, kart: int, at: float, **fields: object) -> msg.Passing:
+        """Say that a kart crossed at a time by its clock."""
+        self._number += 1
+        stamp = stamp_of(round(at * 1e9) + self._began_ns)
+        named: dict[str, Any] = {'source': 'line', 'number': self._number, **fields}
+        passing = msg.Passing(**{'session': 'today', 'kart': kart, 'stamp': stamp, **named})
+        self._passings.publish(passing)
+        return passing
+
+    def ahead(self, kart: int) -> float:
+        """Return the time of the last crossing of a kart by its clock, in seconds."""
+        return self._ahead[kart]
+
+    def laps(self, kart: int, crossings: int) -> list[msg.Passing]:
+        """Have a kart cross so many times more, one lap after the other."""
+        first = max(self.now(), self._ahead[kart] + LAP)
+        self._ahead[kart] = first + (crossings - 1) * LAP
+        return [self.sees(kart, first + number * LAP) for number in range(crossings)]
+
+    def wait_for(self, found: Callable[[msg.Results], object], what: str) -> msg.Results:
+        """Return the first results for which `found` is true."""
+        self.wait_until(
+            lambda: self.results is not None and found(self.results),
+            lambda: f'{what}; the results: {self.results!s:.3000}',
+        )
+        assert self.results is not None
+        return self.results
+
+    def wait_for_more(self, count: int = 2) -> msg.Results:
+        """Return the results once so many more have come: the timekeeper runs."""
+        seen = self.heard
+        return self.wait_for(lambda _: self.heard >= seen + count, 'more results')
+
+    def wait_for_laps(self, kart: int, laps: int) -> msg.KartResult:
+        """Return the result of a kart once it has so many laps."""
+
+        def found(results: msg.Results) -> bool:
+            return any((each.kart, each.laps) == (kart, laps) for each in results.karts)
+
+        results = self.wait_for(found, f'{laps} laps of kart {kart}')
+        return next(each for each in results.karts if each.kart == kart)
+
+    def correct(self, act: Act, **request: Any) -> tuple[bool, str]:
+        """Give a correction; return whether it is accepted, and why not."""
+        entry = CORRECTIONS[act]
+        kind = service_class(entry.service_type)
+        fields = {'official': 'Tina', **entry.fixed, **request}
+        answer: Any = self.request(self._clients[act], kind.Request(**fields))
+        return answer.success, answer.message
+
+
+class Event(Part):
+    """Race control, an official, karts, a timing line, and a timekeeper that comes and goes."""
+
+    def __init__(self, folder: pathlib.Path, clock_tolerance: float = 9.0) -> None:
+        self._folder = folder
+        self._settings = {'min_lap_time': 1.0, 'clock_tolerance': clock_tolerance}
+        with contextlib.ExitStack() as stack:
+            self.domain = stack.enter_context(Domain()).number
+            self.control = stack.enter_context(
+                RaceControl(folder, self.domain, KARTS, heats=HEATS)
+            )
+            self.official = stack.enter_context(Official(self.domain))
+            self.line = stack.enter_context(Line(self.domain))
+            self._stack = stack.pop_all()
+        self.karts: list[WireKart] = []
+        self.timekeeper = self.start_timekeeper()
+        self.connect()
+
+    def connect(self) -> None:
+        """Have every kart connect to race control."""
+        for each in self.karts:
+            each.close()
+        self.karts = [
+            self._stack.enter_context(
+                WireKart(address_of(number), self.control.port, Acknowledges.EACH_CHANGE)
+            )
+            for number in KARTS
+        ]
+        self.official.wait_for_connected(*KARTS)
+
+    def start_timekeeper(self) -> Process:
+        """Start a timekeeper with the book of the one before."""
+        given = {
+            'roster': self._folder / 'karts.yaml',
+            'book': self._folder / 'timing.sqlite3',
+            **self._settings,
+        }
+        return self._stack.enter_context(Process('evgp_timing', 'timekeeper', self.domain, given))
+
+    def restart_race_control(self) -> None:
+        """Kill race control, start it again as on the same machine, and have karts connect."""
+        assert self.official.race is not None
+        before = self.official.race.run
+        self.control.lose_power()
+        given = {'port': self.control.port}
+        self.control = self._stack.enter_context(
+            RaceControl(self._folder, self.domain, KARTS, heats=HEATS, parameters=given)
+        )
+        self.official.wait_for_race(lambda race: race.run != before, 'race control again')
+        self.connect()
+
+    def bring_to(self, state: RaceState) -> None:
+        """Bring the race to a state, with the heat in it."""
+        self.official.bring_to(RaceState.IN_GARAGE, *KARTS)
+        self.official.command('set_heat', heat=HEAT)
+        self.official.bring_to(state, *KARTS)
+
+    def race(self, number: int) -> None:
+        """Start a race of the heat, which is the one with this number in the event."""
+        self.bring_to(RaceState.GRID_ACTIVE)
+        self.race_from_grid(number)
+
+    def race_from_grid(self, number: int) -> None:
+        """Start the race whose grid has formed."""
+        self.official.bring_to(RaceState.GREEN_GREEN, *KARTS)
+        self.line.wait_for(
+            lambda seen: len(seen.races) == number and len(seen.karts) == len(KARTS),
+            f'race {number}',
+        )
+
+    def assert_green(self) -> None:
+        """Check that karts race on, now and for a while."""
+        for kart in self.karts:
+            kart.wait_for_frames(3)
+            assert kart.state is RaceState.GREEN_GREEN
+
+    def finishes(self) -> list[msg.RaceEvent]:
+        """Return every FINISH that race control has answered, as its events have it."""
+        finish = msg.CommandAvailability.KART_FINISH
+        return [
+            each
+            for each in self.official.events
+            if (each.kind, each.command) == (msg.RaceEvent.COMMAND, finish)
+        ]
+
+    def close(self) -> None:
+        """End everything."""
+        self._stack.close()
+
+
+@pytest.fixture
+def event(tmp_path: pathlib.Path) -> Iterator[Event]:
+    """Return an event before its first race."""
+    with Event(tmp_path) as made:
+        yield made
+
+
+def marks(results: msg.Results) -> list[int]:
+    return [each.mark for each in results.passings]
+
+
+def test_laps_are_counted_a_kart_with_all_of_them_is_finished_once_and_officials_correct(
+    event: Event,
+) -> None:
+    line, official = event.line, event.official
+    event.race(1)
+    _, second = line.laps(1, 2)
+    line.sees(1, 0.0, number=second.number, stamp=second.stamp)  # the same one, said again
+    (lap,) = line.wait_for_laps(1, 1).lap_times
+    assert lap == pytest.approx(LAP)
+    assert marks(line.wait_for_more()) == [COUNTED] * 2
+
+    which = {'source': 'line', 'session': 'today', 'number': second.number}
+    assert line.correct(Act.STRIKE, **which, reason='a marshal crossed')[0]
+    struck = line.wait_for(lambda seen: seen.karts[0].laps + seen.karts[1].laps == 0, 'no lap')
+    assert 'a marshal crossed' in struck.passings[1].struck
+    assert line.correct(Act.RESTORE, **which)[0]
+    assert not line.correct(Act.RESTORE, **which)[0]
+    line.wait_for_laps(1, 1)
+    assert line.correct(Act.PENALISE, kart=1, seconds=5, reason='a short cut')[0]
+    line.wait_for(lambda seen: any(each.penalties for each in seen.karts), 'the penalty')
+    assert not event.finishes()
+
+    line.laps(1, 1)
+    official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+    assert line.wait_for_laps(1, 2).status == msg.KartResult.CLASSIFIED
+    line.wait_for_more(5)  # it asks again after 2 s, where it must
+    (finish,) = event.finishes()
+    assert (finish.kart, finish.official, finish.success) == (1, 'timekeeper', True)
+
+    official.command('kart/undo_finish', kart=1)
+    line.wait_for_more(5)
+    assert len(event.finishes()) == 1  # what an official has undone, an official gives again
+
+
+def test_karts_race_on_without_a_timekeeper_and_one_that_comes_back_has_every_lap(
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    event = parts.enter_context(Event(tmp_path, clock_tolerance=0.5))
+    line = event.line
+    crossed: list[float] = []
+
+    def cross() -> None:
+        """Have kart 1 cross now, a lap after the last time."""
+        ready = crossed[-1] + LAP if crossed else 0.0
+        line.wait_until_polled(lambda: line.now() >= ready, 'a lap')
+        crossed.append(line.now())
+        line.sees(1, crossed[-1])
+
+    event.race(1)
+    cross()
+    line.wait_for(lambda seen: marks(seen) == [COUNTED], 'the first crossing')
+    event.timekeeper.kill()
+    event.assert_green()
+    event.official.command('kart/finish', kart=2)
+    cross()
+    event.timekeeper = event.start_timekeeper()
+    cross()
+    times = line.wait_for_laps(1, 2).lap_times
+
+    assert [*times] == pytest.approx([crossed[1] - crossed[0], crossed[2] - crossed[1]], abs=0.01)
+    seen = line.wait_for_more()
+    assert not [each for each in seen.questions if 'clock' in each or 'did not come' in each]
+    event.official.wait_for_kart(1, lambda kart: kart.place == 2, 'the finish by its laps')
+    # It goes on from the book, whatever the graph still has.
+    event.timekeeper.close()
+    event.timekeeper = event.start_timekeeper()
+    line.results = None
+    assert line.wait_for_laps(1, 2).lap_times == times
+
+
+def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concerns_no_kart(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race(1)
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+    event.timekeeper.signal(signal.SIGSTOP)
+    line.laps(1, 1)  # its last lap: the timekeeper would have it finish
+    event.assert_green()
+    event.official.command('all_kill')
+    event.bring_to(RaceState.GREEN_GREEN)
+    event.timekeeper.signal(signal.SIGCONT)
+
+    seen = line.wait_for(
+        lambda seen: len(seen.races) == 2 and len(seen.passings) == 1, 'the next race'
+    )
+    assert marks(seen) == [NOT_COUNTED]
+    assert [each.classified for each in seen.races] == [0, 0]
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+    event.assert_green()
+    assert not any(each.success for each in event.finishes())
+
+
+def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race(1)
+    line.laps(1, 2)
+    for number in range(20_000):
+        line.sees(0, line.now(), source='gate', number=number + 1, transponder='4711')
+    event.official.command('kart/red_red', kart=2)
+    event.karts[1].wait_for_state(RaceState.RED_RED)
+    event.karts[0].wait_for_frames(3)
+    assert event.karts[0].state is RaceState.GREEN_GREEN
+    seen = line.wait_for(lambda seen: any('too many' in each for each in seen.questions), 'it')
+    assert any('no kart has the transponder 4711' in each for each in seen.questions)
+    line.laps(1, 1)
+    line.wait_for_laps(1, 2)
+    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+
+
+def test_a_finish_for_another_run_race_or_attempt_is_refused(event: Event) -> None:
+    official = event.official
+    event.race(1)
+    race = official.wait_for_race(lambda race: race.number == 1, 'the race')
+    right = {'kart': 1, 'run': race.run, 'race': 1, 'attempt': 0}
+    for wrong in ({'run': 'another'}, {'race': 0}, {'race': 2}, {'attempt': 1}):
+        assert not official.call('kart/finish', **{**right, **wrong}).success
+    event.assert_green()
+    assert official.call('kart/finish', **right).success
+    official.command('kart/undo_finish', kart=1)
+    official.wait_for_kart(1, lambda kart: kart.attempt == 1 and not kart.place, 'it is undone')
+    assert not official.call('kart/finish', **right).success
+
+
+def test_after_a_restart_of_race_control_in_mid_race_its_results_stay_and_the_next_race_is_timed(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race(1)
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+    event.restart_race_control()
+    ended = line.wait_for(lambda seen: seen.karts[0].status == msg.KartResult.DNF, 'the end')
+    assert ended.karts[0].kart == 1
+    event.race(2)
+    line.laps(1, 3)
+    line.wait_for_laps(1, 2)
+    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
+    event.official.command('all_kill')
+    seen = line.wait_for(lambda seen: seen.races[1].counts, 'the race that counts')
+    assert [(each.heat, each.counts) for each in seen.races] == [(HEAT, False), (HEAT, True)]
+    assert line.correct(Act.CHOOSE, race=1)[0]
+    line.wait_for(lambda seen: seen.races[0].counts and not seen.races[1].counts, 'the choice')
+    assert line.correct(Act.PUBLISH)[0]
+    line.wait_for(lambda seen: seen.published, 'the publication')
+
+
+def test_a_crossing_of_before_green_green_never_counts_however_late_it_comes(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race(1)
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+    event.official.command('all_kill')
+    event.bring_to(RaceState.GRID_ACTIVE)
+    line.wait_until_polled(lambda: line.now() > line.ahead(1), 'the present')
+    early = line.now()
+    event.race_from_grid(2)
+    line.sees(1, early)
+    line.wait_for(lambda seen: marks(seen) == [NOT_COUNTED], 'the crossing')
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+
+
+# ----- events that do not come ---------------------------------------------------------------
+
+
+class Teller(RosSide):
+    """Stands in for race control: publishes these events, as the next ones after a number."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('teller', domain)
+        self._events = self.node.create_publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
+        self.spin()
+
+    def tell(self, after: int, *events: msg.RaceEvent) -> None:
+        """Publish events in one message."""
+        for number, each in enumerate(events, after + 1):
+            each.sequence, each.race, each.monotonic = number, 1, self._now()
+        self._events.publish(msg.RaceEvents(run='a run', events=events))
+
+    @staticmethod
+    def _now() -> Duration:
+        return Duration(sec=int(clock.now()))
+
+
+def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_restart(
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    line = parts.enter_context(Line(domain))
+    own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3'}
+    grid = msg.RaceEvent(
+        kind=msg.RaceEvent.COMMAND, command=msg.CommandAvailability.GRID_ACTIVE, success=True
+    )
+    green = msg.RaceEvent(
+        kind=msg.RaceEvent.RACE_STATE, state=msg.RaceState(state=msg.RaceState.GREEN_GREEN)
+    )
+    others = [msg.RaceEvent(kind=msg.RaceEvent.ACKNOWLEDGED) for _ in range(400)]
+    with Process('evgp_timing', 'timekeeper', domain, own) as first:
+        with Teller(domain) as teller:
+            teller.tell(0, grid, green, *others)
+            line.wait_for(lambda seen: len(seen.races) == 1, 'the race')
+        first.kill()
+    teller = parts.enter_context(Teller(domain))
+    parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
+    teller.tell(402, others[0])
+    assert not line.wait_for_more(4).questions
+    teller.tell(410, others[0])
+    line.wait_for(
+        lambda seen: (
+            [*seen.questions] == ['7 events of race control did not come: check the laps']
+        ),
+        'the question',
+    )
+
+
+# ----- what keeps it from starting -----------------------------------------------------------
+
+
+def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None:
+    event.line.wait_for_more()
+    second = event.start_timekeeper()
+    assert second.wait() == IN_THE_WAY
+    assert 'is the file of another timekeeper that is running' in second.output
+    event.line.wait_for_more()
+
+
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ({'roster': "''"}, 'parameter roster is missing'),
+        ({'roster': '/nowhere/karts.yaml'}, '/nowhere/karts.yaml: cannot be read'),
+        ({'min_lap_time': 0.05}, 'parameter min_lap_time'),
+        ({'min_laptime': 5.0}, 'did you mean min_lap_time?'),
+        ({'first_crossing': 'begins'}, "parameter first_crossing: 'begins' is not possible"),
+        ({'auto_finish': True}, 'parameter auto_finish is unknown'),
+    ],
+)
+def test_a_wrong_setting_is_named_and_ends_it(
+    given: dict[str, object], said: str, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3', **given}
+    timekeeper = parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
+    assert timekeeper.wait() == WRONG_SETTING
+    assert said in timekeeper.output
+    assert 'Traceback' not in timekeeper.output

@@ -1,0 +1,668 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The timekeeper's window without a screen, beside a real timekeeper, over real DDS.
+
+Race control and the timing line are a node of this test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import importlib
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.codec import message_of
+from evgp_node.graph import bind_graph
+from evgp_node.official import claim
+from evgp_node.qos import latched
+from evgp_node.results import (
+    Act,
+    Judged,
+    KartResult,
+    Mark,
+    Passing,
+    RaceOfEvent,
+    Standings,
+    Status,
+)
+from evgp_node.services import service_class
+from evgp_node.stamps import stamp_of
+from evgp_protocol import clock
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import freeze, Process, Program
+from evgp_testing.race_control import write_roster
+from evgp_testing.ros_side import environment_kept, RosSide
+from evgp_timing import window
+from evgp_timing.corrections import CORRECTIONS
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
+import pytest
+import rclpy
+from rclpy.context import Context
+from rig.needs import cannot_run
+
+try:
+    from evgp_timing import window_widgets
+except ImportError as error:
+    cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
+
+QtCore, QtWidgets = window_widgets.QtCore, window_widgets.QtWidgets
+QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
+
+HEAT = 'Heat 1'
+TEAMS = {3: 'Georgia Tech', 7: 'Purdue'}
+LAP = 1.5
+"""Time between two crossings of a kart by the clock of the line, in s; they are said at once."""
+
+COMMAND = msg.CommandAvailability
+EVENT = msg.RaceEvent
+GREEN_GREEN, RED_FLAG = msg.RaceState.GREEN_GREEN, msg.RaceState.RED_FLAG
+
+
+class Event(RosSide):
+    """What race control and a timing line say of races."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('event', domain)
+        publisher = self.node.create_publisher
+        self._events = publisher(msg.RaceEvents, '/rcs/events', EVENTS_QOS)
+        self._race = publisher(msg.Race, '/rcs/race', latched(1))
+        self._passings = publisher(msg.Passing, '/rcs/passings', ARRIVING_QOS)
+        self._diagnostics = publisher(DiagnosticArray, '/diagnostics', 10)
+        self._results = publisher(msg.Results, '/rcs/timekeeper/results', latched(1))
+        self.asked: list[Any] = []
+        self._number = self._sequence = self._seen = 0
+        self._ahead = 0.0
+        self._began_ns = time.time_ns()
+
+    def state(self, state: int = GREEN_GREEN, seconds: int = 252) -> None:
+        """Say which state the race has been in, and for how long."""
+        karts = [msg.KartStatus(number=each, team=team) for each, team in TEAMS.items()]
+        now = time.time_ns()
+        race = msg.Race(state=msg.RaceState(state=state), karts=karts, stamp=stamp_of(now))
+        race.state_since = stamp_of(now - seconds * 10**9)
+        self._race.publish(race)
+
+    def tell(self, kind: int, state: int = 0, **fields: Any) -> None:
+        """Say an event of race control."""
+        self._sequence += 1
+        event = EVENT(kind=kind, sequence=self._sequence, race=self._number, heat=HEAT, **fields)
+        event.state.state = state
+        event.monotonic.sec, rest = divmod(round(clock.now() * 1e9), 10**9)
+        event.monotonic.nanosec = rest
+        self._events.publish(msg.RaceEvents(run='run', events=[event]))
+
+    def start(self) -> None:
+        """Start a race of both karts."""
+        self._number += 1
+        self.tell(EVENT.COMMAND, command=COMMAND.GRID_ACTIVE, success=True)
+        self.tell(EVENT.RACE_STATE, GREEN_GREEN)
+        for kart in TEAMS:
+            self.tell(EVENT.KART_STATE, GREEN_GREEN, kart=kart)
+
+    def finish(self, kart: int) -> None:
+        """Say that a kart was given FINISH."""
+        self.tell(EVENT.COMMAND, command=COMMAND.KART_FINISH, success=True, kart=kart)
+
+    def stop(self) -> None:
+        """Say that the race was stopped."""
+        self.tell(EVENT.RACE_STATE, RED_FLAG)
+
+    def cross(self, transponder: str) -> None:
+        """Say that a kart has crossed the line."""
+        self._seen += 1
+        self._ahead = max(time.time_ns() / 1e9, self._ahead + LAP)
+        stamp = stamp_of(round(self._ahead * 1e9))
+        passing = msg.Passing(source='line', session='today', number=self._seen, stamp=stamp)
+        passing.transponder = transponder
+        self._passings.publish(passing)
+
+    def line_says(self, level: bytes, said: str) -> None:
+        """Publish what a timing line says of itself."""
+        status = DiagnosticStatus(level=level, name='timing: line', message=said)
+        status.hardware_id, status.values = '10.1.0.20:5403', [KeyValue(key='kind', value='p3')]
+        self._diagnostics.publish(DiagnosticArray(status=[status]))
+
+    def publish(self, results: Standings) -> None:
+        """Publish results in the timekeeper's place."""
+        self._results.publish(message_of(results, msg.Results))
+
+    def offer(self, act: Act, may_answer: threading.Event) -> None:
+        """Offer a service in the timekeeper's place, that answers once it may."""
+
+        def serve(request: Any, response: Any) -> Any:
+            self.asked.append(request)
+            may_answer.wait(PATIENCE)
+            response.success, response.message = True, 'kart 7 crossed the line: counted'
+            return response
+
+        entry = CORRECTIONS[act]
+        self.node.create_service(service_class(entry.service_type), f'/rcs/{entry.service}', serve)
+
+
+class Window:
+    """The window, as an official sees and uses it."""
+
+    def __init__(self, application: Any, domain: int) -> None:
+        self._application = application
+        self._context = Context()
+        with environment_kept():
+            bind_graph()
+            rclpy.init(context=self._context, domain_id=domain)
+            self._client = window.Client(context=self._context, use_global_arguments=False)
+        self.window = window_widgets.TimekeeperWindow(self._client.give, self._client.take, 'Tina')
+        self.widget = self.window.widget
+        self.widget.resize(1366, 768)
+        self.widget.show()
+
+    def find(self, name: str) -> Any:
+        found = self.widget.findChild(QtWidgets.QWidget, name)
+        assert found is not None, name
+        return found
+
+    def text(self, name: str) -> str:
+        return str(self.find(name).text())
+
+    def rows(self, number: int) -> list[list[str]]:
+        """Return what a table shows: 0 is that of the results, 1 that of the crossings."""
+        table = self.widget.findChildren(QtWidgets.QTableWidget)[number]
+
+        def cell(row: int, column: int) -> str:
+            held = table.cellWidget(row, column)
+            found = held and held.findChildren(QtWidgets.QWidget)
+            return str(found[0].text() if found else table.item(row, column).text())
+
+        return [
+            [cell(row, column) for column in range(table.columnCount())]
+            for row in range(table.rowCount())
+        ]
+
+    def press(self, text: str, kart: str = '') -> None:
+        """Press a button by what it says; in the crossings the newest one of this kart."""
+        buttons = self.widget.findChildren(QtWidgets.QPushButton)
+        if kart:
+            row = [each[1] for each in self.rows(1)].index(kart)
+            table = self.widget.findChildren(QtWidgets.QTableWidget)[1]
+            buttons = table.cellWidget(row, 3).findChildren(QtWidgets.QPushButton)
+        (button,) = (each for each in buttons if each.text() == text and each.isVisible())
+        assert button.isEnabled(), text
+        QtTest.QTest.mouseClick(button, QtCore.Qt.MouseButton.LeftButton)
+
+    def type_(self, name: str, text: str) -> None:
+        QtTest.QTest.keyClicks(self.find(name), text)
+
+    def choose(self, name: str, text: str) -> None:
+        at = self.find(name).findText(text, QtCore.Qt.MatchFlag.MatchStartsWith)
+        assert at >= 0, [self.find(name).itemText(each) for each in range(self.find(name).count())]
+        self.find(name).setCurrentIndex(at)
+
+    def count(self, kart: str) -> None:
+        """Count a lap by hand, by keys."""
+        self.type_('lap', kart)
+        QtTest.QTest.keyClick(self.find('lap'), QtCore.Qt.Key.Key_Return)
+
+    def settle(self) -> None:
+        """Have Qt do what is to be done next; the window's own timer ends the wait."""
+        self._application.processEvents(QtCore.QEventLoop.ProcessEventsFlag.WaitForMoreEvents)
+
+    def until(self, found: Callable[[], object], meanwhile: Callable[[], object] = int) -> None:
+        """
+        Have Qt run until something is so.
+
+        :param meanwhile: is done again and again.
+        """
+        ends = time.monotonic() + PATIENCE
+        while not found():
+            shown = {name: self.text(name) for name in ('title', 'about', 'warning', 'said')}
+            assert time.monotonic() < ends, (shown, self.rows(0), self.rows(1))
+            meanwhile()
+            self.settle()
+
+    def until_said(self, *parts: str, meanwhile: Callable[[], object] = int) -> None:
+        """Have Qt run until the bottom line has these words."""
+        self.until(lambda: all(each in self.text('said') for each in parts), meanwhile)
+
+    def status(self, kart: str) -> str:
+        """Return the status of a kart; empty: it is not there."""
+        return next((row[-1] for row in self.rows(0) if row[1] == kart), '')
+
+    def crossing(self, kart: str) -> str:
+        """Return what the newest crossing of a kart says, and its button; empty: there is none."""
+        return next((f'{row[2]} [{row[3]}]' for row in self.rows(1) if row[1] == kart), '')
+
+    def counting(self) -> list[bool]:
+        """Return which of the races a dialog says to count, newest first."""
+        self.press('Which run counts…')
+        races = self.find('race')
+        counts = [', counts' in races.itemText(each) for each in range(races.count())]
+        self.press('Cancel')
+        while self.widget.findChildren(QtWidgets.QDialog):
+            self.settle()
+        return counts
+
+    def close(self) -> None:
+        self.widget.close()
+        self.widget.deleteLater()
+        self.settle()
+        self._client.close()
+        rclpy.try_shutdown(context=self._context)
+
+
+@pytest.fixture(scope='module')
+def application() -> Any:
+    """Return Qt's application, without a screen."""
+    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
+    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['timekeeper_window'])
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Return a ROS domain."""
+    with Domain() as taken:
+        yield taken.number
+
+
+@pytest.fixture
+def event(parts: contextlib.ExitStack, domain: int) -> Event:
+    """Return an event before its first race."""
+    return parts.enter_context(Event(domain))
+
+
+@pytest.fixture
+def timekeeper(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Process:
+    """Return a real timekeeper."""
+    roster = write_roster(tmp_path, TEAMS, heats={HEAT: {'karts': [*TEAMS], 'laps': 3}})
+    settings = {
+        'roster': roster,
+        'book': tmp_path / 'timing.sqlite3',
+        'min_lap_time': 1.0,
+        'clock_tolerance': 9.0,
+    }
+    return parts.enter_context(Process('evgp_timing', 'timekeeper', domain, settings))
+
+
+@pytest.fixture
+def look(
+    application: Any, event: Event, parts: contextlib.ExitStack, domain: int
+) -> Callable[[], Window]:
+    """Return a function that has the event be heard, and opens the window."""
+
+    def open_() -> Window:
+        event.spin()
+        opened = Window(application, domain)
+        parts.callback(opened.close)
+        return opened
+
+    return open_
+
+
+@pytest.fixture
+def seen(look: Callable[[], Window]) -> Window:
+    """Return the window; it need not see a timekeeper yet."""
+    return look()
+
+
+def begin(seen: Window, event: Event, timekeeper: Process) -> None:
+    """Have the window see a race that was started."""
+    timekeeper.wait_for_line('keeps its book')
+    event.state()
+    event.start()
+    seen.until(lambda: len(seen.rows(0)) == 2 and 'GREEN' in seen.text('about'), event.state)
+
+
+# ----- what it shows --------------------------------------------------------------------------
+
+
+def test_it_shows_the_race_and_what_the_timekeeper_asks(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    assert seen.text('title') == HEAT
+    assert seen.text('about').startswith('race to 3 laps · run of ')
+    assert 'GREEN GREEN 4:1' in seen.text('about')
+    assert {row[2] for row in seen.rows(0)} == {*TEAMS.values()}
+    assert 'stops and starts nothing' in seen.text('stops')
+    event.finish(7)
+    seen.until(lambda: 'Kart 7 was given FINISH, and 3 of its laps' in seen.text('warning'))
+
+
+def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    freeze(timekeeper.pid)
+    try:
+        seen.until(lambda: 'No word from the timekeeper for 4 s' in seen.text('warning'))
+        assert not seen.find('PENALISE').isEnabled()
+        seen.count('7')
+        seen.until_said('LAP was not sent: no word from the timekeeper for')
+    finally:
+        timekeeper.signal(signal.SIGCONT)
+    seen.until(lambda: seen.find('PENALISE').isEnabled())
+    assert seen.text('warning') == ''
+    assert seen.rows(1) == []
+    seen.count('7')
+    seen.until_said('LAP: kart 7 crossed the line: counted')
+
+
+def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
+    seen.until(lambda: 'No word from the timekeeper' in seen.text('warning'))
+    assert seen.text('title') == 'No race yet'
+    assert seen.text('about') == 'race control is not heard'
+    event.state()
+    seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
+    seen.count('7')
+    seen.until_said('was not sent')
+
+
+def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
+    seen: Window, event: Event
+) -> None:
+    seen.until(
+        lambda: 'line: p3 at 10.1.0.20:5403' in seen.text('about'),
+        lambda: event.line_says(DiagnosticStatus.OK, 'It is connected'),
+    )
+    assert 'Timing line' not in seen.text('warning')
+    event.line_says(DiagnosticStatus.ERROR, 'It has said nothing for 10 s')
+    broken = 'Timing line line (p3 at 10.1.0.20:5403): It has said nothing for 10 s'
+    seen.until(lambda: broken in seen.text('warning'))
+    seen.until(lambda: 'nothing is heard of it for 4 s' in seen.text('warning'))
+
+
+# ----- corrections ----------------------------------------------------------------------------
+
+
+def test_a_lap_is_counted_by_the_number_of_the_kart_and_enter(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    assert seen.find('lap').hasFocus()
+    seen.count('7')
+    seen.until_said('LAP: kart 7 crossed the line: counted')
+    seen.until(lambda: seen.crossing('7') == 'by hand, starts lap 1 [Strike]')
+    assert seen.text('lap') == ''
+    seen.count('9')
+    seen.until_said('There is no kart 9')
+
+
+def test_a_crossing_is_struck_with_a_reason_and_restored(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    seen.count('7')
+    seen.until(lambda: seen.crossing('7'))
+    seen.press('Strike', kart='7')
+    assert 'Kart 7 at 0:' in seen.text('text')
+    yes = seen.find('dialog').findChildren(QtWidgets.QPushButton)[0]
+    assert not yes.isEnabled()
+    seen.type_('reason', 'seen twice')
+    seen.press('Strike passing')
+    who = claim('Tina', os.uname().nodename, os.getpid())
+    seen.until(lambda: seen.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
+    seen.press('Restore', kart='7')
+    seen.until(lambda: seen.crossing('7') == 'by hand, starts lap 1 [Strike]')
+    seen.until_said('RESTORE PASSING: passing official 1 counts again')
+
+
+def test_a_dialog_that_is_cancelled_sends_nothing(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    seen.count('7')
+    seen.until_said('LAP: kart 7 crossed the line')
+    seen.until(lambda: seen.crossing('7'))
+    before = seen.text('said')
+    seen.press('Strike', kart='7')
+    seen.type_('reason', 'seen twice')
+    seen.press('Cancel')
+    seen.until(lambda: not seen.widget.findChildren(QtWidgets.QDialog))
+    assert seen.text('said') == before
+
+
+def test_a_transponder_is_given_to_its_kart_and_its_crossings_count(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    event.cross('4711')
+    event.cross('4711')
+    seen.until(lambda: len(seen.rows(1)) == 2)
+    assert seen.crossing('?') == 'transponder 4711 [Whose?]'
+    assert 'no kart has the transponder 4711' in seen.text('warning')
+    seen.press('Whose?', kart='?')
+    seen.choose('kart', '3  Georgia Tech')
+    seen.press('Give transponder')
+    seen.until_said('transponder 4711 belongs to kart 3')
+    seen.until(lambda: seen.crossing('3') == 'lap 1, 0:01.500 [Strike]')
+    assert seen.status('3') == 'lap 2'
+
+
+def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    seen.press('Penalty…')
+    yes = seen.find('dialog').findChildren(QtWidgets.QPushButton)[0]
+    seen.type_('reason', 'short cut')
+    seen.choose('kart', '7  Purdue')
+    assert not yes.isEnabled()
+    seen.find('seconds').setValue(5)
+    assert yes.isEnabled()
+    seen.press('Penalise')
+    seen.until_said('PENALISE: kart 7: +5 s: short cut')
+    seen.until(lambda: seen.status('7') == 'lap 1; +5 s: short cut')
+    seen.press('Undo penalty…')
+    seen.choose('kart', '7  Purdue')
+    seen.press('Undo penalty')
+    seen.until_said('the last penalty of kart 7 is taken back')
+    seen.until(lambda: seen.status('7') == 'lap 1')
+    seen.press('Undo penalty…')
+    seen.choose('kart', '7  Purdue')
+    seen.press('Undo penalty')
+    seen.until_said('UNDO PENALTY refused: kart 7 has no penalty')
+    assert seen.find('said').property('bad')
+
+
+def test_a_kart_whose_row_was_clicked_is_the_one_to_disqualify(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    table = seen.widget.findChildren(QtWidgets.QTableWidget)[0]
+    row = [each[1] for each in seen.rows(0)].index('7')
+    middle = table.visualItemRect(table.item(row, 2)).center()
+    QtTest.QTest.mouseClick(table.viewport(), QtCore.Qt.MouseButton.LeftButton, pos=middle)
+    seen.press('Penalty…')
+    seen.find('disqualified').setChecked(True)
+    seen.type_('reason', 'not fit to race')
+    seen.press('Penalise')
+    seen.until(lambda: seen.status('7') == 'disqualified: not fit to race')
+    # The next number that is typed is that of a lap.
+    assert seen.widget.focusWidget() is seen.find('lap')
+
+
+def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    for _ in range(2):
+        event.cross('4711')
+    seen.until(lambda: len(seen.rows(1)) == 2)
+    seen.press('Whose?', kart='?')
+    seen.choose('kart', '3')
+    seen.press('Give transponder')
+    seen.until(lambda: seen.status('3') == 'lap 2')
+    event.stop()
+    event.start()
+    seen.until(lambda: not seen.rows(1))
+    for _ in range(2):
+        event.cross('4711')
+    seen.until(lambda: seen.status('3') == 'lap 2')
+    event.stop()
+    assert seen.counting() == [True, False]
+    seen.press('Which run counts…')
+    seen.find('race').setCurrentIndex(1)
+    seen.press('Count this race')
+    seen.until_said('race 1 counts as Heat 1')
+    seen.until(lambda: seen.counting() == [False, True])
+
+
+def test_results_are_published_once_the_race_is_over(
+    seen: Window, event: Event, timekeeper: Process
+) -> None:
+    begin(seen, event, timekeeper)
+    seen.press('Publish results…')
+    seen.press('Publish results')
+    seen.until_said('PUBLISH RESULTS refused: the race is under way')
+    event.stop()
+    seen.until(lambda: seen.status('7') == 'no lap')
+    seen.press('Publish results…')
+    seen.press('Publish results')
+    seen.until(lambda: 'results published' in seen.text('about'))
+
+
+KART = KartResult(7, 0, Status.RUNNING, 0, None, (), ())
+RESULTS = Standings(
+    1.0, 'run', 1, HEAT, karts=(KART,), races=(RaceOfEvent(1, HEAT, 1.0, 0, False),)
+)
+
+
+def test_a_correction_that_is_not_answered_is_told_and_its_late_answer_too(
+    look: Callable[[], Window], event: Event, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(window_widgets, 'NO_ANSWER', 0.5)
+    may_answer = threading.Event()
+    event.offer(Act.COUNT, may_answer)
+    seen = look()
+    again = lambda: event.publish(RESULTS)  # noqa: E731
+    seen.until(lambda: seen.rows(0), again)
+    # What the two nodes know of each other is not known of the service at once.
+    seen.until(lambda: event.asked or seen.count('7'), again)
+    seen.until_said('LAP: no answer for', 'Look at the results before', meanwhile=again)
+    may_answer.set()
+    seen.until_said('LAP: kart 7 crossed the line: counted', meanwhile=again)
+
+
+def test_where_the_service_is_not_there_nothing_is_sent(seen: Window, event: Event) -> None:
+    seen.until(lambda: seen.rows(0), lambda: event.publish(RESULTS))
+    seen.count('7')
+    seen.until_said('LAP refused: its service is not there: nothing was sent')
+
+
+# ----- without DDS ----------------------------------------------------------------------------
+
+
+def test_a_button_stays_that_of_its_crossing_while_others_come(application: Any) -> None:
+    sent: list[Any] = []
+    shown = window_widgets.TimekeeperWindow(
+        lambda *given: sent.append(given), lambda _: None, 'Tina'
+    )
+
+    def judged(number: int, mark: Mark) -> Judged:
+        return Judged(Passing('line', 'today', number, 7), 7, mark, 9.0 * number, 'twice')
+
+    def tell(*passings: Judged) -> None:
+        shown.on_results(RESULTS._replace(passings=passings))
+
+    struck, counted = judged(1, Mark.STRUCK), judged(2, Mark.COUNTED)
+    tell(struck, counted)
+    table = shown.widget.findChildren(QtWidgets.QTableWidget)[1]
+
+    def restore(row: int) -> Any:
+        return table.cellWidget(row, 3).findChild(QtWidgets.QPushButton)
+
+    held = restore(1)
+    while not held.isEnabled():  # once the window has seen that the results are fresh
+        application.processEvents(QtCore.QEventLoop.ProcessEventsFlag.WaitForMoreEvents)
+    tell(struck, counted, judged(3, Mark.COUNTED))
+    assert restore(2) is held
+    held.click()
+    assert [fields['number'] for _, _, fields, _ in sent] == [1]
+    # Another race: the rows are others.
+    tell(judged(9, Mark.STRUCK))
+    assert table.rowCount() == 1
+    restore(0).click()
+    assert [fields['number'] for _, _, fields, _ in sent] == [1, 9]
+    shown.widget.deleteLater()
+
+
+# ----- the process ----------------------------------------------------------------------------
+
+
+def test_the_process_takes_a_name_that_ros_takes_for_a_number_and_ends_in_order(
+    domain: int,
+) -> None:
+    arguments = ['--ros-args', '-p', 'official:=7']
+    program = Program(
+        'timekeeper_window',
+        [sys.executable, '-c', OPENED, *arguments],
+        domain,
+        {'QT_QPA_PLATFORM': 'offscreen'},
+    )
+    with program:
+        program.wait_for_line("opened in the name of '7'")
+        program.signal(signal.SIGTERM)
+        assert program.wait() == 0
+
+
+OPENED = """
+import sys
+from evgp_timing import window, window_widgets
+from evgp_timing.window_widgets import QtCore
+made = window_widgets.TimekeeperWindow
+def make(give, take, official):
+    QtCore.QTimer.singleShot(0, lambda: print(f'opened in the name of {official!r}'))
+    return made(give, take, official)
+window_widgets.TimekeeperWindow = make
+sys.exit(window.main())
+"""
+"""Says when the loop of the window runs."""
+
+
+def refusal(code: str, **environment: str) -> tuple[int, str]:
+    """Return the exit code of the program, and what it says."""
+    kept = {name: value for name, value in os.environ.items() if name not in SCREENS}
+    done = subprocess.run(
+        [
+            sys.executable,
+            '-c',
+            f'{code}\nimport sys\nfrom evgp_timing.window import main\nsys.exit(main())',
+        ],
+        env={**kept, **environment},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+    return done.returncode, done.stderr
+
+
+SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
+
+
+def test_without_qt_it_says_how_to_install_it() -> None:
+    code, said = refusal('import sys\nsys.modules.update(PySide6=None, PyQt6=None)')
+    assert (code, said.count('\n')) == (2, 1)
+    assert said.startswith('timekeeper_window: there is no Qt for Python here. Install it: ')
+
+
+def test_without_a_screen_it_says_so() -> None:
+    code, said = refusal('')
+    assert (code, said.count('\n')) == (2, 1)
+    assert 'there is no screen' in said
+
+
+def test_an_interface_that_is_not_there_is_named() -> None:
+    code, said = refusal('', QT_QPA_PLATFORM='offscreen', EVGP_GRAPH_INTERFACE='192.0.2.77')
+    assert code == 2
+    assert said.startswith('timekeeper_window: ')
+    assert '192.0.2.77' in said
