@@ -16,7 +16,7 @@ K-3A-01 IN_GARAGE: stands still by itself | connect race dwell
 K-3A-02 GRID_ACTIVE: acknowledged when ready | race malformed | grid
     When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.
 K-3A-03 GRID_ACTIVE: stands still | malformed dwell
-    wire: stands, gets ready
+    wire: does not move, gets ready
 K-3A-04 GREEN_GREEN: acknowledged | race | green
     The kart should acknowledge the first $GREEN_GREEN; command.
 K-3A-05 GREEN_GREEN: drives when it says so | race | green
@@ -25,21 +25,21 @@ K-3A-06 RED_FLAG: acknowledged once it stands | race | red_flag
     The kart should remain stopped once it has stopped moving and send a $RED_FLAG; message to the
     RCS.
 K-3A-07 RED_FLAG: not acknowledged before it stands | race
-    wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
-    onto the track.
+    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
+    an acknowledged stop.
 K-3A-08 RED_FLAG: remains stopped | race dwell
     The kart should remain stopped once it has stopped moving
 K-3A-09 RED_RED: acknowledged once it stands | race first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
 K-3A-10 RED_RED: not acknowledged before it stands | red
-    wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
-    onto the track.
+    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
+    an acknowledged stop.
 K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
-    wire: An acknowledgement is valid until the next command.
+    wire: It is valid until the next command.
 K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red
-    wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
-    onto the track.
+    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
+    an acknowledged stop.
 K-3A-13 RED_RED: brakes harder than for RED_FLAG | red race flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
@@ -52,11 +52,11 @@ K-3A-16 RED_FLAG: slows down to a stop, whenever it comes | race random | red_fl
 K-3B-01 GREEN_GREEN without GRID_ACTIVE: stands | alone
     wire: any other `GREEN_GREEN`
 K-3B-02 GREEN_GREEN after RED_RED: stands | again
-    wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**
+    wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`.**
 K-3B-03 GREEN_GREEN before the GRID_ACTIVE acknowledgement: stands | glued
     wire: `GREEN_GREEN`, after a `GRID_ACTIVE` that it acknowledged **on this connection**
 K-3B-04 GREEN_GREEN after RED_FLAG: stands | race flag_green
-    wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**
+    wire: **Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`.**
 K-3C-01 connection closed: stops | fin | red_red
     For safety, all karts must default to an ESTOP or stopped state upon disconnecting from the RCS
     to prevent the kart from automatically starting up.
@@ -70,22 +70,22 @@ K-3E-03 connection reset: stops | reset | red_red
 K-3E-04 connection half-closed: stops | half | red_red
     wire: nothing for **1 s**, or the connection is gone
 K-3E-05 after a lost connection: GREEN_GREEN does not start it | fin reset half dwell
-    wire: a new connection, a kart that gets `GREEN_GREEN` stands until it has acknowledged another
-    `GRID_ACTIVE`.
+    wire: or a new connection, a kart that is sent `GREEN_GREEN` stays where it is until it has
+    acknowledged another `GRID_ACTIVE`.
 K-3E-06 race control restarted in mid-race: never moves by itself | restart
-    wire: after any other state, or a new connection, a kart that gets `GREEN_GREEN` stands until
-    it has acknowledged another `GRID_ACTIVE`.
+    wire: After any other state, or a new connection, a kart that is sent `GREEN_GREEN` stays where
+    it is until it has acknowledged another `GRID_ACTIVE`.
 K-3E-07 nothing but malformed bytes: stops | noise | red_red
     wire: For a kart, malformed bytes are the same as silence: after 1 s without a whole, correct
     frame, it stops.
 K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut
-    wire: Say it when it is **true**, not when you read it: on an acknowledged stop, people walk
-    onto the track.
+    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
+    an acknowledged stop.
 K-3E-09 its program for race control is killed: stops | bridge | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
 K-3E-10 its program that drives is killed: stops | stack | red_red
-    wire: It must also brake if this program ends.
+    wire: must brake if this program ends.
 K-3E-11 a connection lost while RED_FLAG brakes: brakes as for RED_RED | flag_lost random | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
@@ -93,48 +93,49 @@ K-4A-01 connects | connect | connect
     The kart must be able to connect to and send/receive messages to the RCS through the
     Transmission Control Protocol (TCP) over a WiFi network.
 K-4A-02 one connection at a time
-    wire: One connection per kart.
+    wire: Open one connection per kart.
 K-4C-01 says whole, correct frames only
     Each message will begin with a start character (a dollar sign: $) followed by a character byte
     array of the State name and finished with an end character (a semi-colon: ;)
 K-4C-02 frames cut into single bytes | bytes | red_red
-    wire: TCP does not keep frames together: one read may return half a frame, the next one ten
-    frames.
+    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
 K-4C-03 many frames in one piece | many | red_red
-    wire: TCP does not keep frames together: one read may return half a frame, the next one ten
-    frames.
+    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
 K-4C-04 frames whose second half is late | late | red_red
-    wire: TCP does not keep frames together: one read may return half a frame, the next one ten
-    frames.
+    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
 K-4C-05 10 frames a second are enough | slow | red_red
     The RCS will send the race state at least 10 times per second.
 K-4C-06 sees a stop in time, however many frames came before it | backlog | red_red
-    wire: **Read all there is, and obey the last frame**, not those before it.
+    wire: **Read everything that has arrived, and obey the last frame.**
 K-4C-07 obeys nothing that only looks like GREEN_GREEN | malformed
     wire: a name that is not a state (`$GREEN;`, `$red_red;`)
 K-4C-08 survives malformed bytes | malformed | red_red
     wire: malformed; skips to the next `$`
 K-4C-09 says only what it is being sent
-    wire: To acknowledge, say the same frame back, once or with every frame.
+    wire: **To acknowledge, send the same frame back,** once or with every frame.
 K-4C-10 does not flood race control
-    wire: reads about 4096 bytes a beat at most; accepts no acknowledgement from it during the
-    flood and for 1 s after; drops it after 2 s.
+    wire: reads about 4096 bytes a beat; accepts no acknowledgement during the flood and for 1 s
+    after; drops it after 2 s.
 K-4C-11 nothing sent yet: says nothing, stands | connect
-    wire: as `RED_RED`: it stops, or stays where it is
+    wire: as `RED_RED`: stops, or stays where it is
 K-4C-12 says nothing old on a new connection | fin
-    wire: A kart that comes back after a loss has to acknowledge again.
+    wire: After a lost connection, acknowledge again.
 K-4D-01 connects again after FIN | fin | reconnect
-    wire: Then connect again, and wait half a second between attempts
+    wire: After a lost connection, stop the kart, then reconnect with half a second between
+    attempts.
 K-4D-02 connects again after RST | reset | reconnect
-    wire: Then connect again, and wait half a second between attempts
+    wire: After a lost connection, stop the kart, then reconnect with half a second between
+    attempts.
 K-4D-03 connects again after a half-close | half | reconnect
-    wire: Then connect again, and wait half a second between attempts
+    wire: After a lost connection, stop the kart, then reconnect with half a second between
+    attempts.
 K-4D-04 connects again after silence (half-open connection) | half_open | reconnect
     wire: nothing for **1 s**, or the connection is gone
 K-4D-05 connects again when race control was restarted | restart | reconnect
-    wire: Then connect again, and wait half a second between attempts
+    wire: After a lost connection, stop the kart, then reconnect with half a second between
+    attempts.
 K-4D-06 acknowledges again on a new connection | fin | red_red
-    wire: A kart that comes back after a loss has to acknowledge again.
+    wire: After a lost connection, acknowledge again.
 """
 """Name and title; the steps that show it, the best one first (none: all do); its limit; then the
 sentence, of the proposal or of docs/wire.md."""
