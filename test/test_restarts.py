@@ -266,7 +266,7 @@ def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(
     killed = next(
         pid
         for pid in sorted(terminal.inside, reverse=True)
-        if program in pathlib.Path(f'/proc/{pid}/cmdline').read_text().split('\0')[1]
+        if program in ' '.join(command_of(pid)[1:2])
     )
 
     os.kill(killed, signal.SIGKILL)
@@ -308,8 +308,10 @@ def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
 
 
 def command_of(pid: int) -> list[str]:
-    """Return the words of a process's command."""
-    return pathlib.Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8').split('\0')
+    """Return the words of a process's command; none: it has ended."""
+    with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+        return pathlib.Path(f'/proc/{pid}/cmdline').read_text(encoding='utf-8').split('\0')
+    return []
 
 
 def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
