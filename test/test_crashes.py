@@ -11,20 +11,18 @@ import os
 import pathlib
 import random
 import threading
-import time
 from typing import Any
 
-from evgp_node.encoding import read
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
-from evgp_rcs.rules.race import RaceMemory
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
 from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from rig.memory import wait_for_memory
 from rig.replaying import replay_without_difference
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -233,24 +231,11 @@ def crashed_in_green(meeting: Event) -> None:
     meeting.run.close()
 
 
-def wait_for_memory(meeting: Event, found: Callable[[RaceMemory], bool]) -> None:
-    """Return once the record has such a memory of the race."""
-    with contextlib.closing(open_read_only(meeting.record)) as database:
-        until = time.monotonic() + 20.0
-        while True:
-            query = 'SELECT data FROM memory ORDER BY run DESC LIMIT 1'
-            for (memory,) in database.execute(query):
-                if found(read(RaceMemory, memory)):
-                    return
-            assert time.monotonic() < until
-            time.sleep(0.01)  # a disk has no event to await
-
-
 def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
     meeting: Event,
 ) -> None:
     meeting.grid()
-    wait_for_memory(meeting, lambda memory: memory.state is GRID_ACTIVE)
+    wait_for_memory(meeting.record, lambda memory: memory.state is GRID_ACTIVE)
     meeting.kill()
     meeting.start(connect=())
     race = meeting.official.wait_for_race(lambda race: True, 'the race')

@@ -29,6 +29,7 @@ from evgp_testing.race_control import address_of, new_port, RaceControl, setting
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, kart_socket, WireKart
 import pytest
+from rig.memory import wait_for_memory
 import yaml
 
 IN_GARAGE = RaceState.IN_GARAGE
@@ -286,6 +287,7 @@ def test_where_no_mark_can_be_written_nothing_is_proved_and_no_race_starts(
         official.command('set_track_open', open=False)
         refused = official.call('grid_active', track_clear=True)
         assert (refused.success, str(machine.mark) in refused.message) == (False, True)
+        wait_for_memory(machine.folder / 'a' / 'record.sqlite3', lambda memory: memory.at_rest)
     control.lose_power()
     # No kart had been on the grid: the run that ended well before is still the last.
     assert machine.look().begins

@@ -76,12 +76,12 @@ class Timed:
     def correct(self, act: Act, kart: int, **terms: int | bool | str) -> None:
         """Have the timekeeper correct something."""
         self.hear()
-        asked = Correction(act, 'Ben', kart, reason='it was seen', **terms)  # type: ignore[arg-type]
+        asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
         self.desk.feed(Corrected(self.paper.now, asked))
 
     def hear(self) -> Standings:
         """Have the timekeeper hear what is new, and return the results."""
-        new = self.paper.stamped[self._heard :]
+        new = [each for each in self.paper.stamped if each.sequence > self._heard]
         self._heard += len(new)
         for event in events_message(new, self.paper.race.run).events:
             if (told := told_of(event, self.paper.race.run)) is not None:
@@ -162,7 +162,8 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
             if kart.number in rows:
                 place = re.match(r'[PF](\d+)', row.place)
                 assert rows[kart.number]['place'] == (int(place[1]) if place else '')
-        written = results.table(found, TEAMS)[1 : len(found.karts) + 1]
+        _, *written = results.table(found, TEAMS)
+        written = list(itertools.islice(written, len(found.karts)))
         assert [(row['place'], row['kart'], *row['cells']) for row in sheet['rows']] == [
             (int(place.rstrip('.') or 0) or '', int(kart), int(laps), total, best)
             for place, kart, _, laps, total, _, best, _ in written

@@ -17,6 +17,7 @@ from evgp_node.results import KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
+from evgp_node.results import Act
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 try:
@@ -25,7 +26,6 @@ except ImportError as error:
     from rig.needs import cannot_run
 
     cannot_run(f'Qt cannot be loaded: {error}', whole_file=True)
-from evgp_node.results import Act
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
 from evgp_rcs.rules.race import (
     Alert,

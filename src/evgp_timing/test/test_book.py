@@ -191,7 +191,7 @@ def test_an_event_goes_on_for_three_days_and_what_is_older_is_of_another(
     aged(path, age_ns)
     later = TOLD._replace(sequence=8)
     written(path, later)
-    assert known(path) == [TOLD, later][not goes_on :]
+    assert known(path) == ([TOLD, later] if goes_on else [later])
 
 
 def test_a_timekeeper_that_runs_for_days_keeps_what_is_not_older(
