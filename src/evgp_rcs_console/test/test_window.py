@@ -13,11 +13,10 @@ import pathlib
 import time
 from typing import Any
 
-from evgp_node.results import KartResult, Standings, Status
+from evgp_node.results import Act, KartResult, Standings, Status
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_node.results import Act
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 
 try:
