@@ -28,7 +28,6 @@ from evgp_node.results import (
     Standings,
     Status,
 )
-from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
@@ -54,7 +53,7 @@ from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun, StampedEvent
 import pytest
-from recorded_races import change_event, edit, PaperRace
+from recorded_races import change_event, edit, PaperRace, timed
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
@@ -608,20 +607,6 @@ def table(page: str, kind: str) -> list[list[str]]:
     (found,) = re.findall(rf'<table class="{kind}">.*?<tbody>(.*?)</table>', page, re.DOTALL)
     rows = [re.split('</t[dh]>', row)[:-1] for row in found.split('</tr>')[:-1]]
     return [[' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in row] for row in rows]
-
-
-def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
-    """Write the timekeeper's book beside a record, about the races of its newest run."""
-    with open_runs(record) as runs:
-        run = runs.choose(None).id
-    stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
-    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run) for each in results)
-    block = Block(0, b''.join(map(stream.encode, entries))).compressed()
-    with contextlib.closing(sqlite3.connect(record.with_name(BOOK))) as database, database:
-        database.execute('CREATE TABLE block (run, number, data)')
-        database.execute('INSERT INTO block VALUES (1, 1, ?)', (block,))
-        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-    return record
 
 
 def drive_and_stop(paper: PaperRace) -> None:
