@@ -96,14 +96,18 @@ class Book:
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
-        (version,) = database.execute('PRAGMA user_version').fetchone()
-        if version not in (0, SCHEMA_VERSION):
-            raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
-        database.execute('PRAGMA journal_mode = WAL')
-        database.execute('PRAGMA synchronous = FULL')
-        database.execute(_SCHEMA)
-        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-        (last,) = database.execute('SELECT max(run) FROM block').fetchone()
+        try:
+            (version,) = database.execute('PRAGMA user_version').fetchone()
+            if version not in (0, SCHEMA_VERSION):
+                raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
+            database.execute('PRAGMA journal_mode = WAL')
+            database.execute('PRAGMA synchronous = FULL')
+            database.execute(_SCHEMA)
+            database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
+            (last,) = database.execute('SELECT max(run) FROM block').fetchone()
+        except sqlite3.Error:
+            database.close()
+            raise
         self._run = (last or 0) + 1
         return database
 

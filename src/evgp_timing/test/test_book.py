@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import pathlib
 import sqlite3
 import time
@@ -119,11 +120,13 @@ def no_database(path: pathlib.Path) -> None:
 
 
 def another_version(path: pathlib.Path) -> None:
-    sqlite3.connect(path).execute('PRAGMA user_version = 3')
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('PRAGMA user_version = 3')
 
 
 def another_program(path: pathlib.Path) -> None:
-    sqlite3.connect(path).execute('CREATE TABLE block (at REAL)')
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('CREATE TABLE block (at REAL)')
 
 
 def half_lost(path: pathlib.Path) -> None:
@@ -157,7 +160,7 @@ def test_a_folder_in_which_nobody_may_write_is_refused(tmp_path: pathlib.Path) -
 def test_a_block_that_is_damaged_is_told_and_all_others_come_back(path: pathlib.Path) -> None:
     entries = [TOLD._replace(sequence=number) for number in range(4)]
     written(path, *entries)
-    with sqlite3.connect(path) as database:
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
         database.execute('UPDATE block SET data = ? WHERE number = 3', (zlib.compress(b'?'),))
     first, second, gap, last = known(path)
     assert [first, second, last] == [*entries[:2], entries[3]]
@@ -168,7 +171,7 @@ def test_a_block_that_is_damaged_is_told_and_all_others_come_back(path: pathlib.
 
 def aged(path: pathlib.Path, by_ns: int, boot: str = '') -> None:
     """Have the streams of a book be older than they are, or of another start of the machine."""
-    with sqlite3.connect(path) as database:
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
         for rowid, data in database.execute('SELECT rowid, data FROM block').fetchall():
             block = Block.of(data)
             entries = [
@@ -223,7 +226,7 @@ def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
 ) -> None:
     opened = Book(path)
     opened.write(TOLD)
-    with sqlite3.connect(path) as other:
+    with contextlib.closing(sqlite3.connect(path)) as other:
         other.execute('BEGIN IMMEDIATE')
         with pytest.raises(OSError, match='does not take it'):
             opened.write(TOLD._replace(sequence=8))
