@@ -24,8 +24,8 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_protocol.states import RaceState as S
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.race import Kart, Race
-from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, snapshot_of
+from evgp_rcs.rules.race import Heat, Kart, Race
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, snapshot_of
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
@@ -219,8 +219,8 @@ def made_up(count: int) -> Heard:
         for number, team in zip(numbers, teams, strict=True)
     )
     heats = (
-        HeatSnapshot('Heat 2', tuple(numbers)),
-        HeatSnapshot('Heat 3', (5, 8, 42, 64)),
+        Heat('Heat 2', tuple(numbers)),
+        Heat('Heat 3', (5, 8, 42, 64)),
     )
     race = NOTHING._replace(
         stamp=now,

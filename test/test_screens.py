@@ -6,24 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import contextlib
 import csv
 import io
 import itertools
 import pathlib
 import random
 import re
-import sqlite3
 
 from evgp_board import view as board
 from evgp_node.codec import message_of, value_of
 from evgp_node.results import Act, Corrected, Correction, Standings, Status
 from evgp_node.roster import Format, Heat
-from evgp_node.stream import Began, Block, SCHEMA_VERSION, Stream
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
-from evgp_rcs.record.runs import open_runs
-from evgp_rcs.record.timing import BOOK
 from evgp_rcs.ros.messages import events_message
 from evgp_rcs.rules import race as rules
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -38,6 +33,7 @@ from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import told_of
 import pytest
 from recorded_races import PaperRace
+from recorded_races import timed as keep_results
 
 TEAMS = {1: 'Purdue', 2: 'Toledo', 3: 'Michigan', 4: 'Kennesaw State'}
 HEATS = (
@@ -175,16 +171,6 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
     assert seen >= {*(heat.name for heat in HEATS), *(state.value for state in RaceState), *Status}
 
 
-def keep(book: pathlib.Path, run: int, said: Iterator[Standings]) -> None:
-    """Write the last results of the races of a run into a book, as the timekeeper does."""
-    stream: Stream[Standings | Began] = Stream([Standings, Began])
-    block = Block(0, b''.join(map(stream.encode, (Began('boot', 'timekeeper', 0), *said))))
-    with contextlib.closing(sqlite3.connect(book)) as database, database:
-        database.execute('CREATE TABLE IF NOT EXISTS block (run, number, data)')
-        database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run, block.compressed()))
-
-
 @pytest.mark.parametrize('seed', range(12))
 def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
     seed: int, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
@@ -194,12 +180,8 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
     for timed, ends in moments(random.Random(seed), 300):
         timed.hear()
         if ends:
-            timed.paper.write(record)
+            keep_results(timed.paper.write(record), *timed.said.values())
             last.append(timed)
-            with open_runs(record) as runs:
-                run = runs.choose(None)
-            found = (each._replace(run=run.id) for each in timed.said.values())
-            keep(record.with_name(BOOK), run.number, found)
 
     assert rcs_record(['results', '--all', str(record)]) == 0
     written = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]

@@ -27,7 +27,7 @@ from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachabl
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
-from evgp_node.results import Standings
+from evgp_node.results import Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_rcs.ros.messages import event_of, race_of
 from evgp_rcs.rules.snapshot import Snapshot
@@ -36,9 +36,6 @@ from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
 """Time without a snapshot after which race control counts as gone, as in the window, seconds."""
-
-NO_TIMING_AFTER = 3.0
-"""Time without results after which there is no timing, as in the window, in seconds."""
 
 MOST_LOGGED = 8
 """Number of lines about one kart, the newest ones."""
@@ -152,7 +149,7 @@ class BoardNode(StrictNode):
         if self._race is None:
             return Now(self._heard, None)
         (message, came), (results, timed), log = self._race, self._results, self._log
-        gone, no_timing = at - came >= GONE_AFTER, at - timed >= NO_TIMING_AFTER
+        gone, no_timing = at - came >= GONE_AFTER, at - timed >= TIMING_GONE
         shown = message, results, log, gone, no_timing
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None

@@ -32,6 +32,7 @@ from evgp_rcs.words import (
     numbered,
     STATE_CELLS,
     STATES,
+    STATUS,
     time_of_day,
     Tone,
 )
@@ -46,14 +47,6 @@ DANGERS = {
 """Alerts that are said instead of the state: what race control says must not be relied on."""
 
 FORMATS = {each: each.value.replace('_', ' ') for each in Format}
-
-STATUS = {
-    Status.RUNNING: '',
-    Status.CLASSIFIED: 'classified',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: 'disqualified',
-}
 
 NO_STANDINGS = Standings()
 NO_RESULT = KartResult(0, 0, Status.RUNNING, 0, None, (), ())

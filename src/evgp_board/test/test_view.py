@@ -18,9 +18,8 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState as S
 from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.link_quality import NOT_MEASURED
-from evgp_rcs.rules.race import Alert, AlertKind, Kart, Race, TrackAccess
+from evgp_rcs.rules.race import Alert, AlertKind, Heat, Kart, Race, TrackAccess
 from evgp_rcs.rules.snapshot import (
-    HeatSnapshot,
     KartSnapshot,
     NOTHING,
     Snapshot,
@@ -104,8 +103,8 @@ def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
 
 def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
     heats = (
-        HeatSnapshot('Heat 1', (3, 7)),
-        HeatSnapshot('Heat 2', (9,)),
+        Heat('Heat 1', (3, 7)),
+        Heat('Heat 2', (9,)),
     )
     before = results(result(7, 1, 6, 245.0), heat='Heat 1')
     karts = kart(3), kart(7), kart(9, in_race=False)

@@ -39,6 +39,10 @@ def tidy(text: str, most: int = MOST) -> str:
     return ' '.join(shown.split())[:most].rstrip()
 
 
+TIMEKEEPER = 'timekeeper'
+"""The official of a FINISH that the timekeeper gives; it never counts as somebody there."""
+
+
 def heard(text: str) -> str:
     """Return the official of a command that came with any text as the name; never empty."""
     return tidy(text) or UNNAMED

@@ -16,6 +16,10 @@ from typing import NamedTuple
 
 from evgp_node.roster import Format
 
+TIMING_GONE = 3.0
+"""Time without results after which screens say that there is no timing, in seconds: they come once
+a second."""
+
 BY_HAND = 'official'
 """The source of passings that officials count (COUNT_PASSING)."""
 

@@ -26,6 +26,10 @@ SCHEMA_VERSION = 10
 """The version of the files that have such streams, in their ``user_version``."""
 
 
+BOOK = 'timing.sqlite3'
+"""The name of the timekeeper's book, beside the record."""
+
+
 class DamagedError(ValueError):
     """An entry or a block is damaged; the text says what is wrong."""
 

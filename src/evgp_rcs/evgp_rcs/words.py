@@ -15,6 +15,7 @@ import math
 import time
 from typing import NamedTuple
 
+from evgp_node.results import Status
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
@@ -74,6 +75,15 @@ ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 
 LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
+
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
+"""What became of a kart, by the timekeeper."""
 
 
 def headline(race: Snapshot) -> Cell:

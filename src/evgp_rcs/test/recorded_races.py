@@ -14,13 +14,12 @@ import sqlite3
 from typing import Any, cast
 
 from evgp_node.results import Corrected, Standings
-from evgp_node.stream import Began, Block, Gap, SCHEMA_VERSION, Stream
+from evgp_node.stream import Began, Block, BOOK, Gap, SCHEMA_VERSION, Stream
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.report.model import Account
 from evgp_rcs.record.runs import Kept, open_runs
 from evgp_rcs.record.store import blocks_of, PROGRAM, Record, rules_version, Session
-from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Batch, encode, Entrant, entries_of, Entry, Log, Rules, Setup
@@ -199,13 +198,13 @@ def kept(entries: Sequence[Entry]) -> Kept:
 def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
     """Write the timekeeper's book beside a record, about the races of its newest run."""
     with open_runs(record) as runs:
-        run = runs.choose(None).id
+        run = runs.choose(None)
     stream: Stream[Standings | Corrected | Began] = Stream([Standings, Corrected, Began])
-    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run) for each in results)
+    entries = Began('boot', 'timekeeper', 0), *(each._replace(run=run.id) for each in results)
     block = Block(0, b''.join(map(stream.encode, entries))).compressed()
     with contextlib.closing(sqlite3.connect(record.with_name(BOOK))) as database, database:
-        database.execute('CREATE TABLE block (run, number, data)')
-        database.execute('INSERT INTO block VALUES (1, 1, ?)', (block,))
+        database.execute('CREATE TABLE IF NOT EXISTS block (run, number, data)')
+        database.execute('INSERT INTO block VALUES (?, 1, ?)', (run.number, block))
         database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
     return record
 

@@ -25,9 +25,8 @@ from evgp_node.roster import Format
 from evgp_rcs.ros.messages import event_of, events_message
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, TrackAccess
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, TrackAccess
 from evgp_rcs.rules.snapshot import (
-    HeatSnapshot,
     KartSnapshot,
     Snapshot,
     snapshot_of,
@@ -43,7 +42,7 @@ IMAGES: list[tuple[Any, Any]] = [
     (Availability, msg.CommandAvailability),
     (TrackAccess, msg.TrackAccess),
     (Alert, msg.Alert),
-    (HeatSnapshot, msg.Heat),
+    (Heat, msg.Heat),
     (Standings, msg.Results),
     (KartResult, msg.KartResult),
     (Penalty, msg.Penalty),
@@ -148,11 +147,11 @@ def test_a_time_counts_from_where_the_clock_of_the_value_began() -> None:
 
 def test_sentences_can_be_changed_on_the_way_out_of_a_message_and_names_cannot() -> None:
     offered = Availability(CommandKind.GREEN_GREEN, False, 'the race is in RED_RED')
-    heat = HeatSnapshot('RED_RED', (1,))
+    heat = Heat('RED_RED', (1,))
 
     def spaced(text: str) -> str:
         return text.replace('_', ' ')
 
     read = value_of(message_of(offered, msg.CommandAvailability), Availability, spaced)
     assert read.reason == 'the race is in RED RED'
-    assert value_of(message_of(heat, msg.Heat), HeatSnapshot, spaced) == heat
+    assert value_of(message_of(heat, msg.Heat), Heat, spaced) == heat

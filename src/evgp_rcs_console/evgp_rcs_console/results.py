@@ -8,17 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 import shlex
 
-from evgp_node.results import KartResult, Mark, Standings, Status
-from evgp_rcs.words import lap_time, time_of_day
+from evgp_node.results import KartResult, Mark, Standings
+from evgp_rcs.words import lap_time, STATUS, time_of_day
 from evgp_rcs_console import texts
-
-STATUS = {
-    Status.RUNNING: '',
-    Status.CLASSIFIED: 'classified',
-    Status.DNF: 'did not finish',
-    Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: 'disqualified',
-}
 
 
 def position(results: Standings, number: int) -> str:

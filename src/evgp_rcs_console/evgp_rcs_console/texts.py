@@ -16,7 +16,8 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.rules.race import Heat
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Effects, Given
@@ -319,7 +320,7 @@ def dropped(given: Given, at: float) -> str:
 
 
 def heat(
-    each: HeatSnapshot, timing: Standings | None, in_race: bool = False, is_next: bool = False
+    each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
 ) -> str:
     """Return a heat with its karts, in the order in which they start if timing says one."""
     grid = grid_of(each.name, timing)

@@ -15,14 +15,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import string
 
-from evgp_node.results import Act, Standings
+from evgp_node.results import Act, Standings, TIMING_GONE
 from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability
-from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, Snapshot
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import (
     Cell,
     clock,
@@ -75,9 +75,6 @@ _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in AN
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
 """The keys of a kart that crosses the line, by its place in the roster: a kart keeps its key."""
-
-TIMING_GONE = 3.0
-"""Age of results from which there is no timing, in seconds: they come once a second."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
@@ -752,7 +749,7 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
 
-    def heat(self, heat: HeatSnapshot) -> Button:
+    def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""
         is_next = self.results is not None and heat.name == self.results.next_heat
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot
+from evgp_rcs.rules.race import Heat
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_console.commands import Given, Outcome, SETTLED
 from example_race import KART, RACE, replace
 import pytest
@@ -15,7 +16,7 @@ import pytest
 GRID = replace(
     RACE,
     karts=(replace(KART, number=3, in_race=False), KART),
-    heats=(HeatSnapshot('A', (7,)), HeatSnapshot('B', (3, 7))),
+    heats=(Heat('A', (7,)), Heat('B', (3, 7))),
 )
 GREEN = replace(GRID, state=RaceState.GREEN_GREEN)
 FLAG = replace(GRID, state=RaceState.RED_FLAG)

@@ -15,13 +15,14 @@ from evgp_node.results import (
     RaceOfEvent,
     Standings,
     Status,
+    TIMING_GONE,
 )
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, TrackAccess
-from evgp_rcs.rules.snapshot import HeatSnapshot, KartSnapshot, NOTHING, Snapshot
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, TrackAccess
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
@@ -41,7 +42,6 @@ from evgp_rcs_console.view import (
     show,
     silence,
     table,
-    TIMING_GONE,
     UNDONE_BY,
 )
 from example_race import KART, offers, RACE, replace
@@ -288,7 +288,7 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
 def with_heats() -> Snapshot:
     """Return a race of kart 7, with a heat of it and another one."""
     karts = (replace(KART, number=3, in_race=False), KART)
-    heats = (HeatSnapshot('Heat A', (3,)), HeatSnapshot('Final', (7,)))
+    heats = (Heat('Heat A', (3,)), Heat('Final', (7,)))
     return replace(RACE, karts=karts, heats=heats, heat='Final')
 
 
@@ -302,7 +302,7 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
 
 
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
-    heats = HeatSnapshot('Final', (3, 7)), HeatSnapshot('TT 3', (3,)), HeatSnapshot('Next', (3, 9))
+    heats = Heat('Final', (3, 7)), Heat('TT 3', (3,)), Heat('Next', (3, 9))
     karts = (replace(KART, number=3), KART)
     race = replace(RACE, karts=karts, state=RaceState.IN_GARAGE, heats=heats, heat='Final')
     grids = HeatGrid('Final', (7, 3)), HeatGrid('TT 3', (3,)), HeatGrid('Next', ())
@@ -923,7 +923,7 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
 
 def test_the_heat_in_the_race_is_what_race_control_says_and_not_what_the_karts_suggest() -> None:
     karts = tuple(kart.number for kart in RACE.karts if kart.in_race)
-    heats = tuple(HeatSnapshot(name, karts) for name in ('Practice', 'Final'))
+    heats = tuple(Heat(name, karts) for name in ('Practice', 'Final'))
 
     assert replace(RACE, heats=heats, heat='Final').heat_in_race == heats[1]
     assert replace(RACE, heats=heats).heat_in_race is None

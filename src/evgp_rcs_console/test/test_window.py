@@ -33,10 +33,11 @@ from evgp_rcs.rules.race import (
     Availability,
     Event,
     EventKind,
+    Heat,
     StampedEvent,
     TrackAccess,
 )
-from evgp_rcs.rules.snapshot import HeatSnapshot, Snapshot
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import STATE_CELLS
 from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
@@ -251,7 +252,7 @@ def race_of(
         karts=karts,
         commands=commands,
         track=TrackAccess(False, False, reason or 'the race is under way', False),
-        heats=(HeatSnapshot('Heat A', (1,)), HeatSnapshot('Final', (1, 2))),
+        heats=(Heat('Heat A', (1,)), Heat('Final', (1, 2))),
         state_cause='GREEN GREEN by Anna-Katharina (race-pc 4711)',
     )
     return replace(race, **changes)
@@ -746,7 +747,7 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
     console.click('set_heat')
     point = console.place('heat_1')
 
-    console.tell(replace(race, heats=(HeatSnapshot('Heat C', (3,)),)))
+    console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
     console.click_at(point)
 
     assert not console.find('heats').isVisible()

@@ -27,9 +27,11 @@ from evgp_node.codec import message_of
 from evgp_node.qos import latched
 from evgp_node.results import Corrected
 from evgp_node.states import state_of
+from evgp_node.stream import BOOK
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
+from evgp_rcs.record.timing import entries
 from evgp_rcs.ros.messages import race_of
 from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
@@ -48,7 +50,6 @@ from evgp_testing.part import Part
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl, Timekeeper
 from evgp_testing.wire_kart import Acknowledges, WireKart
-from evgp_timing.book import STREAM
 import yaml
 
 BANNER = 'REHEARSAL'
@@ -475,10 +476,7 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:
     """Return the corrections that the timekeeper has accepted, of its book in a folder."""
-    with contextlib.closing(open_read_only(folder / 'timing.sqlite3')) as database:
-        blocks = database.execute('SELECT number, data FROM block ORDER BY run, number').fetchall()
-    entries = STREAM.entries_of(blocks, only=(Corrected,))
-    return [each for each in entries if isinstance(each, Corrected)]
+    return [each for _, each in entries(folder / BOOK) if isinstance(each, Corrected)]
 
 
 WHEN = {

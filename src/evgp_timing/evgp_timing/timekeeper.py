@@ -30,14 +30,14 @@ from evgp_node.codec import message_of, value_of
 from evgp_node.entries import OF_TIMEKEEPER
 from evgp_node.folder import rcs_folder
 from evgp_node.graph import where_reachable
-from evgp_node.official import heard, tidy
+from evgp_node.official import heard, tidy, TIMEKEEPER
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
 from evgp_node.services import service_class
-from evgp_node.stream import Gap
+from evgp_node.stream import BOOK, Gap
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import KartFinish
@@ -85,9 +85,6 @@ FINISH_EVERY = 2.0
 
 MOST_STRENGTH = 1e9
 """The strength of a passing is below this, in the device's own measure."""
-
-WHO = 'timekeeper'
-"""Who gives a FINISH of `auto_finish`."""
 
 _COMMANDS = {
     msg.CommandAvailability.GRID_ACTIVE: What.GRID_ACTIVE,
@@ -347,7 +344,7 @@ class Timekeeper(StrictNode):
                 self.get_logger().error(f'{error}: the report would not have it')
 
     def _ask_for(self, wanted: Finish) -> Future:
-        call = self._finish.call_async(KartFinish.Request(official=WHO, **wanted._asdict()))
+        call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))
         call.add_done_callback(lambda done: self.get_logger().info(done.result().message))
         return call
 
@@ -406,7 +403,7 @@ def read_settings(parameters: Parameters) -> Settings:
             'parameter roster is missing. Name the file that lists the karts, '
             'as in: --ros-args -p roster:=config/karts.yaml'
         )
-    path = pathlib.Path(book).expanduser() if book else rcs_folder() / 'timing.sqlite3'
+    path = pathlib.Path(book).expanduser() if book else rcs_folder() / BOOK
     return Settings(pathlib.Path(roster), path, settings)
 
 

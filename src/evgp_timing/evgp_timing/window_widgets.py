@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 from evgp_node.entries import Entry
 from evgp_node.official import MOST, MOST_OF_NAME
-from evgp_node.results import Act, Passing, Standings
+from evgp_node.results import Act, Passing, Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_timing import window_view as view
 from evgp_timing.corrections import CORRECTIONS
@@ -28,9 +28,6 @@ _BINDING = 'PySide6' if importlib.util.find_spec('PySide6') else 'PyQt6'
 QtCore: Any = importlib.import_module(f'{_BINDING}.QtCore')
 QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
-
-OUT_OF_DATE = 3.0
-"""Time without a word after which what is shown is out of date, in seconds."""
 
 NO_ANSWER = 5.0
 """Time without an answer to a correction after which the window says so, in seconds."""
@@ -171,17 +168,17 @@ class TimekeeperWindow:
         """Take what was heard, and show how old everything is, and what was not answered."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
-        if now - self._race_heard <= OUT_OF_DATE and self._since < math.inf:
+        if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
             state = f'{self._state} {view.clock_time(now - self._since, 0)}'
         wrong, well = list(self._results.questions), []
         for name, (where, trouble, heard) in self._lines.items():
-            if now - heard > OUT_OF_DATE:
+            if now - heard > TIMING_GONE:
                 trouble = LINE_SILENT.format(age=_age(heard))
             if trouble:
                 wrong.append(f'Timing line {name} ({where}): {trouble}')
             else:
                 well.append(f'{name}: {where}')
-        if now - self._heard > OUT_OF_DATE:
+        if now - self._heard > TIMING_GONE:
             wrong.insert(0, NO_WORD.format(age=_age(self._heard)))
         self._title.setText(view.title(self._results))
         self._about.setText(' · '.join((view.about(self._results, state), *well)))
@@ -195,7 +192,7 @@ class TimekeeperWindow:
                 self._say(NOT_ANSWERED.format(label=label, age=_age(asked)), bad=True)
 
     def _is_fresh(self) -> bool:
-        return self._results.stamp > 0.0 and clock.now() - self._heard <= OUT_OF_DATE
+        return self._results.stamp > 0.0 and clock.now() - self._heard <= TIMING_GONE
 
     def _say(self, text: str, bad: bool = False) -> None:
         """Show a sentence in the bottom line."""

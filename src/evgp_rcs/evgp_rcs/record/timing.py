@@ -5,18 +5,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import pathlib
 import sqlite3
 from typing import NamedTuple
 
 from evgp_node.results import Act, Corrected, Standings
-from evgp_node.stream import Gap, SCHEMA_VERSION, Stream
+from evgp_node.stream import BOOK, Gap, SCHEMA_VERSION, Stream
 from evgp_rcs.record.runs import say
 from evgp_rcs.record.store import open_read_only
-
-BOOK = 'timing.sqlite3'
-"""The name of the timekeeper's book, beside the record."""
 
 _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
@@ -33,25 +31,35 @@ class Timing(NamedTuple):
     corrections: dict[tuple[str, int], list[Corrected]]
 
 
+def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | Gap]]:
+    """
+    Yield results and corrections of a book, each with the number of its stream.
+
+    :raises OSError, sqlite3.Error: if it cannot be read.
+    """
+    with contextlib.closing(open_read_only(path)) as database:
+        (version,) = database.execute('PRAGMA user_version').fetchone()
+        if version != SCHEMA_VERSION:
+            raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
+        for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall():
+            query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
+            blocks = database.execute(query, (run,)).fetchall()
+            for entry in _STREAM.entries_of(blocks, only=(Standings, Corrected)):
+                yield run, entry
+
+
 def timing_of(record: pathlib.Path) -> Timing:
     """Return what the book beside a record has, and say what cannot be read of it."""
     found = Timing({}, {})
     path = record.with_name(BOOK)
     try:
-        with contextlib.closing(open_read_only(path)) as database:
-            (version,) = database.execute('PRAGMA user_version').fetchone()
-            if version != SCHEMA_VERSION:
-                raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
-            for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run'):
-                query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
-                blocks = database.execute(query, (run,)).fetchall()
-                for entry in _STREAM.entries_of(blocks, only=(Standings, Corrected)):
-                    if isinstance(entry, Gap):
-                        say(f'{path}, stream {run}: {entry}; results may be missing')
-                    elif isinstance(entry, Standings):
-                        found.results[entry.run, entry.race] = entry
-                    elif entry.correction.act is not Act.COUNT:
-                        found.corrections.setdefault((entry.run, entry.race), []).append(entry)
+        for run, entry in entries(path):
+            if isinstance(entry, Gap):
+                say(f'{path}, stream {run}: {entry}; results may be missing')
+            elif isinstance(entry, Standings):
+                found.results[entry.run, entry.race] = entry
+            elif entry.correction.act is not Act.COUNT:
+                found.corrections.setdefault((entry.run, entry.race), []).append(entry)
     except FileNotFoundError:
         say(f'there is no {path}: without timing, there is only the order of FINISH')
     except (OSError, sqlite3.Error) as error:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import threading
 from typing import Protocol
 
-from evgp_node.official import MOST_OF_NAME, tidy
+from evgp_node.official import MOST_OF_NAME, tidy, TIMEKEEPER
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
@@ -33,8 +33,6 @@ MOST_NAMED = 4
 """Maximum number of programs that are named at once."""
 
 BUTTON = 'rcs_button'
-
-TIMEKEEPER = 'timekeeper'
 
 LABELS = {'rcs_gui': 'window', 'rcs_ctl': 'terminal', BUTTON: 'button'}
 """What officials call each program."""

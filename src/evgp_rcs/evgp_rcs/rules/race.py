@@ -179,8 +179,7 @@ class Command(NamedTuple):
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
 
-@dataclass(frozen=True)
-class Heat:
+class Heat(NamedTuple):
     """Karts that race together, by a name of the roster; their numbers in ascending order."""
 
     name: str

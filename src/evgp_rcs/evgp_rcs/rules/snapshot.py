@@ -17,13 +17,12 @@ Pure.
 from __future__ import annotations
 
 from collections.abc import Iterable
-import dataclasses
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
-from evgp_rcs.rules.race import Alert, Availability, called, Kart, Race, TrackAccess
+from evgp_rcs.rules.race import Alert, Availability, called, Heat, Kart, Race, TrackAccess
 
 _TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
 _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
@@ -94,13 +93,6 @@ class KartSnapshot(NamedTuple):
         return _offered(self.commands, command)
 
 
-class HeatSnapshot(NamedTuple):
-    """A heat of the roster; the meanings are those of `Heat.msg`."""
-
-    name: str
-    karts: tuple[int, ...]
-
-
 class Snapshot(NamedTuple):
     """
     The race at one time; the meanings are those of `Race.msg`, and of ``Race``.
@@ -123,7 +115,7 @@ class Snapshot(NamedTuple):
     race_since: float | None = None
     run: str = ''
     number: int = 0
-    heats: tuple[HeatSnapshot, ...] = ()
+    heats: tuple[Heat, ...] = ()
     heat: str = ''
     banner: str = ''
     able_to_stop: int = 0
@@ -131,7 +123,7 @@ class Snapshot(NamedTuple):
     button_fault: str = ''
 
     @property
-    def heat_in_race(self) -> HeatSnapshot | None:
+    def heat_in_race(self) -> Heat | None:
         """Return the heat in the race."""
         return next((heat for heat in self.heats if heat.name == self.heat), None)
 
@@ -184,7 +176,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race_since=race.race_since,
         run=race.run,
         number=race.number,
-        heats=tuple(HeatSnapshot(*dataclasses.astuple(heat)) for heat in race.heats),
+        heats=race.heats,
         heat=race.heat,
         able_to_stop=race.there.able,
         who_can_stop=race.there.who,
