@@ -5,14 +5,18 @@
 
 from __future__ import annotations
 
+import pathlib
 from typing import Any
 
 from evgp_node.results import Act, Corrected, Correction, Identity
+from evgp_node.stream import BOOK
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Event, EventKind, StampedEvent
 from evgp_rehearsal.debrief import debrief, Occurrence, Truth
+from evgp_rehearsal.event import corrected
 from evgp_rehearsal.incidents import INCIDENTS
+from evgp_timing.book import Book
 
 
 def ticks(seconds: float) -> int:
@@ -161,3 +165,14 @@ def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line
         'the line there',
         '    45.0 s  somebody asked the timekeeper for LAP of kart 3',
     ]
+
+
+def test_corrections_from_before_and_after_a_restart_of_the_timekeeper_are_found(
+    tmp_path: pathlib.Path,
+) -> None:
+    given = [Corrected(at, Correction(Act.COUNT, 'Ben', 7)) for at in (10.0, 20.0)]
+    for each in given:
+        book = Book(tmp_path / BOOK)
+        book.write(each)
+        book.close()
+    assert corrected(tmp_path) == given
