@@ -390,6 +390,8 @@ def test_a_crossing_of_before_green_green_never_counts_however_late_it_comes(
     event.bring_to(RaceState.GRID_ACTIVE)
     line.wait_until_polled(lambda: line.now() > line.ahead(1), 'the present')
     early = line.now()
+    # A source's clock is known as exactly as its first passing came: some milliseconds.
+    line.wait_until_polled(lambda: line.now() > early + 0.3, 'a crossing of clearly before')
     event.race_from_grid(2)
     line.sees(1, early)
     line.wait_for(lambda seen: marks(seen) == [NOT_COUNTED], 'the crossing')
