@@ -219,14 +219,33 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.press('a', see='state', text='RED RED')
     console.wait_for('in_garage', barred='false')
     console.ask('F6')
-    console.press('y', see='state', text='IN GARAGE')
-    console.wait_for('open_track', barred='false')
-    console.ask('F7')
-    console.press('y', see='humans', text='ALLOWED ON THE TRACK')
-    console.wait_for('close_track', barred='false')
-    console.press('F7', see='humans', text='once you open')
-
+    console.press('F7', see='humans', text='ALLOWED ON THE TRACK')
     raced(karts)
+
+    console.ask('F2', text='closes now')
+    console.press('y', see='state', text='GRID ACTIVE')
+    console.wait_for('humans', text='NO HUMANS')
+
+
+def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
+    open_beside: OpenBeside, join_official: JoinOfficial
+) -> None:
+    console, karts, control = open_beside(1, 2)
+    official = join_official(control)
+    official.bring_to(GREEN_GREEN)
+    karts[0].close()
+    console.wait_for('kart_1', linked='false')
+    console.ask('F9')
+    console.press('y', see='state', text='RED RED')
+    karts[1].wait_for_state(RED_RED)
+    console.wait_for('in_garage', barred='false')
+
+    console.ask('F6', text='kart 1 made safe by hand')
+    console.press('ctrl+g', see='kart_1', text=r'\A(?!(.|\n)*RED RED)')
+
+    console.wait_for('state', text='IN GARAGE')
+    karts[1].wait_for_state(IN_GARAGE)
+    official.wait_for_kart(1, lambda kart: not kart.hold_reason, 'its release')
 
 
 # ----- ALL KILL ---------------------------------------------------------------------------

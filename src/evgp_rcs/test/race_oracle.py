@@ -130,7 +130,7 @@ PROPERTIES = {
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing meanwhile',
     'contested': 'S: no race starts with a kart as which two programs connect',
-    'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
+    'hold-forgotten': 'S: a hold falls with an acknowledged red, of a kart that was away, or alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
     'order-serial': 'S: serials rise, and the last order sent is the one that counts',
     'sent-wrong': 'what a kart is sent is the sentence of docs/rules.md',
@@ -180,6 +180,7 @@ class KartView(NamedTuple):
     alone: bool
     contested: bool
     silent: float | None
+    lost: float | None
     barred: bool
 
     @property
@@ -224,6 +225,7 @@ class View(NamedTuple):
     paused: float
     start: StartView | None
     there: ThereView
+    opening: int
     karts: tuple[KartView, ...]
 
 
@@ -290,6 +292,7 @@ class Input(NamedTuple):
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
     :param came: when a command came, if before it is judged.
+    :param opening: the last opening of the track that the official saw.
     :param finish: the run, the race and the attempt that a FINISH is for, if it names them.
     """
 
@@ -303,6 +306,7 @@ class Input(NamedTuple):
     hold: RaceState | None = None
     heat: str = ''
     came: float | None = None
+    opening: int = 0
     finish: tuple[str, int, int] | None = None
 
 
@@ -336,6 +340,7 @@ _KART = operator.attrgetter(
     'held_alone',
     'contested',
     'went_silent_at',
+    'lost_since',
     'inspected',
 )
 # As KartView._make, in half the time.
@@ -374,6 +379,7 @@ def look(race: Any) -> View:
         race.paused_until,
         start,
         there,
+        race.opening,
     )
     return View(*_RACE(race), *around, karts)
 
@@ -437,6 +443,11 @@ def _stands(kart: KartView) -> bool:
     return kart.acked and _red(kart) and not kart.doubt and kart.settles is None
 
 
+def _is_away(kart: KartView) -> bool:
+    """Return whether it is away, was not lost, and nothing but a stop of all can hold it."""
+    return not (kart.connected or kart.doubt or kart.alone) and kart.lost is None
+
+
 def _is_covered(view: View, kart: KartView) -> bool:
     """Return whether IN_GARAGE's statement covers a kart that nobody has seen move."""
     return view.past_unknown and not (kart.doubt or kart.alone)
@@ -482,7 +493,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         held = held or _unfit(view)
         held = held or tuple(kart.number for kart in racing if kart.contested)
         held = held or tuple(kart.number for kart in racing if kart.barred)
-        in_time = state in (IN_GARAGE, GRID_ACTIVE) and not view.track_open and bool(racing)
+        in_time = state in (IN_GARAGE, GRID_ACTIVE) and bool(racing)
         allowed = in_time and not held and not view.trouble
         return Judgement(allowed, True, held * in_time, numbers)
     if kind == 'GREEN_GREEN':
@@ -515,7 +526,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
                 sorted(
                     kart.number
                     for kart in waiting
-                    if not (_stands(kart) or _is_covered(view, kart))
+                    if not (_stands(kart) or _is_away(kart) or _is_covered(view, kart))
                 )
             )
         elif state is GRID_ACTIVE:
@@ -560,7 +571,9 @@ def as_seen(view: View, given: Input) -> Input:
     if given.what == 'command' and given.kind in NAMING:
         if given.kind == 'IN_GARAGE':
             return given._replace(karts=frozenset(_sent_home(view)))
-        return given._replace(karts=frozenset(k.number for k in view.karts if k.in_race))
+        racing = frozenset(k.number for k in view.karts if k.in_race)
+        opening = view.opening if given.kind == 'GRID_ACTIVE' else given.opening
+        return given._replace(karts=racing, opening=opening)
     if given.kind == 'KART_IN_GARAGE':
         holds = [kart.hold for kart in view.karts if kart.number == given.kart]
         return given._replace(hold=holds[0])
@@ -662,7 +675,7 @@ def _heat_is_barred(view: View, given: Input) -> bool:
 
 def _is_as_seen(view: View, given: Input) -> bool:
     seen = as_seen(view, given)
-    return seen.karts == given.karts and seen.hold is given.hold
+    return seen == given
 
 
 def _acknowledges(view: View, given: Input) -> bool:
@@ -692,7 +705,7 @@ def _hear(kart: dict[str, Any], given: Input, now: float, settle: float) -> None
 def _stand(kart: dict[str, Any], now: float) -> None:
     """Take a kart for harmless that has stood by its word for long enough."""
     if kart['settles'] is not None and now >= kart['settles']:
-        kart.update(doubt=HARMLESS, settles=None)
+        kart.update(doubt=HARMLESS, settles=None, lost=None)
 
 
 def expect(
@@ -710,7 +723,7 @@ def expect(
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
     state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut = view[:9]
-    trouble, heats, starters, paused, start, there, karts = view[9:]
+    trouble, heats, starters, paused, start, there, opening, karts = view[9:]
     what, kind, number = given.what, given.kind, given.kart
     if kind in STOPS:
         paused = max(paused, now + times.pause)
@@ -733,6 +746,8 @@ def expect(
 
     def drop(each: dict[str, Any]) -> None:
         each.update(connected=False, acked=False, settles=None)
+        if each['doubt'] or (each['in_race'] and state is not IN_GARAGE):
+            each['lost'] = now if each['lost'] is None else each['lost']
         if (each['in_race'] and state in UNDER_WAY) or each['doubt'] == MOVING:
             each['hold'] = RED_RED
 
@@ -740,6 +755,8 @@ def expect(
         if mine[0]['connected']:
             drop(mine[0])
         mine[0].update(connected=True, silent=None)
+        if mine[0]['doubt'] != MOVING:
+            mine[0]['lost'] = None
         anew = number
     elif what == 'disconnected':
         if mine[0]['connected']:
@@ -790,7 +807,7 @@ def expect(
     elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
         pass
     elif kind == 'GRID_ACTIVE':
-        state, msr_used, places, starters = GRID_ACTIVE, False, 0, ()
+        state, msr_used, places, starters, track_open = GRID_ACTIVE, False, 0, (), False
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
@@ -804,7 +821,9 @@ def expect(
         for each, old in zip(after, karts, strict=True):
             each['finish_at'] = None
             kept = each['alone'] and not each['in_race']
-            if (_stands(old) and not kept) or _is_covered(view, old):
+            if _is_covered(view, old):
+                each['lost'] = None
+            if (_stands(old) and not kept) or _is_away(old) or _is_covered(view, old):
                 each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
         places += 1
@@ -819,6 +838,7 @@ def expect(
         mine[0].update(place=0, finish_at=None)
     elif kind == 'KART_IN_GARAGE':
         mine[0].update(hold=None, alone=False, doubt=HARMLESS, settles=None, finish_at=None)
+        mine[0]['lost'] = None
         if state is not IN_GARAGE:
             mine[0]['in_race'] = False
     elif kind == 'JOIN_RACE':
@@ -832,20 +852,18 @@ def expect(
         for each in after:
             each['in_race'] = each['number'] in chosen
     elif kind == 'OPEN_TRACK':
-        track_open, unstated = True, False
+        track_open, unstated, opening = True, False, opening + 1
     else:
         assert kind == 'CLOSE_TRACK', given
-        if track_open:
-            paused = max(paused, now + times.pause)
         track_open = False
     if is_cut_off(view, given, now):
         state, track_open, msr_used, past_unknown = RED_RED, True, False, True
-        paused = max(paused, now + times.pause)
+        paused, opening = max(paused, now + times.pause), opening + 1
         hold(after, RED_RED)
     _settle(state, after, anew, now, past_unknown)
     seen = tuple([_kart_view(each.values()) for each in after])
     race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, cut)
-    return View(*race, trouble, heats, starters, paused, start, there, seen)
+    return View(*race, trouble, heats, starters, paused, start, there, opening, seen)
 
 
 def is_cut_off(view: View, given: Input, now: float) -> bool:
@@ -951,7 +969,7 @@ def learn(
     if after == before and given.what == 'heard':
         return facts
     grid_last, paused = facts.grid_last, facts.paused
-    if given.kind in STOPS or (given.kind == 'CLOSE_TRACK' and before.track_open):
+    if given.kind in STOPS:
         paused = max(paused, now + times.pause)
     elif given.what == 'held up':
         paused = max(paused, now + max(times.pause, times.pause_after_held_up))
@@ -987,6 +1005,8 @@ def learn(
                 undone += 1
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
+            if given.kind == 'IN_GARAGE' and _is_away(old):
+                lost = False
             if given.kind == 'IN_GARAGE' and _is_covered(before, old):
                 lost, missing = False, None
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
@@ -1041,7 +1061,8 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.hold,
             given.heat,
             OFFICIAL,
-            *(given.finish or ()),
+            *(given.finish or ('', 0, 0)),
+            given.opening,
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
@@ -1291,7 +1312,7 @@ def _check_safety(
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
             )
             answered = kind == 'IN_GARAGE' and (
-                (old.connected and _stands(old)) or _is_covered(before, old)
+                (old.connected and _stands(old)) or _is_away(old) or _is_covered(before, old)
             )
             if falls and kind == 'IN_GARAGE' and old.alone and not old.in_race:
                 raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
@@ -1450,7 +1471,9 @@ def check_recovery(
 
     if last_run.name != 'UNKNOWN' and (home or not known):
         begins = fresh._replace(
-            track_open=last_run.name == 'ENDED_OPEN', unstated=last_run.name == 'NONE'
+            track_open=last_run.name == 'ENDED_OPEN',
+            opening=int(last_run.name == 'ENDED_OPEN'),
+            unstated=last_run.name == 'NONE',
         )
         if outcome.orders or after != begins:
             raise broken()
@@ -1487,6 +1510,7 @@ def check_recovery(
             settles=None,
             contested=False,
             silent=None,
+            lost=None,
         )
         if gone:
             # The roster has no date of a kart that is not in it.
@@ -1494,7 +1518,8 @@ def check_recovery(
             expected = expected._replace(in_race=False, place=0, barred=barred)
         if number in remembered:
             old = remembered[number]
-            expected = expected._replace(doubt=old.doubt, alone=old.alone)
+            lost = now if old.doubt else None
+            expected = expected._replace(doubt=old.doubt, alone=old.alone, lost=lost)
             if not gone:
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
@@ -1719,8 +1744,8 @@ class Search:
 
     What is left out of a state's key (``_key``) because the rules do not read it:
 
-    - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
-      withdrew its word, when its order arrived, how good its link is, what is wrong with a button,
+    - what a kart reported last, texts, the alerts told, since when a kart is missing (but not that
+      one without doubt is), how often the track was opened, whether a kart withdrew its word, when its order arrived, how good its link is, what is wrong with a button,
       and whether the race is over: only events and alerts are made of them;
     - whether somebody was there, and when they left, but in a race that is in motion without them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
@@ -1901,6 +1926,7 @@ class Search:
             kart.alone,
             kart.contested,
             silent,
+            kart.lost is not None and not (kart.connected or kart.doubt),
             untold and kart.place > 0,
             due,
             left,
@@ -2080,6 +2106,8 @@ class Search:
                 yield right._replace(statement=False), now
             if opinion.allowed and kind in NAMING:
                 yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
+            if opinion.allowed and kind == 'GRID_ACTIVE':
+                yield right._replace(opening=right.opening - 1), now
             if opinion.allowed and kind == 'KART_FINISH':
                 for named in finishes(facts, view, number):
                     yield right._replace(finish=named), now

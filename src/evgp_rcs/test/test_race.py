@@ -66,7 +66,8 @@ class Officials:
             command = Command(CommandKind[kind], kart, stating, hold=hold)
         else:
             karts = frozenset(self.race.availability(CommandKind[kind], 0, self.now).karts)
-            command = Command(CommandKind[kind], kart, stating, karts, heat=HEATS[0].name)
+            saw = {'heat': HEATS[0].name, 'opening': self.race.opening}
+            command = Command(CommandKind[kind], kart, stating, karts, **saw)
         outcome = self.race.command(command, self.now)
         # What a start waits for is so at once.
         if outcome.start is not None:
@@ -269,7 +270,6 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             'first send KART_IN_GARAGE to kart 2: kart 2 (Volta): RED_FLAG by an official',
         ),
         (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
-        (does(('OPEN_TRACK', None)), 0, 'the track is open to humans; close it first'),
     ],
     'GREEN_GREEN': [
         ('RED_FLAG', 0, 'the race is in RED_FLAG; GREEN_GREEN follows GRID_ACTIVE'),
@@ -855,6 +855,34 @@ def test_the_first_start_is_in_the_garage_and_opens_the_track_on_a_statement_onc
     assert officials.race.memory().ends_as is LastRun.ENDED_OPEN
 
 
+def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() -> None:
+    officials = Officials()
+    looked = officials.race.opening
+    officials.does('OPEN_TRACK')
+    officials.does('CLOSE_TRACK')
+    karts = frozenset({1, 2})
+    command = Command(CommandKind.GRID_ACTIVE, 0, True, karts, opening=looked)
+    answer = officials.race.command(command, officials.now).answer
+    assert answer is not None and not answer.success
+    assert 'the track was opened by an official since you looked' in answer.message
+    officials.does('OPEN_TRACK')
+    assert 'state that the track, which closes now,' in officials.is_refused(
+        'GRID_ACTIVE', stating=False
+    )
+    officials.does('GRID_ACTIVE')
+    assert not officials.race.track_open
+
+
+def test_karts_that_were_away_when_all_were_stopped_go_home_with_the_race() -> None:
+    officials = Officials(connected=False)
+    officials.connect(2)
+    officials.does('ALL_KILL')
+    assert 'kart 2 (Volta): no RED_RED yet' in officials.is_refused('IN_GARAGE')
+    officials.acknowledge(2)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+
+
 def test_after_a_start_without_proof_one_statement_covers_who_was_not_seen_to_move() -> None:
     officials = begun(LastRun.UNKNOWN)
     officials.connect(1)  # its program boots, and says nothing
@@ -867,7 +895,6 @@ def test_after_a_start_without_proof_one_statement_covers_who_was_not_seen_to_mo
     officials.does('IN_GARAGE')
     assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
     assert [kart.number for kart in officials.race.racing()] == [1, 2]
-    officials.does('CLOSE_TRACK')
     officials.connect(2)
     officials.to_ready().does('GREEN_GREEN')
 

@@ -198,8 +198,25 @@ the race goes over when the first kart has finished: sent-wrong, effect [two in 
     _race_over_due: None: return None => None: ¶> continue
 humans may be on the track while the race drives: track-access, availability
     _humans_allowed: in (GRID_ACTIVE, GREEN_GREEN) => is GRID_ACTIVE
-the track stays open when the grid forms: availability, track-open-in-motion
-    _no_grid_active: track_open => has_rival
+the track stays open when the grid forms: track-open-in-motion, effect
+    _grid_active: self.track_open = self.msr_used = False => self.msr_used = False
+the track closes for the grid whoever has been let onto it since: as-seen
+    _misnamed: and command.opening != self.opening => and command.opening > self.opening
+an opening of the track is not counted: as-seen, effect
+    _open_track: self._count_opening(f'by {command.official or "an official"}') =>
+        self.track_open = True
+a kart that was lost in a race goes home with all others: effect, sent-wrong, availability
+    away_at_rest: and self.lost_since is None =>
+a kart that was away when an official held it goes home with all others: alone-released,
+    effect, sent-wrong, availability
+    away_at_rest: (self.connected or self.held_alone) => self.connected
+a kart that was lost in motion goes home with all others: doubt-forgotten, hold-forgotten,
+    sent-wrong, availability
+    away_at_rest: self.doubt is Doubt.NONE and =>
+a kart that was away must be released alone: availability, effect, sent-wrong, as-seen
+    _released_by_garage: or each.away_at_rest =>
+the race waits for karts that were away when all were stopped: availability
+    _waited_for: and not (kart.sent.is_red and kart.away_at_rest) =>
 a kart lost in motion lets humans on the track: track-access, availability
     _danger: if kart.may_be_moving: return f'{kart} was lost in motion: use the MSR' => pass
 a kart that was told to go counts as standing: doubt-unnoticed, effect
@@ -444,7 +461,7 @@ GRID_ACTIVE is given after a race that is over: availability, red-loosened
 race control that is cut off goes on: cut-off, effect [network]
     cut_off: self._cut_off(reason, now) => pass
 race control that is cut off takes the track for closed: cut-off, restart [network]
-    _lose_track: self.track_open = True => pass
+    _lose_track: self._count_opening(f'to the worst: {cause}') => self.opening += 1
 race control that is cut off leaves the use of the MSR in force: cut-off [network]
     _lose_track: self.msr_used = False => pass
 race control that is cut off takes itself to know what happened: cut-off, restart [network]
@@ -509,7 +526,7 @@ a record that fails while a start waits does not stop it: start-first, no-record
         self._refusal_of(start.command, start.came) ¶ self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: self.track_open => False
 a start after it does: restart
-    recover: self.track_open = last_run is LastRun.ENDED_OPEN => pass
+    recover: self._count_opening('before race control was restarted') => pass
 a run of which nothing is known counts as ended well: restart
     recover: last_run is not LastRun.UNKNOWN and =>
 a kart in doubt does not keep a restart from going home: restart at_rest: or kart.doubt =>
@@ -574,15 +591,8 @@ the MSR is not asked for when a kart is lost in motion: use-msr
 a track that officials opened is closed by a stop: effect, stop-idempotent
     _all_kill: self._hold(each, RED_RED, cause, now) => self._hold(each, RED_RED, cause, now) ¶
         self.track_open = False
-GRID_ACTIVE closes the track by itself: alerts-act, availability, effect, refused-changes
-    _no_grid_active: if self.track_open: return 'the track is open to humans; close it first' =>
-        self.track_open = False
 a start goes out to a later grid: start-other-grid [a start alone]
     _grid_active: self.start = self.start._replace(phase=StartPhase.OUTLIVED) => pass
-GRID_ACTIVE is taken right behind the closing of the track: pause, effect, available-from [waits]
-    _close_track: self._pause(now + self.times.pause, 'the track was closed just now') => pass
-closing a closed track begins a pause: effect, available-from [waits]
-    _close_track: if self.track_open => if True
 a race goes home from the grid with a kart that may be moving: availability
     _no_in_garage: may_be_moving or (each.doubt and not each.connected) => doubt and not
         each.connected

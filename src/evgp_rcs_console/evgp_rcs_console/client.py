@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import functools
 import ipaddress
+import math
 import queue
 import re
 import threading
@@ -107,6 +108,10 @@ class Sources:
 
 GIVE_UP = 15.0
 """Time for which an answer to a command that is no stop is waited for, in seconds."""
+
+THEN_WITHIN = 0.5
+"""Maximum time from a press to the last command that it gives, in seconds. It is below the pause
+after a stop, in which race control takes none that loosens anything."""
 
 PRESSES = 10
 """Number of unanswered presses of one stop whose answers are still waited for."""
@@ -224,6 +229,7 @@ class Client:
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._began = RaceBegan()
+        self._stop_given_at = -math.inf
         self._given: queue.SimpleQueue[Given | msg.Presence | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting: dict[Any, Given] = {}
@@ -275,6 +281,7 @@ class Client:
                 elif CATALOGUE[given.command].stop:
                     with self._lock:
                         self._standing.add(given, now())
+                        self._stop_given_at = now()
                 else:
                     self._call(given)
             # Each time: what else goes this way, such as that somebody is there, puts off neither.
@@ -361,9 +368,15 @@ class Client:
                 ended = stood and unknown
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
+            follows = given.followed_by() if answer.success else None
+            soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
         # An earlier press of the same, or one that failed, is pressed again and not told.
         if ended or not CATALOGUE[given.command].stop:
             self._listener.on_answer(given, answer)
+        if follows is not None and soon:
+            self.give(follows)
+        elif follows is not None:
+            self._listener.on_answer(follows, Answer(False, texts.not_followed(follows)))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
         at = now()

@@ -127,6 +127,14 @@ def parser() -> argparse.ArgumentParser:
                 nargs='*',
                 help='the karts that you mean; without any, it lists them and sends nothing',
             )
+        if entry.names_opening:
+            each.add_argument(
+                '--closes',
+                type=_count,
+                metavar='NUMBER',
+                help='if the track is open: the number of the opening that this closes; without '
+                'it, it says which one that is and sends nothing',
+            )
         for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
             if field in NAMES_WHAT:

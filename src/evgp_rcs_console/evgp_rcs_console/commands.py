@@ -41,8 +41,11 @@ class Given:
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
     :param heat: for putting a heat into the race: its name.
+    :param opening: for GRID_ACTIVE: the last opening of the track that the official saw.
     :param official: who gave it, as sent to race control.
     :param taken: the further fields of its request (``Entry.takes``).
+    :param then: commands that are given once this one is accepted, one after the other, if that is
+        soon enough; each as if it had been pressed with this one.
     :param at: when it was given, by the clock that counts a suspend, in seconds.
     :param waited: for how long the press had waited by then, in seconds, as far as that is known.
         Race control is told; no stop ends by it, since it may be too large.
@@ -54,10 +57,19 @@ class Given:
     karts: tuple[int, ...] = ()
     hold: RaceState | None = None
     heat: str = ''
+    opening: int = 0
     official: str = ''
     taken: Mapping[str, int | bool | str] = field(default_factory=dict)
+    then: tuple[Given, ...] = ()
     at: float = field(default_factory=now)
     waited: float = 0.0
+
+    def followed_by(self) -> Given | None:
+        """Return the command that follows once this one is accepted; None: none does."""
+        if not self.then:
+            return None
+        first, *rest = self.then
+        return replace(first, official=self.official, at=self.at, then=tuple(rest))
 
 
 def request(
@@ -85,6 +97,8 @@ def request(
         fields['hold'] = given.hold
     if entry.names_heat:
         fields['heat'] = given.heat
+    if entry.names_opening:
+        fields['opening'] = given.opening
     if entry.stop:
         fields['age'] = max(0.0, at - given.at) + given.waited
     return fields

@@ -163,15 +163,22 @@ def _give(
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = None
+    opening = 0
     released = ''
-    if (entry.names_karts and not karts) or entry.names_hold:
+    if (entry.names_karts and not karts) or entry.names_hold or entry.names_opening:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
         assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
         # IN GARAGE may be for no kart; then there is none to name.
-        if entry.names_karts and (concerned.karts or not concerned.available or not wanted.stated):
+        unnamed = concerned.karts or not concerned.available or not wanted.stated
+        unnamed = entry.names_karts and not karts and unnamed
+        if entry.names_opening:
+            track = hearing.race.track
+            opening = track.opening if wanted.closes is None else wanted.closes
+            unnamed = unnamed or (track.open and wanted.closes is None)
+        if unnamed:
             # So that the question says what the timekeeper knows; without one it asks on.
             hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
             return _name_them(wanted, hearing.race, hearing.results)
@@ -187,6 +194,7 @@ def _give(
         karts,
         hold,
         getattr(wanted, 'heat', ''),
+        opening,
         Signature(wanted.official).claim,
         {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
@@ -240,7 +248,7 @@ def _next_step(
     if not others and not unsaid:
         return []
     said = said_of(given.command, race, offered, kart, found) if others else []
-    return [*said, _again(wanted, karts, unsaid)]
+    return [*said, _again(wanted, race, karts, unsaid)]
 
 
 def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | None) -> Told:
@@ -260,23 +268,31 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
             [
                 f'{label}: nothing was sent. It is for {names}.',
                 *said_of(command, race, offered, None, found),
-                _again(wanted, offered.karts, offered.statement if not wanted.stated else ''),
+                _again(
+                    wanted, race, offered.karts, offered.statement if not wanted.stated else ''
+                ),
             ]
         ),
     }
 
 
-def _again(wanted: argparse.Namespace, karts: Sequence[int], unsaid: str) -> str:
+def _again(
+    wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str
+) -> str:
     """Return what sends a command, naming these karts and stating what was not stated."""
     condition = f'If you state that {unsaid}' if unsaid else 'To send it'
-    return f'{condition}, type: {_line(wanted, karts, wanted.stated or bool(unsaid))}'
+    return f'{condition}, type: {_line(wanted, race, karts, wanted.stated or bool(unsaid))}'
 
 
-def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str:
+def _line(
+    wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stated: bool
+) -> str:
     """Return the line that sends a command again, naming these karts."""
-    flag, _ = CATALOGUE[COMMANDS[wanted.command]].flag or ('', '')
+    entry = CATALOGUE[COMMANDS[wanted.command]]
+    flag, _ = entry.flag or ('', '')
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
+    parts += ['--closes', race.track.opening] if entry.names_opening and race.track.open else []
     parts += ['--official', tidy(wanted.official)] if wanted.official else []
     return as_called(shlex.join(str(part) for part in parts if part != ''))
 

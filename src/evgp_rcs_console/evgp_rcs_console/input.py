@@ -98,15 +98,19 @@ class Presses(QtCore.QObject):
             self._send(button)
         self._chosen.clear()
 
-    def answer(self, yes: bool) -> None:
-        """Take the answer to the question that is open."""
+    def answer(self, yes: bool, also: bool = False) -> None:
+        """
+        Take the answer to the question that is open.
+
+        :param also: it is YES to what is asked together with it, too.
+        """
         asked = self._areas.question.button
         # Hidden first: a second press of the same key must find nothing to answer.
         self._areas.question.close_sheet()
         self._areas.setFocus()
         self._chosen.clear()
         if yes and asked is not None:
-            self._send(asked)
+            self._send(asked, also)
         elif asked is not None and asked.kart and not self._chosen.kart:
             self._chosen.choose_in_sight(asked.kart)  # whose number was typed for the question
 
@@ -162,9 +166,9 @@ class Presses(QtCore.QObject):
         if not self._areas.events.toggle(self._chosen.kart):
             self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
 
-    def _send(self, button: Button) -> None:
+    def _send(self, button: Button, also: bool = False) -> None:
         claim = self._signature.claim
-        given = replace(button.given(), official=claim, waited=self._late.waited)
+        given = replace(button.given(also), official=claim, waited=self._late.waited)
         self._give(given)
         if not CATALOGUE[given.command].stop:  # the client says which stops are not accepted yet
             self.display.unanswered.add(given)
@@ -282,7 +286,7 @@ class Mouse:
             self._bottom.say(said, Tone.WAIT)
             return True
         question = self._areas.question
-        if target is question.yes and not question.settled:
+        if target in (question.yes, question.also) and not question.settled:
             return True
         # The second press of a double click is not meant for what is there by now.
         return double and button is not None
@@ -389,18 +393,22 @@ class Keyboard:
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
         """Take a key while a question is open; return that it is used up."""
         question = self._areas.question
-        yes_by_enter = stroke is not None and stroke.act is Act.PRESS and question.yes.hasFocus()
+        answers = [question.no, question.yes]
+        answers += [] if question.also.isHidden() else [question.also]
+        focused = next((each for each in answers if each.hasFocus()), question.no)
+        by_enter = focused if stroke is not None and stroke.act is Act.PRESS else None
+        also = question.also in answers and (by_enter is question.also or name == question.also.key)
         if name in ('N', 'Esc'):
             self._presses.answer(False)
-        elif name == 'Y' or yes_by_enter:
+        elif name == 'Y' or by_enter is question.yes or also:
             if at < question.shown_at:
                 self._bottom.say(texts.TOO_EARLY.format(name=name), Tone.BAD)
             elif question.yes.isEnabled():
-                self._presses.answer(True)
+                self._presses.answer(True, also)
             else:
                 self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
         elif name in MOVE_KEYS:
-            other = question.yes if question.no.hasFocus() else question.no
+            other = answers[(answers.index(focused) + 1) % len(answers)]
             (other if other.isEnabled() else question.no).setFocus()
         elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
             self._do(stroke.act, at)

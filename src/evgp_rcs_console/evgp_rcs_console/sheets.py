@@ -115,7 +115,8 @@ class Sheet(Painted):
 class Question(Sheet):
     """Asks an official to confirm a command that loosens something, or the use of the MSR."""
 
-    answered = Signal(bool)
+    answered = Signal(bool, bool)
+    """Whether the answer is YES, and whether to what is asked together with it, too."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'question')
@@ -135,11 +136,13 @@ class Question(Sheet):
         self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
         self._problem.setParent(self)
         self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO, 'N')
-        self.no.clicked.connect(lambda: self.answered.emit(False))
-        self.yes.clicked.connect(lambda: self.answered.emit(True))
+        self.also = Push('yes_and_more')
+        self.no.clicked.connect(lambda: self.answered.emit(False, False))
+        self.yes.clicked.connect(lambda: self.answered.emit(True, False))
+        self.also.clicked.connect(lambda: self.answered.emit(True, True))
         for text in self._texts:
             self.add(text, 0)
-        self.add(self.no, 40, self.yes, 52)
+        self.add(self.also, 44, self.no, 40, self.yes, 52)
 
     def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
         # A text that is hidden for a problem keeps its room.
@@ -154,7 +157,8 @@ class Question(Sheet):
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
         top = self._consequence.geometry()
-        bottom = self.no.geometry().top() - look.px(10)
+        first = self.no if self.also.isHidden() else self.also
+        bottom = first.geometry().top() - look.px(10)
         high = max(bottom - top.top(), look.px(46))
         self._problem.setGeometry(top.left(), top.top(), top.width(), min(high, look.px(90)))
 
@@ -163,7 +167,8 @@ class Question(Sheet):
         self.button = button
         self.shown_at = clock.now()
         self._spoilt_at = self._problem_text = ''
-        self.yes.setDown(False)  # held down since another question
+        for yes in (self.yes, self.also):
+            yes.setDown(False)  # held down since another question
         # A click on YES does not count at first: it may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
@@ -172,6 +177,9 @@ class Question(Sheet):
         self._statement.show_text(texts.ASK_STATE.format(condition=button.condition))
         self._show_texts(button)
         self.yes.show_words(texts.ASK_YES.format(condition=condition), 'Y')
+        self.also.setVisible(bool(button.also))
+        if button.also:
+            self.also.show_words(texts.also(button.also), CATALOGUE[button.also[0].command].key)
         self.update_button(button)
 
     def update_button(self, button: Button | None) -> None:
@@ -209,8 +217,9 @@ class Question(Sheet):
         self._problem.show_cell(Cell(problem, Tone.BAD))
         self._problem.setVisible(bool(problem))
         self._problem.raise_()
-        self.yes.setEnabled(not problem)
-        self.yes.bar(bool(problem) or not self.settled)
+        for yes in (self.yes, self.also):
+            yes.setEnabled(not problem)
+            yes.bar(bool(problem) or not self.settled)
 
 
 class Heats(Sheet):

@@ -184,6 +184,7 @@ BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
+NOT_FOLLOWED = '{command} was not sent: the command before it took too long. Press it now.'
 NO_SERVICE = 'it does not find the services of race control'
 NOT_THERE = '{command} was not sent: {who} is not there.'
 NOT_ALLOWED = (
@@ -201,6 +202,8 @@ AGAIN_IN = '{reason} (again in {seconds} s)'
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}'
+ASK_YES_AND_OPEN = 'YES, and teams may go onto the track'
+ASK_YES_AND_SAFE = 'YES, and {karts} made safe by hand'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
@@ -405,6 +408,19 @@ def warning(command: Kind, race: Snapshot) -> str:
             return f'only the MSR stops {doubtful}: leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
+
+
+def also(following: Sequence[Given]) -> str:
+    """Return what is confirmed together with IN GARAGE: the track, or karts that it leaves held."""
+    if following[0].command is CommandKind.OPEN_TRACK:
+        return ASK_YES_AND_OPEN
+    karts = ', '.join(str(each.kart) for each in following)
+    return ASK_YES_AND_SAFE.format(karts=f'kart{"s" * (len(following) > 1)} {karts}')
+
+
+def not_followed(given: Given) -> str:
+    """Return that a command was not sent, since the one before it took too long."""
+    return NOT_FOLLOWED.format(command=full_name(given))
 
 
 def not_there(command: Kind, name: str) -> str:

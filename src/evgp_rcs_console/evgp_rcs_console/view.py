@@ -105,6 +105,8 @@ class Button:
     :param warning: why not to confirm it; empty if nothing is known against it.
     :param caution: what else to know before it is confirmed; the question stays the same without.
     :param heat: the name of the heat that it puts into the race.
+    :param opening: the last opening of the track, if the command closes it.
+    :param also: what an official can confirm together with it, as its second YES.
     :param key: the key that presses it; empty if none does.
     :param phrase: for a command to the race: since when its result holds, what it would do, or
         what it waits for; for one to the track: to whom. In a few words.
@@ -124,15 +126,19 @@ class Button:
     warning: str = ''
     caution: str = ''
     heat: str = ''
+    opening: int = 0
+    also: tuple[Given, ...] = ()
     key: str = ''
     phrase: str = ''
     current: bool = False
 
-    def given(self) -> Given:
+    def given(self, also: bool = False) -> Given:
         """
         Return the command as given by an official who saw this button and confirmed its condition.
 
         Race control gets a statement only if it asked for it and the question showed its words.
+
+        :param also: the official confirmed ``also`` together with it.
         """
         return Given(
             self.command,
@@ -141,6 +147,8 @@ class Button:
             karts=self.karts,
             hold=self.hold,
             heat=self.heat,
+            opening=self.opening,
+            then=self.also if also else (),
         )
 
     def asks_the_same(self, other: Button) -> bool:
@@ -148,7 +156,8 @@ class Button:
 
         def seen(button: Button) -> tuple[object, ...]:
             said = button.condition, button.consequence, button.warning
-            return *said, button.statement, button.karts, button.hold
+            also = [(each.command, each.kart, each.hold) for each in button.also]
+            return *said, button.statement, button.karts, button.hold, button.opening, *also
 
         return seen(self) == seen(other)
 
@@ -757,6 +766,22 @@ class _Buttons:
             self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )
 
+    def _also(self, offered: Availability) -> tuple[Given, ...]:
+        """
+        Return what an official can confirm together with IN GARAGE.
+
+        After the MSR it is that the karts that it leaves held were made safe by hand; else that
+        teams may go onto the track.
+        """
+        track = self.snapshot.track
+        if not track.msr_used:
+            return () if track.open else (Given(CommandKind.OPEN_TRACK),)
+        return tuple(
+            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold)
+            for kart in self.snapshot.karts
+            if kart.hold is not None and kart.number not in offered.karts
+        )
+
     def _button(
         self,
         command: Kind,
@@ -793,6 +818,8 @@ class _Buttons:
             statement=offered.statement,
             karts=offered.karts,
             hold=kart.hold if kart and entry.names_hold else None,
+            opening=self.snapshot.track.opening if entry.names_opening else 0,
+            also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
             warning=warning,
             caution=caution,
             key=key,

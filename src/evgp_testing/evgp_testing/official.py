@@ -52,7 +52,8 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         held = next((each for each in race.karts if each.number == kart), None)
         return {} if held is None else {'hold': held.hold}
     number = getattr(msg.CommandAvailability, kind.name)
-    return {'karts': next(each.karts for each in race.commands if each.command == number)}
+    saw = {'karts': next(each.karts for each in race.commands if each.command == number)}
+    return saw | ({'opening': race.track.opening} if CATALOGUE[kind].names_opening else {})
 
 
 def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:

@@ -397,6 +397,8 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
     if entry.names_heat:
         taken['heat'] = request.heat  # as the roster has it
+    if entry.names_opening:
+        taken['opening'] = request.opening
     return Command(
         kind,
         request.kart if entry.to_one_kart else 0,

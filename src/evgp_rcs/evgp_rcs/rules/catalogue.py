@@ -116,6 +116,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.GRID_ACTIVE,)),
         statement='track_clear',
         names_karts=True,
+        names_opening=True,
         flag=('--track-is-clear', 'you state that the track is clear of humans'),
         place=1,
         key='F2',

@@ -153,6 +153,8 @@ class Command(NamedTuple):
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     :param heat: for SET_HEAT: the name of the heat.
+    :param opening: for GRID_ACTIVE, which closes the track: the number of its last opening, as the
+        official saw it (``TrackAccess.opening``).
     :param official: who gives it, by their own word (``official``). No rule depends on it.
     :param run: for FINISH by the timekeeper: the id of the run of race control, with ``race``, the
         number of the race, and ``attempt``, how often the kart's finish was undone in it; empty:
@@ -171,6 +173,7 @@ class Command(NamedTuple):
     run: str = ''
     race: int = 0
     attempt: int = 0
+    opening: int = 0
     age: float = 0.0
 
     @property
@@ -318,12 +321,17 @@ class Availability(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackAccess:
-    """Whether officials have opened the track, and whether humans may be on it (§3.A)."""
+    """
+    Whether officials have opened the track, and whether humans may be on it (§3.A).
+
+    :param opening: the number of the last opening in this run, closed again or not; 0: none.
+    """
 
     open: bool  # noqa: A003 - the message's name
     allowed: bool
     reason: str
     msr_used: bool
+    opening: int = 0
 
 
 @dataclass(frozen=True)
@@ -461,6 +469,16 @@ class Kart:
     def stands(self) -> bool:
         """Return whether humans may rely on that: it has stood by its word for long enough."""
         return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
+
+    @property
+    def away_at_rest(self) -> bool:
+        """
+        Return whether it is away, and was never in doubt: only a command to all can hold it.
+
+        It was not lost in a race, and no official held it alone.
+        """
+        at_rest = self.doubt is Doubt.NONE and self.lost_since is None
+        return at_rest and not (self.connected or self.held_alone)
 
     @property
     def stopped_itself(self) -> bool:
@@ -630,6 +648,9 @@ class Race:
         alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
+        self.opening = 0
+        """Number of the last opening of the track in this run; 0: none."""
+        self._opened = ''  # by whom, in a phrase
         self.msr_used = False
         self.past_unknown = False
         """Race control does not know what happened before, or while it was cut off; until
@@ -687,7 +708,8 @@ class Race:
         :param why: why no proof of a good end is believed, in a phrase; empty: no such reason.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
-            self.track_open = last_run is LastRun.ENDED_OPEN
+            if last_run is LastRun.ENDED_OPEN:
+                self._count_opening('before race control was restarted')
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
         self._put_in = '' if memory is None else memory.heat
@@ -725,11 +747,16 @@ class Race:
     def _lose_track(self, held: str, cause: str, now: float) -> None:
         """Have everything count as the worst it could be: race control does not know it."""
         self.past_unknown = True
-        self.track_open = True
+        self._count_opening(f'to the worst: {cause}')
         self.msr_used = False
         for kart in self.karts.values():
             self._hold(kart, RED_RED, held, now)
         self._go(RED_RED, now, cause)
+
+    def _count_opening(self, how: str) -> None:
+        self.track_open = True
+        self.opening += 1
+        self._opened = how
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -1134,7 +1161,7 @@ class Race:
         if allowed and self.unstated and not self.msr_used:
             allowed = False
             reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
-        return TrackAccess(self.track_open, allowed, reason, self.msr_used)
+        return TrackAccess(self.track_open, allowed, reason, self.msr_used, self.opening)
 
     # ----- what a kart is sent ------------------------------------------------------------
 
@@ -1261,7 +1288,7 @@ class Race:
         self.grids += 1
         self.number = self.grids
         self.race_since = now
-        self.msr_used = False
+        self.track_open = self.msr_used = False
         self.starters = ()
         self.nobody_since = None  # if nobody is there now, nobody was in this race yet
         self.places_given = 0
@@ -1304,14 +1331,11 @@ class Race:
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
-        self.track_open = True
+        self._count_opening(f'by {command.official or "an official"}')
         self.unstated = False
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
     def _close_track(self, command: Command, now: float) -> str:
-        if self.track_open:
-            # GRID_ACTIVE may have been sent before the track was opened, and come here after it.
-            self._pause(now + self.times.pause, 'the track was closed just now')
         self.track_open = False
         return 'The track is closed to humans'
 
@@ -1427,8 +1451,6 @@ class Race:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
-        if self.track_open:
-            return 'the track is open to humans; close it first'
         held = _held(racing)
         if held:
             if self.state is GRID_ACTIVE:
@@ -1615,6 +1637,7 @@ class Race:
             and (
                 each.hold is None
                 or (each.stands and (each.in_race or not each.held_alone))
+                or each.away_at_rest
                 or self._covered_by_statement(each)
             )
         )
@@ -1626,6 +1649,11 @@ class Race:
             return self._no_such_heat(command.heat)
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
+        if entry.names_opening and command.opening != self.opening:
+            return (
+                f'the track was opened {self._opened} since you looked; see that nobody is on it, '
+                'then send this command again'
+            )
         return self._not_as_seen(command) if entry.names_karts else ''
 
     def _no_such_heat(self, name: str) -> str:
@@ -1767,6 +1795,7 @@ class Race:
         """
         Return the karts that the race waits for: lost ones too, unless the MSR was used.
 
+        In a red it waits for no kart that was away, at rest, when all were stopped.
         Where it is not known what happened, every connected kart that is held must answer, too,
         unless the official's statement covers it.
         """
@@ -1777,6 +1806,7 @@ class Race:
                 (kart.connected and (kart.in_race or (self.past_unknown and kart.sent.is_red)))
                 or (kart.in_race and not self.msr_used)
             )
+            and not (kart.sent.is_red and kart.away_at_rest)
             and not self._covered_by_statement(kart)
         ]
 
@@ -1806,7 +1836,8 @@ class Race:
         news = answered and not self._told_all_answered
         self._told_all_answered = answered
         if news:
-            who = 'connected kart' if self.msr_used else 'kart'
+            everyone = all(kart.connected for kart in self.racing())
+            who = 'kart' if everyone else 'connected kart'
             text = f'Every {who} of the race has acknowledged; {self._next(now)}'
             self._tell(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
 
@@ -2098,7 +2129,11 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.GRID_ACTIVE: Rule(
         Race._grid_active,
         Race._no_grid_active,
-        lambda race, command: 'the track is clear of humans',
+        lambda race, command: (
+            'the track, which closes now, is clear of humans'
+            if race.track_open
+            else 'the track is clear of humans'
+        ),
         Race._started,
     ),
     CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green, karts=Race._started),
