@@ -35,6 +35,8 @@ def fields_of(entry: Entry) -> dict[str, str]:
         fields['hold'] = 'evgp_rcs_msgs/RaceState'
     if entry.names_heat:
         fields['heat'] = 'string'
+    if entry.names_opening:
+        fields['opening'] = 'uint32'
     if entry.service_type.endswith(('/RaceCommand', '/KartCommand')):
         fields['age'] = 'double'  # the types of all stops; what is no stop does not use it
     # Under the same names, and of the same types, as the rules have them.

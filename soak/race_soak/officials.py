@@ -112,8 +112,6 @@ class Officials(Part):
                 self._call('kart/red_red', kart=kart.number)
             elif wanted and kart.hold.state and self._rng.random() < 0.9:
                 self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
-        if race.track.open:
-            self._call('set_track_open', open=False)
         self._call('grid_active', track_clear=True)
         self._pause(0.02)
 

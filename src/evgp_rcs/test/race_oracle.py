@@ -130,7 +130,7 @@ PROPERTIES = {
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'cut-off': 'S: race control that is cut off knows nothing, and loosens nothing meanwhile',
     'contested': 'S: no race starts with a kart as which two programs connect',
-    'hold-forgotten': 'S: a hold falls with an acknowledged red, of a kart that was away, or alone',
+    'hold-forgotten': 'S: a hold falls with an acknowledged red, if its kart was away, or alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
     'order-serial': 'S: serials rise, and the last order sent is the one that counts',
     'sent-wrong': 'what a kart is sent is the sentence of docs/rules.md',
@@ -1745,8 +1745,9 @@ class Search:
     What is left out of a state's key (``_key``) because the rules do not read it:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing (but not that
-      one without doubt is), how often the track was opened, whether a kart withdrew its word, when its order arrived, how good its link is, what is wrong with a button,
-      and whether the race is over: only events and alerts are made of them;
+      one without doubt is), how often the track was opened, whether a kart withdrew its word, when
+      its order arrived, how good its link is, what is wrong with a button, and whether the race is
+      over: only events and alerts are made of them;
     - whether somebody was there, and when they left, but in a race that is in motion without them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that has a place and is being sent a red (one that

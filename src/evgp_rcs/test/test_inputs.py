@@ -66,6 +66,7 @@ COMMANDS = st.builds(
     run=TEXTS,
     race=NUMBERS,
     attempt=NUMBERS,
+    opening=NUMBERS,
     age=st.floats(0.0, 86_400.0),
 )
 MEMORIES = st.builds(

@@ -863,7 +863,8 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     karts = frozenset({1, 2})
     command = Command(CommandKind.GRID_ACTIVE, 0, True, karts, opening=looked)
     answer = officials.race.command(command, officials.now).answer
-    assert answer is not None and not answer.success
+    assert answer is not None
+    assert not answer.success
     assert 'the track was opened by an official since you looked' in answer.message
     officials.does('OPEN_TRACK')
     assert 'state that the track, which closes now,' in officials.is_refused(

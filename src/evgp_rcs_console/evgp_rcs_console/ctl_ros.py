@@ -276,17 +276,13 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
     }
 
 
-def _again(
-    wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str
-) -> str:
+def _again(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
     """Return what sends a command, naming these karts and stating what was not stated."""
     condition = f'If you state that {unsaid}' if unsaid else 'To send it'
     return f'{condition}, type: {_line(wanted, race, karts, wanted.stated or bool(unsaid))}'
 
 
-def _line(
-    wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stated: bool
-) -> str:
+def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stated: bool) -> str:
     """Return the line that sends a command again, naming these karts."""
     entry = CATALOGUE[COMMANDS[wanted.command]]
     flag, _ = entry.flag or ('', '')

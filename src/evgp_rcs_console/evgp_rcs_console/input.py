@@ -397,7 +397,9 @@ class Keyboard:
         answers += [] if question.also.isHidden() else [question.also]
         focused = next((each for each in answers if each.hasFocus()), question.no)
         by_enter = focused if stroke is not None and stroke.act is Act.PRESS else None
-        also = question.also in answers and (by_enter is question.also or name == question.also.key)
+        also = question.also in answers and (
+            by_enter is question.also or name == question.also.key
+        )
         if name in ('N', 'Esc'):
             self._presses.answer(False)
         elif name == 'Y' or by_enter is question.yes or also:

@@ -16,7 +16,7 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Heat
+from evgp_rcs.rules.race import Heat, NO_RACE_ANYWHERE
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -203,6 +203,7 @@ ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}'
 ASK_YES_AND_OPEN = 'YES, and teams may go onto the track'
+ASK_YES_AND_FIRST = f'{ASK_YES_AND_OPEN}: {NO_RACE_ANYWHERE}'
 ASK_YES_AND_SAFE = 'YES, and {karts} made safe by hand'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
@@ -411,9 +412,9 @@ def warning(command: Kind, race: Snapshot) -> str:
 
 
 def also(following: Sequence[Given]) -> str:
-    """Return what is confirmed together with IN GARAGE: the track, or karts that it leaves held."""
+    """Return what is confirmed together with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
-        return ASK_YES_AND_OPEN
+        return ASK_YES_AND_FIRST if following[0].stated else ASK_YES_AND_OPEN
     karts = ', '.join(str(each.kart) for each in following)
     return ASK_YES_AND_SAFE.format(karts=f'kart{"s" * (len(following) > 1)} {karts}')
 

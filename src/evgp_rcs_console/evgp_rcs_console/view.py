@@ -773,11 +773,12 @@ class _Buttons:
         After the MSR it is that the karts that it leaves held were made safe by hand; else that
         teams may go onto the track.
         """
-        track = self.snapshot.track
+        track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:
-            return () if track.open else (Given(CommandKind.OPEN_TRACK),)
+            given = Given(CommandKind.OPEN_TRACK, stated=bool(opening.statement), at=0.0)
+            return (given,) if opening.available and not track.open else ()
         return tuple(
-            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold)
+            Given(CommandKind.KART_IN_GARAGE, kart.number, stated=True, hold=kart.hold, at=0.0)
             for kart in self.snapshot.karts
             if kart.hold is not None and kart.number not in offered.karts
         )
