@@ -17,7 +17,7 @@ import math
 import time
 from typing import Any, NamedTuple
 
-from evgp_node.results import KartResult, Standings, Status
+from evgp_node.results import KartResult, lap_time, Standings, Status
 from evgp_node.roster import Format
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import AlertKind, EventKind, StampedEvent
@@ -26,7 +26,6 @@ from evgp_rcs.words import (
     Cell,
     does,
     headline,
-    lap_time,
     LINKS,
     milliseconds,
     numbered,
@@ -260,11 +259,7 @@ def _gap(result: KartResult, results: Standings) -> str:
         return lap_time(result.total)
     if result.total is None or leader.total is None:
         return lap_time(result.total)
-    if result.laps < leader.laps:
-        behind = leader.laps - result.laps
-        return f'+{behind} lap{"s" * (behind > 1)}'
-    gap = result.total - leader.total
-    return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
+    return results.behind(result.kart)
 
 
 def _taken(result: KartResult) -> list[str]:

@@ -12,9 +12,21 @@ Pure.
 from __future__ import annotations
 
 import enum
+import math
 from typing import NamedTuple
 
 from evgp_node.roster import Format
+
+
+def lap_time(seconds: float | None, digits: int = 3) -> str:
+    """Return a time as minutes:seconds, as ``1:02.345``; empty if there is none."""
+    if seconds is None or not math.isfinite(1000 * seconds):
+        return ''
+    unit = 10**digits
+    minutes, rest = divmod(round(abs(seconds) * unit), 60 * unit)
+    point = f'.{rest % unit:0{digits}}' if digits else ''
+    return f'{"-" if seconds < 0 else ""}{minutes}:{rest // unit:02}{point}'
+
 
 TIMING_GONE = 3.0
 """Time without results after which screens say that there is no timing, in seconds: they come once
@@ -243,6 +255,22 @@ class Standings(NamedTuple):
     def kart(self, number: int) -> KartResult | None:
         """Return the result of a kart; None: it did not start."""
         return next((each for each in self.karts if each.kart == number), None)
+
+    def behind(self, number: int) -> str:
+        """Return how far a kart is behind the first one, in words; empty: it is not."""
+        kart, first = self.kart(number), next(iter(self.karts), None)
+        if kart is None or first is None or not kart.place:
+            return ''
+        if self.format is Format.PRACTICE:
+            laps, mine, leading = 0, kart.best, first.best
+        else:
+            laps, mine, leading = first.laps - kart.laps, kart.total, first.total
+        if kart is first or mine is None or leading is None or laps < 0:
+            return ''
+        if laps:
+            return f'+{laps} lap{"s" * (laps > 1)}'
+        gap = mine - leading
+        return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
 
     def laps_left(self, number: int) -> int:
         """Return how many laps a kart still has to drive; 0 also where no number is set."""

@@ -146,14 +146,6 @@ def clock(seconds: float) -> str:
     return f'{hours}:{minute:02}:{second:02}' if hours else f'{minute}:{second:02}'
 
 
-def lap_time(seconds: float | None) -> str:
-    """Return a time as minutes:seconds and thousandths; empty if there is none."""
-    if seconds is None or not math.isfinite(1000 * seconds):
-        return ''
-    minutes, thousandths = divmod(round(1000 * seconds), 60_000)
-    return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
-
-
 def milliseconds(seconds: float | None) -> str:
     """Return a time in milliseconds, rounded up; empty if there is none."""
     if seconds is None or not math.isfinite(1000 * seconds):

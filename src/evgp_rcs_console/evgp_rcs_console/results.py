@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 import shlex
 
-from evgp_node.results import KartResult, Mark, Standings
-from evgp_rcs.words import lap_time, STATUS, time_of_day
+from evgp_node.results import KartResult, lap_time, Mark, Standings
+from evgp_rcs.words import STATUS, time_of_day
 from evgp_rcs_console import texts
 
 
@@ -20,17 +20,6 @@ def position(results: Standings, number: int) -> str:
         return ''
     laps = f'{len(kart.lap_times)}/{results.laps}'.removesuffix('/0')
     return f'P{kart.place} {laps}' if kart.place else laps
-
-
-def gap(results: Standings, number: int) -> str:
-    """Return how far a kart is behind the first one; empty: it is not, or has no lap yet."""
-    kart, first = results.kart(number), next(iter(results.karts), None)
-    if kart is None or first is None or kart.total is None or first.total is None:
-        return ''
-    laps, seconds = first.laps - kart.laps, kart.total - first.total
-    if laps > 0:
-        return f'+{laps} lap{"s" * (laps > 1)}'
-    return f'+{seconds:.1f} s' if kart is not first and not laps else ''
 
 
 def on_last_lap(results: Standings, number: int) -> bool:

@@ -589,7 +589,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         waits=kart.connected and asks and not answered,
         says=says,
         place=buttons.place(kart),
-        gap='' if buttons.shown is None else timed.gap(buttons.shown, kart.number),
+        gap='' if buttons.shown is None else buttons.shown.behind(kart.number),
         note=Cell(note, _note_tone(done, urgent and bool(notes))),
         buttons=tuple(
             shown.get(command) or buttons.kart(command, kart)

@@ -859,7 +859,7 @@ def test_a_row_shows_position_lap_and_gap_beside_what_is_more_urgent() -> None:
     rows = show(replace(RACE, karts=karts), 0.0, {}, None, known).rows
 
     assert [row.place for row in rows] == ['P2 3/6', 'P1 3/6', 'P3 1/6']
-    assert [row.gap for row in rows] == ['+2.5 s', '', '+2 laps']
+    assert [row.gap for row in rows] == ['+2.500', '', '+2 laps']
     assert all(texts.HELD.format(reason='') in row.note.text for row in rows)
 
 

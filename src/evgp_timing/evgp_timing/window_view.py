@@ -10,12 +10,20 @@ Pure.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-import math
 import time
 from typing import NamedTuple
 
-from evgp_node.results import Act, BY_HAND, Judged, KartResult, Mark, Passing, Standings, Status
-from evgp_node.roster import Format
+from evgp_node.results import (
+    Act,
+    BY_HAND,
+    Judged,
+    KartResult,
+    lap_time,
+    Mark,
+    Passing,
+    Standings,
+    Status,
+)
 
 HEADINGS = ('POS', 'KART', 'TEAM', 'LAPS', 'TIME', 'GAP', 'BEST', 'LAST', 'STATUS')
 """The headings of the results."""
@@ -70,16 +78,6 @@ class Crossing(NamedTuple):
     def __str__(self) -> str:
         """Return which one it is, as a dialog names it."""
         return f'Kart {self.kart} at {self.at}: {self.text} ({self.passing.identity})'
-
-
-def clock_time(seconds: float | None, digits: int = 3) -> str:
-    """Return a time as minutes:seconds, as ``1:02.345``; empty if there is none."""
-    if seconds is None or not math.isfinite(seconds):
-        return ''
-    unit = 10**digits
-    minutes, rest = divmod(round(abs(seconds) * unit), 60 * unit)
-    point = f'.{rest % unit:0{digits}}' if digits else ''
-    return f'{"-" if seconds < 0 else ""}{minutes}:{rest // unit:02}{point}'
 
 
 def title(results: Standings) -> str:
@@ -144,10 +142,10 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
                 str(kart.kart),
                 teams.get(kart.kart, ''),
                 str(kart.laps),
-                clock_time(kart.total),
-                _gap(results, kart),
-                clock_time(kart.best),
-                clock_time(next(iter(kart.lap_times[-1:]), None)),
+                lap_time(kart.total),
+                results.behind(kart.kart),
+                lap_time(kart.best),
+                lap_time(next(iter(kart.lap_times[-1:]), None)),
                 '; '.join(filter(None, (_status(results, kart), *map(str, kart.penalties)))),
             ),
             bool(kart.penalties),
@@ -160,18 +158,6 @@ def _status(results: Standings, kart: KartResult) -> str:
     if kart.status is Status.RUNNING:
         return f'lap {len(kart.lap_times) + 1}'
     return _STATUS[kart.status]
-
-
-def _gap(results: Standings, kart: KartResult) -> str:
-    """Return how far a kart is behind the first one."""
-    first = results.karts[0]
-    mine, best = (kart.total, first.total)
-    behind = first.laps - kart.laps
-    if results.format is Format.PRACTICE:
-        mine, best, behind = kart.best, first.best, 0
-    if kart is first or not kart.place or mine is None or best is None:
-        return ''
-    return f'+{behind} lap{"s" * (behind > 1)}' if behind else f'+{mine - best:.3f}'
 
 
 def crossings(results: Standings) -> list[Crossing]:
@@ -192,7 +178,7 @@ def _crossings(results: Standings) -> Iterator[Crossing]:
         text = _became(judged, laps.get(judged.kart, []), results.laps)
         if passing.source == BY_HAND:
             text = f'by hand, {text}'
-        yield Crossing(passing, clock_time(judged.at, 1), str(judged.kart or '?'), text, act)
+        yield Crossing(passing, lap_time(judged.at, 1), str(judged.kart or '?'), text, act)
 
 
 def _became(judged: Judged, laps: list[float], wanted: int) -> str:
@@ -206,7 +192,7 @@ def _became(judged: Judged, laps: list[float], wanted: int) -> str:
             return 'nobody has said who'
         case Mark.COUNTED if laps:
             number = len(laps)
-            return f'lap {number}, {clock_time(laps.pop())}' + ': finish' * (number == wanted)
+            return f'lap {number}, {lap_time(laps.pop())}' + ': finish' * (number == wanted)
         case Mark.COUNTED:
             return 'starts lap 1'
         case _:

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 from evgp_node.entries import Entry
 from evgp_node.official import MOST, MOST_OF_NAME
-from evgp_node.results import Act, Passing, Standings, TIMING_GONE
+from evgp_node.results import Act, lap_time, Passing, Standings, TIMING_GONE
 from evgp_protocol import clock
 from evgp_timing import window_view as view
 from evgp_timing.corrections import CORRECTIONS
@@ -169,7 +169,7 @@ class TimekeeperWindow:
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
-            state = f'{self._state} {view.clock_time(now - self._since, 0)}'
+            state = f'{self._state} {lap_time(now - self._since, 0)}'
         wrong, well = list(self._results.questions), []
         for name, (where, trouble, heard) in self._lines.items():
             if now - heard > TIMING_GONE:

@@ -14,6 +14,7 @@ from evgp_node.results import (
     BY_HAND,
     Judged,
     KartResult,
+    lap_time,
     Mark,
     Passing,
     Penalty,
@@ -84,7 +85,7 @@ def seen(kart: int, number: int, mark: Mark = Mark.COUNTED, **fields: object) ->
     ],
 )
 def test_a_time_is_minutes_and_seconds(seconds: float | None, digits: int, text: str) -> None:
-    assert view.clock_time(seconds, digits) == text
+    assert lap_time(seconds, digits) == text
 
 
 def test_a_row_has_what_the_timekeeper_says_of_a_kart() -> None:
