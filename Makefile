@@ -116,7 +116,7 @@ PYTEST = $(IN_WORKSPACE) --console python -m pytest
 test:
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m 'not long' $(ARGS)
 
-# What takes long, and why, stands in docs/testing.md. Each worker takes the next when it is free.
+# What takes long, and why, stands in docs/dev/testing.md. Each worker takes the next when it is free.
 # Searches use all of a core: with more of them at once, race control gets too little to keep time.
 test-long:
 	$(PYTEST) -n 6 --maxschedchunk 1 -m long $(ARGS)

@@ -24,7 +24,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 LISTED = subprocess.run(
     ['git', 'ls-files', '*.md'], cwd=ROOT, capture_output=True, text=True, check=False
 ).stdout.split()
-DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/*.md')]
+DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/**/*.md')]
 
 EXAMPLES = {'test_my_stack.py', 'test_mine.py', 'test_stopping_distance.py'}
 """Files that a document tells its reader to write, or that are of kit/template."""
@@ -121,7 +121,7 @@ def test_every_row_names_tests_or_properties_and_each_property_is_explained() ->
         whole = [file for file, name in cited(re.sub(BRACKETS, '', rows)) if not name]
         assert whole == [], document
     assert used <= PROPERTIES.keys()
-    explained = [row[0] for row in rows_of('docs/testing.md', '### The properties in brackets')]
+    explained = [row[0] for row in rows_of('docs/dev/testing.md', '### The properties in brackets')]
     assert explained == sorted(used)
 
 

@@ -134,7 +134,7 @@ def test_the_document_has_every_parameter_with_its_default_and_range(
 
 
 @pytest.mark.parametrize(
-    'path', ['README.md', *(f'docs/{each.name}' for each in sorted(ROOT.glob('docs/*.md')))]
+    'path', ['README.md', *(str(each.relative_to(ROOT)) for each in ROOT.glob('docs/**/*.md'))]
 )
 def test_a_number_beside_the_name_of_a_parameter_is_its_default(path: str) -> None:
     beside = (
@@ -196,7 +196,7 @@ WRITTEN = [
     ('docs/network.md', r'gives a kart up after\s+the\s+same ([\d.]+) s', LOST),
     ('docs/rules.md', r'took ([\d.]+) s or longer to answer', GRADES[Grade.POOR]),
     ('docs/rules.md', r'to answer in the last (\d+) s', GRADE_WINDOW),
-    ('docs/decisions.md', r'\*poor\* begin at\s+([\d.]+) s', GRADES[Grade.FAIR]),
+    ('docs/dev/decisions.md', r'\*poor\* begin at\s+([\d.]+) s', GRADES[Grade.FAIR]),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),
@@ -205,10 +205,10 @@ WRITTEN = [
     ('docs/safety.md', r'lease of ([\d.]+) s', bridge.defaults['liveliness_lease']),
     ('docs/safety.md', r'for (\d+) s after a stop', race_control.defaults['pause']),
     ('docs/safety.md', r'after (\d+) s of its silence', ROS_HALF_SILENCE),
-    ('docs/decisions.md', r'so (\d+) s of its silence is RED_RED', ROS_HALF_SILENCE),
-    ('docs/decisions.md', r'says nothing for ([\d.]+) s is killed', KART_SERVER_SILENCE),
-    ('docs/decisions.md', r'no longer than the (\d+) s', RaceTimes().finish_stop),
-    ('docs/decisions.md', r'only be shortened, from ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/dev/decisions.md', r'so (\d+) s of its silence is RED_RED', ROS_HALF_SILENCE),
+    ('docs/dev/decisions.md', r'says nothing for ([\d.]+) s is killed', KART_SERVER_SILENCE),
+    ('docs/dev/decisions.md', r'no longer than the (\d+) s', RaceTimes().finish_stop),
+    ('docs/dev/decisions.md', r'only be shortened, from ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
 ]
 
 
