@@ -207,7 +207,10 @@ WRITTEN = [
     ('docs/safety.md', r'after (\d+) s of its silence', ROS_HALF_SILENCE),
     ('docs/dev/decisions.md', r'so (\d+) s of its silence is RED_RED', ROS_HALF_SILENCE),
     ('docs/dev/decisions.md', r'says nothing for ([\d.]+) s is killed', KART_SERVER_SILENCE),
-    ('docs/dev/decisions.md', r'no longer than the (\d+) s', RaceTimes().finish_stop),
+    ('docs/clauses.md', r'or (\d+) s after the last RED_FLAG', RaceTimes().finish_stop),
+    ('docs/clauses.md', r'locks the drive (\d+) s after', bridge.defaults['red_flag_drive_time']),
+    ('docs/clauses.md', r'stops ([\d.]+) s after the last frame', SILENCE_OF_RACE_CONTROL),
+    ('docs/clauses.md', r'race control: (\d+); less often', RATE),
     ('docs/dev/decisions.md', r'only be shortened, from ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
 ]
 
