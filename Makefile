@@ -53,8 +53,7 @@ ODOM :=
 # This machine's own address at which viewers reach the board; empty: this machine only.
 AT :=
 
-# A timing device: its kind, and where it is (docs/timing.md). Or a stop button: evdev (if empty) or
-# contact (docs/button.md).
+# A timing device: its kind, and where it is (docs/timing.md). Or a stop button (docs/button.md).
 KIND :=
 DEVICE :=
 
