@@ -13,6 +13,7 @@ import re
 import subprocess
 
 from evgp_inspection.kart_sentences import BY_NAME, KART
+from evgp_rcs.record.report.results import COLUMNS
 from evgp_rcs_msgs.msg import Alert
 import pytest
 from race_oracle import PROPERTIES
@@ -164,6 +165,12 @@ def test_the_inspection_document_has_every_group_of_clauses() -> None:
     rows = [row[0] for row in rows_of('docs/inspection.md', '## The clauses')]
     found = [re.fullmatch(r'(K-\w+)-01(?: to (\d+))?', each) for each in rows]
     assert {each[1]: int(each[2] or 1) for each in found if each} == last
+
+
+def test_the_document_of_the_record_has_every_column_of_the_results() -> None:
+    cells = [row[0] for row in rows_of('docs/record.md', '## The columns')]
+    named = [name for cell in cells if cell.startswith('`') for name in re.findall(r'`(\w+)`', cell)]
+    assert named == list(COLUMNS)
 
 
 def anchors(document: pathlib.Path) -> set[str]:
