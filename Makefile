@@ -53,8 +53,7 @@ ODOM :=
 # This machine's own address at which viewers reach the board; empty: this machine only.
 AT :=
 
-# A timing device: its kind, and where it is (docs/timing.md). Or a stop button: evdev (if empty) or
-# contact (docs/button.md).
+# A timing device: its kind, and where it is (docs/timing.md). Or a stop button (docs/button.md).
 KIND :=
 DEVICE :=
 
@@ -116,7 +115,7 @@ PYTEST = $(IN_WORKSPACE) --console python -m pytest
 test:
 	$(PYTEST) -n $(WORKERS) --dist worksteal -m 'not long' $(ARGS)
 
-# What takes long, and why, stands in docs/testing.md. Each worker takes the next when it is free.
+# What takes long, and why, stands in docs/dev/testing.md. Each worker takes the next when it is free.
 # Searches use all of a core: with more of them at once, race control gets too little to keep time.
 test-long:
 	$(PYTEST) -n 6 --maxschedchunk 1 -m long $(ARGS)

@@ -4,7 +4,7 @@
 """
 Measure race control, each figure beside a floor of the same run.
 
-``make bench`` prints the tables of docs/performance.md.
+``make bench`` prints the tables of docs/dev/performance.md.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 """
 Bad peers: while one does its worst, the karts of the race and the officials do not notice.
 
-docs/performance.md says how little; here, frames are counted.
+docs/dev/performance.md says how little; here, frames are counted.
 """
 
 from __future__ import annotations

@@ -7,15 +7,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
-import dataclasses
 import itertools
 import pathlib
 import re
 import subprocess
 
-from evgp_inspection.kart_script import STEPS
 from evgp_inspection.kart_sentences import BY_NAME, KART
-from evgp_inspection.limits import Limits
+from evgp_rcs.record.report.results import COLUMNS
 from evgp_rcs_msgs.msg import Alert
 import pytest
 from race_oracle import PROPERTIES
@@ -24,7 +22,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 LISTED = subprocess.run(
     ['git', 'ls-files', '*.md'], cwd=ROOT, capture_output=True, text=True, check=False
 ).stdout.split()
-DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/*.md')]
+DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/**/*.md')]
 
 EXAMPLES = {'test_my_stack.py', 'test_mine.py', 'test_stopping_distance.py'}
 """Files that a document tells its reader to write, or that are of kit/template."""
@@ -121,7 +119,9 @@ def test_every_row_names_tests_or_properties_and_each_property_is_explained() ->
         whole = [file for file, name in cited(re.sub(BRACKETS, '', rows)) if not name]
         assert whole == [], document
     assert used <= PROPERTIES.keys()
-    explained = [row[0] for row in rows_of('docs/testing.md', '### The properties in brackets')]
+    explained = [
+        row[0] for row in rows_of('docs/dev/testing.md', '### The properties in brackets')
+    ]
     assert explained == sorted(used)
 
 
@@ -133,7 +133,8 @@ def test_an_official_finds_what_to_do_for_every_alert() -> None:
 
 
 def clause_rows() -> list[list[str]]:
-    rows = [row for row in rows_of('docs/clauses.md', '# ') if row[0].startswith('§')]
+    every = rows_of('docs/clauses.md', '## Sentence by sentence')
+    rows = [row for row in every if row[0].startswith('§')]
     assert len(rows) > 75
     return rows
 
@@ -158,20 +159,21 @@ def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> N
         )
 
 
-def test_the_inspection_document_has_every_clause_with_its_limit_and_every_step() -> None:
-    limits = dataclasses.asdict(Limits())
-    rows = list(rows_of('docs/inspection.md', '## The clauses'))
-    clauses = [
-        [
-            clause.name + '*' * clause.starred,
-            clause.title,
-            ', '.join(clause.steps),
-            f'{limits[clause.limit]:g} s' if clause.limit else '',
-        ]
-        for clause in KART
-    ]
-    steps = [[name, step.done] for name, step in STEPS.items()]
-    assert [row for row in rows if row[0] != 'step'] == [*clauses, *steps]
+def test_the_inspection_document_has_every_group_of_clauses() -> None:
+    """Each clause itself is printed by ``--list`` and ``--explain``, from its one home."""
+    last: dict[str, int] = {}
+    for clause in KART:
+        group, _, number = clause.name.rpartition('-')
+        last[group] = max(last.get(group, 0), int(number))
+    rows = [row[0] for row in rows_of('docs/inspection.md', '## The clauses')]
+    found = [re.fullmatch(r'(K-\w+)-01(?: to (\d+))?', each) for each in rows]
+    assert {each[1]: int(each[2] or 1) for each in found if each} == last
+
+
+def test_the_document_of_the_record_has_every_column_of_the_results() -> None:
+    cells = '\n'.join(row[0] for row in rows_of('docs/record.md', '## The columns'))
+    named = re.findall(r'`(\w+)`', cells)
+    assert named == list(COLUMNS)
 
 
 def anchors(document: pathlib.Path) -> set[str]:

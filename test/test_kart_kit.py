@@ -81,7 +81,7 @@ Compile = Callable[..., pathlib.Path]
 
 def lacks(what: str) -> None:
     """Skip the test, since this machine lacks something of what other machines are built for."""
-    pytest.skip(f'this machine has no {what} (docs/testing.md)')
+    pytest.skip(f'this machine has no {what} (docs/dev/testing.md)')
 
 
 @pytest.fixture

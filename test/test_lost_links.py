@@ -5,7 +5,7 @@
 Links that fail, over real networks: one namespace per machine, and a relay that drops.
 
 No time is asserted here: that a fault is noticed at all is awaited with patience.
-docs/performance.md says when.
+docs/dev/performance.md says when.
 """
 
 from __future__ import annotations

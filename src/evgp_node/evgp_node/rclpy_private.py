@@ -87,7 +87,7 @@ class Server:
     If the node calls others too, nobody takes their answers.
 
     rclpy's executor makes a new one, a task and two coroutines for each callback, which is
-    0.2 ms of a stop (docs/decisions.md, record 6).
+    0.2 ms of a stop (docs/dev/decisions.md, record 6).
     """
 
     def __init__(self, node: Node) -> None:

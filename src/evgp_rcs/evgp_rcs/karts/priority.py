@@ -5,7 +5,7 @@
 Which parts of race control get the processor before other programs.
 
 They do where the system allows it (root, or a limit for the user). Elsewhere race control runs
-like any other program; docs/performance.md says what that costs.
+like any other program; docs/dev/performance.md says what that costs.
 """
 
 from __future__ import annotations
