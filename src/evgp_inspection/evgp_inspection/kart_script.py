@@ -106,7 +106,8 @@ class Step(NamedTuple):
 _TABLE = """
 connect | connect garage watch | Nothing is sent for a moment, then IN_GARAGE.
 first | red | RED_RED is sent to a kart that stands.
-alone | garage green | GREEN_GREEN is sent after IN_GARAGE.
+alone | garage green garage grid garage green | GREEN_GREEN is sent after IN_GARAGE: before any
+    GRID_ACTIVE, then after an acknowledged one.
 bytes | garage pieces | RED_RED is sent byte by byte.
 many | garage pieces | RED_RED is sent five frames a piece, cut inside one.
 late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
@@ -125,6 +126,7 @@ flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
 flag_lost | DRIVE brake fin | A drive; the connection is closed while RED_FLAG brakes.
 flag_green | DRIVE brake green_again | A drive; GREEN_GREEN while RED_FLAG brakes.
 early | garage grid start red | RED_RED is sent 0.15 s after GREEN_GREEN.
+early_flag | garage grid start flag | RED_FLAG is sent 0.15 s after GREEN_GREEN.
 silence | DRIVE silence green | A drive; nothing is sent for a while, then GREEN_GREEN.
 noise | DRIVE noise | A drive; only malformed frames are sent.
 fin | DRIVE fin quiet green | A drive; the connection is closed (FIN). On the next one, nothing is
@@ -132,6 +134,9 @@ fin | DRIVE fin quiet green | A drive; the connection is closed (FIN). On the ne
 reset | DRIVE reset green | A drive; the connection is reset (RST), then GREEN_GREEN.
 half | DRIVE half green | A drive; race control closes its half, then GREEN_GREEN.
 cut | DRIVE cut | A drive; a reset, and RED_RED on the next connection.
+rolling | DRIVE reset_to_garage | A drive; a reset, and IN_GARAGE on the next connection.
+grid | garage grid silence green | After an acknowledged GRID_ACTIVE, nothing is sent for a while,
+    then GREEN_GREEN.
 restart | DRIVE away back | A drive; race control goes away, refuses connections, comes back with
     GREEN_GREEN.
 random | at_random | Eight drives, stopped in every way at random times after GREEN_GREEN.
@@ -139,8 +144,9 @@ long | garage grid long_drive red | A drive of a minute with 20 frames a second;
 half_open | red half_open | Nothing is sent to a kart that stands.
 dwell | dwells garage grid close green | Each state is sent for long to a kart that stands, and its
     connection closed; after GRID_ACTIVE, GREEN_GREEN follows.
-bridge | DRIVE kill | A drive; the program that is connected to race control is killed.
-stack | DRIVE kill | A drive; the program that commands the motors is killed.
+bridge | DRIVE kill dwell | A drive; the program that is connected to race control is killed.
+stack | DRIVE kill dwell | A drive; the program that commands the motors is killed, and
+    GREEN_GREEN is sent for long.
 """
 """Name; acts, DRIVE for what every drive begins with; what is done."""
 
@@ -516,6 +522,11 @@ class KartScript:
     async def _cut(self) -> None:
         self._wire.reset()
         await self._red()
+
+    async def _reset_to_garage(self) -> bool:
+        self._wire.reset()
+        self._wire.order(IN_GARAGE)
+        return await self._see_it_stand(self._limits.red_red + self._limits.slack)
 
     async def _away(self) -> bool:
         self._wire.go_away()

@@ -49,6 +49,9 @@ WEAK = 0.6
 COMPARED = 0.5
 """Part of the speed of the fastest RED_RED stop from which on another stop is compared with it."""
 
+FASTER = 1.02
+"""Part of its speed above which a kart gets faster that had to know that it must brake."""
+
 FAST = 10
 """Times the speed of a kart that stands: from there on a deceleration can be measured."""
 
@@ -493,6 +496,12 @@ class Oracle:
             if slower is not None and slow is not None:
                 began = slower - (slow - slower) * (0.1 / 0.2)
         due = spell.at + spell.grace + limits.slack + VARIES
+        known = max((speed for at, speed in spell.speeds if at <= due), default=top)
+        if top > FASTER * known + limits.standstill:
+            at = next(at for at, speed in spell.speeds if speed == top)
+            why = f'it got faster: {top:.2f} m/s after {at - spell.at:.2f} s.'
+            self._break(spell.stops, why, at)
+            return True
         if began is not None:
             stood = self._stood if self._stood is not None else spell.speeds[-1][0]
             late = due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0)

@@ -118,12 +118,18 @@ FAULTS = {
     'reads 17 frames a second while it drives': 'K-3A-14',
     'drives on when GREEN_GREEN comes while RED_FLAG brakes': 'K-3B-04',
     'drives off long after race control went away': 'K-3E-06',
+    'IN_GARAGE does not disarm it': 'K-3B-01',
+    'speeds up when RED_FLAG comes': 'K-3A-16',
+    'rolls on in IN_GARAGE': 'K-3A-01',
+    'hears no silence on the grid': 'K-3E-02',
+    'drives on when its stack is started again': 'K-3E-10',
 }
 """Each fault, and the sentence that it breaks."""
 
 ALSO = {
     'is never ready': {'K-3A-11'},
     'creeps on the grid': {'K-4C-07'},
+    'acknowledges RED_RED in its dead time': {'K-3A-07'},
     'echoes RED_RED': {'K-3A-12', 'K-3E-08'},
     'is deaf after GREEN_GREEN': {'K-4C-09'},
     'obeys every GREEN_GREEN': {
@@ -132,7 +138,7 @@ ALSO = {
     'drives on after FIN': {'K-3E-04', 'K-3E-06', 'K-3E-11'},
     'drives on in silence': {'K-3E-07'},
     'a lost connection does not disarm it': {'K-3E-06'},
-    'opens two connections': {'K-3A-02', 'K-3A-09', 'K-3B-03'},
+    'opens two connections': {'K-3A-02', 'K-3A-09', 'K-3A-11', 'K-3B-03'},
     'needs a whole frame in each read': {'K-4C-04'},
     ECHOES_LATE: {'K-4C-04'},
     'reads one frame a turn while it drives': {'K-3A-14'},
@@ -305,7 +311,8 @@ class InspectedKart:
                 self._lost('killed')
                 self._bridge_killed = False
                 return
-            if now - self._heard_at >= self._silence:
+            deaf = self._is['hears no silence on the grid'] and self._commanded is GRID_ACTIVE
+            if now - self._heard_at >= self._silence and not deaf:
                 if not self._is['keeps a silent connection']:
                     self._lost('silent')
                     return
@@ -473,7 +480,8 @@ class InspectedKart:
             )
             or before is None
         )
-        if not stays or state is IN_GARAGE:
+        keeps = self._is['IN_GARAGE does not disarm it'] and IN_GARAGE in (before, state)
+        if (not stays or state is IN_GARAGE) and not keeps:
             self._armed = False
         if state is GRID_ACTIVE:
             self._grids += 1
@@ -545,9 +553,16 @@ class InspectedKart:
         away = self._link is None and now - self._heard_at > self._long_after
         if away and self._is['drives off long after race control went away']:
             target = 0.5
+        speeds_up = self._is['speeds up when RED_FLAG comes'] and obeyed is RED_FLAG
+        speeds_up = speeds_up and since < 0.8 and self.speed > 0.0
+        if speeds_up:
+            target = 2 * TOP
         if self._backs and since < 0.35:
             target = -1.0
         died = self._stack_died_at
+        if died is not None and now - died > self._long_after:
+            if self._is['drives on when its stack is started again']:
+                died = self._stack_died_at = None
         if died is not None and now - died > UNCOMMANDED:
             target = TOP if self._is['drives on without its stack'] else 0.0
         gently = obeyed is RED_FLAG or (
@@ -561,7 +576,7 @@ class InspectedKart:
             )
         )
         braking = FLAG_BRAKING if gently and died is None else BRAKING
-        acceleration = ACCELERATION
+        acceleration = ACCELERATION / 5 if speeds_up else ACCELERATION
         if self._has['is slow and gentle']:
             braking, acceleration = braking / 3, ACCELERATION / 10
             if since < DEAD_TIME:  # and it begins gently, too
@@ -572,6 +587,8 @@ class InspectedKart:
             braking *= 3 * self.speed / TOP
         if self._coasts:
             braking = COASTING
+        if self._is['rolls on in IN_GARAGE'] and obeyed is IN_GARAGE:
+            braking = COASTING / 6
         change = target - self.speed
         # Where this computer is busy, a step is longer.
         step, self._ticked_at = now - self._ticked_at, now
