@@ -180,7 +180,8 @@ class Simulation:
         hold = self.race.karts[kart].hold if kart else None
         seen = frozenset(self.race.availability(kind, kart or 0, self.now).karts)
         outcome = self.race.command(
-            module.Command(kind, kart or 0, statement, seen, hold), self.now
+            module.Command(kind, kart or 0, statement, seen, hold, opening=self.race.opening),
+            self.now,
         )
         if outcome.start is not None:
             written = module.StartPhase.WRITTEN, outcome.start.number, self.now

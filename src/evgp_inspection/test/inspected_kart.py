@@ -560,9 +560,9 @@ class InspectedKart:
         if self._backs and since < 0.35:
             target = -1.0
         died = self._stack_died_at
-        if died is not None and now - died > self._long_after:
-            if self._is['drives on when its stack is started again']:
-                died = self._stack_died_at = None
+        comes_back = self._is['drives on when its stack is started again']
+        if comes_back and died is not None and now - died > self._long_after:
+            died = self._stack_died_at = None
         if died is not None and now - died > UNCOMMANDED:
             target = TOP if self._is['drives on without its stack'] else 0.0
         gently = obeyed is RED_FLAG or (

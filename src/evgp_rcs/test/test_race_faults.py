@@ -151,7 +151,7 @@ GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, r
 GRID_ACTIVE while a kart is held: availability
     _no_grid_active: _held(racing) => _held(each for each in racing if each.hold is RED_FLAG)
 GRID_ACTIVE without the statement that the track is clear: statement
-    COMMANDS: command: 'the track is clear of humans' => command: ''
+    COMMANDS: else 'the track is clear of humans' => else ''
 joining the race releases a held kart: membership-loosens, hold-forgotten
     _join_race: _redirect => _unhold(kart) ¶ self._redirect
 a kart that is taken out on the grid is not held: effect, sent-wrong
@@ -205,14 +205,11 @@ the track closes for the grid whoever has been let onto it since: as-seen
 an opening of the track is not counted: as-seen, effect
     _open_track: self._count_opening(f'by {command.official or "an official"}') =>
         self.track_open = True
-a kart that was lost in a race goes home with all others: effect, sent-wrong, availability
-    away_at_rest: and self.lost_since is None =>
+a kart that was lost in a race goes home with all others: stuck, effect, sent-wrong, availability
+    away_at_rest: self.lost_since is None and =>
 a kart that was away when an official held it goes home with all others: alone-released,
     effect, sent-wrong, availability
     away_at_rest: (self.connected or self.held_alone) => self.connected
-a kart that was lost in motion goes home with all others: doubt-forgotten, hold-forgotten,
-    sent-wrong, availability
-    away_at_rest: self.doubt is Doubt.NONE and =>
 a kart that was away must be released alone: availability, effect, sent-wrong, as-seen
     _released_by_garage: or each.away_at_rest =>
 the race waits for karts that were away when all were stopped: availability
@@ -228,7 +225,7 @@ a refusal does not name the kart: refusal-silent
     _no_green_green: f'{each}: {self._silence(each)}' => f'{self._silence(each)}'
 looking at alerts acts: alerts-act
     alerts: alerts = [] => self.track_open = False ¶ alerts: list[Alert] = []
-a lost kart raises no alert: alerts _drop: or kart.doubt => and kart.may_be_moving
+a lost kart raises no alert: effect, alerts _drop: or kart.doubt => and kart.may_be_moving
 a silent kart in RED_FLAG raises no alert: alerts _current_alerts: flag_alert => ready_alert + 9.0
 GREEN_GREEN is announced after another command: false-news
     _next: self._refusal(Command(following)) => ''
@@ -268,18 +265,19 @@ an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared
     _redirect: elif not self => elif state is GREEN_GREEN and not self
 a kart told to form the grid leaves no doubt: doubt-unnoticed
     _redirect: kart.doubt = max(kart.doubt, Doubt.GRID) => pass
-a lost connection ends the doubt: doubt-forgotten, drop-not-held, alerts
+a lost connection ends the doubt: effect, doubt-forgotten, drop-not-held, alerts
     _drop: kart.connected = False kart.acknowledged = False => kart.connected = kart.acknowledged =
         False ¶ kart.doubt = Doubt.NONE
-a kart that is back counts as standing: doubt-forgotten, alarm-cleared, drop-not-held, alerts,
+a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held, alerts,
     settle
     connected: if not kart.may_be_moving: kart.lost_since = None => kart.lost_since = None ¶
         kart.doubt = Doubt.NONE
-a kart that is back ends the alarm of its loss: alarm-cleared, alerts
+a kart that is back ends the alarm of its loss: effect, alarm-cleared, alerts
     connected: if not kart.may_be_moving: kart.lost_since = None => kart.lost_since = None
 the alarm of a kart lost in motion is told of missing karts only: alarm-cleared, alerts
     _current_alerts: if kart.may_be_moving => if kart.may_be_moving and not kart.connected
-a kart outside the race that drops with a stop unanswered raises no alert: alarm-cleared, alerts
+a kart outside the race that drops with a stop unanswered raises no alert: effect,
+    alarm-cleared, alerts
     _drop: (under_way or kart.doubt) => under_way
 any acknowledgement ends the doubt: doubt-forgotten, effect
     heard: if state.is_red: kart.settles_at = now + self.times.settle self._settle(kart, now) =>
@@ -427,7 +425,7 @@ IN_GARAGE releases a kart that has not stood yet: as-seen, hold-forgotten, red-l
     _released_by_garage: stands => stopped
 a kart that has only just acknowledged is released alone without a word: statement
     _state_made_safe: stands => stopped
-the alarm of a kart lost in motion ends with its acknowledgement: alerts
+the alarm of a kart lost in motion ends with its acknowledgement: effect, alerts
     heard: self._settle => kart.lost_since = None ¶ self._settle
 GREEN_GREEN while a kart taken off the grid has not answered: availability
     _doubtful: may_be_moving or (each.doubt and not each.in_race) => in_race and
@@ -532,7 +530,7 @@ a run of which nothing is known counts as ended well: restart
 a kart in doubt does not keep a restart from going home: restart at_rest: or kart.doubt =>
 a restart does not hold the karts of which nothing is known: restart
     _lose_track: self._hold => if kart.doubt: ¶> self._hold
-a kart that was lost before a restart raises no alarm: alerts
+a kart that was lost before a restart raises no alarm: restart, alerts
     recover: if kart.doubt: kart.lost_since = now => pass
 the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten,
     track-access [crash]
@@ -543,9 +541,9 @@ the statement answers for a kart that was lost on the grid: availability, as-see
 the statement answers for a kart that was held alone: availability, as-seen, alone-released,
     hold-forgotten [unknown]
     _covered_by_statement: or kart.held_alone =>
-the statement answers for absent karts without a restart: availability, as-seen, hold-forgotten
+the statement answers for absent karts without a restart: doubt-unnoticed
     _covered_by_statement: self.past_unknown and =>
-after a restart nobody answers for a kart that never comes: availability, as-seen, stuck [unknown]
+after a restart nobody answers for a kart that never comes: effect, availability, as-seen, stuck [unknown]
     _covered_by_statement: not (kart.doubt or kart.held_alone) => False
 IN_GARAGE after a restart does not wait for a connected kart outside: availability [unknown
     outside]

@@ -145,7 +145,12 @@ class _Link:
 
 @dataclass
 class _Kart:
-    """What is known for certain of a kart; ``member`` is None while it is not."""
+    """
+    What is known for certain of a kart.
+
+    :ivar member: whether it is in the race; None while that is not certain.
+    :ivar alone: it was held individually; ``lost``: it was lost in a race under way.
+    """
 
     number: int
     member: bool | None
@@ -153,6 +158,8 @@ class _Kart:
     links: list[int] = field(default_factory=list)
     hold: _Floor | None = None
     suspended: _Floor | None = None
+    alone: bool = False
+    lost: bool = False
     red: bool = False
     freed: float = 0.0
     in_garage: float = 0.0
@@ -370,6 +377,7 @@ class Judge:
                     at,
                     f'kart {kart.number} dropped in a race under way and comes back to {state}',
                 )
+            kart.lost = True
             self._hold(kart, 'RED_RED', at, 'it was lost in a race under way')
 
     def _lost_at(self, kart: _Kart, present: int | None) -> float | None:
@@ -413,7 +421,7 @@ class Judge:
         elif call.command is CommandKind.KART_IN_GARAGE:
             kart = self._karts[self._number(call)]
             kart.hold = kart.suspended = None
-            kart.red = False
+            kart.red = kart.alone = kart.lost = False
             kart.freed = at
             if 'out of the race' in call.message:
                 kart.member = None
@@ -497,9 +505,11 @@ class Judge:
             self._violated('not stated', at, f'{call} without "the track is safe"')
         for kart in self._karts.values():
             floor, kart.suspended = kart.suspended, None
-            if floor is None or kart.hold is not None or floor.since > call.began:
+            if kart.hold is not None or (floor is not None and floor.since > call.began):
                 continue
-            if not self._may_stand(kart, call, at):
+            if floor is None or self._may_stand(kart, call, at) or self._may_be_away(kart):
+                kart.alone = kart.lost = False
+            else:
                 # Lost or silent: it stays held until it is released alone.
                 kart.hold = _Floor(floor.state, at, f'{floor.cause}, which it never acknowledged')
         for kart in self._karts.values():
@@ -539,6 +549,17 @@ class Judge:
             for state in REDS
         )
 
+    def _may_be_away(self, kart: _Kart) -> bool:
+        """Return whether a kart is gone that may have been at rest when it went."""
+        links = [self._links[number] for number in kart.links]
+        if kart.alone or any(link.ended is None for link in links):
+            return False
+        return not kart.lost or any(
+            link.may_have_acknowledged(state, link.opened, link.ended or 0.0)
+            for link in links[-1:]
+            for state in REDS
+        )
+
     def _race_red(self, at: float, call: Call, state: str) -> None:
         if self._overlapped(call, (CommandKind.IN_GARAGE,)):
             return
@@ -549,6 +570,7 @@ class Judge:
 
     def _tighten(self, kart: _Kart, at: float, call: Call, state: str) -> None:
         if not self._overlapped(call, RELEASES, kart.number):
+            kart.alone = kart.alone or CATALOGUE[call.command].to_one_kart
             self._hold(kart, state, at, str(call))
 
     def _hold(self, kart: _Kart, state: str, at: float, cause: str) -> None:
@@ -561,6 +583,7 @@ class Judge:
             return
         lost = self._lost_at(kart, None)
         if lost is not None and lost + NOTICE < at and self._was_lost_under_way(kart, lost):
+            kart.lost = True
             self._hold(kart, 'RED_RED', lost + NOTICE, 'it was lost in a race under way')
 
     def _overlapped(

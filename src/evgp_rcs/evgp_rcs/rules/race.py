@@ -473,12 +473,11 @@ class Kart:
     @property
     def away_at_rest(self) -> bool:
         """
-        Return whether it is away, and was never in doubt: only a command to all can hold it.
+        Return whether it is away and was not lost, in a race or in doubt, nor was it held alone.
 
-        It was not lost in a race, and no official held it alone.
+        Only a command to all can hold it.
         """
-        at_rest = self.doubt is Doubt.NONE and self.lost_since is None
-        return at_rest and not (self.connected or self.held_alone)
+        return self.lost_since is None and not (self.connected or self.held_alone)
 
     @property
     def stopped_itself(self) -> bool:
