@@ -268,8 +268,8 @@ a kart told to form the grid leaves no doubt: doubt-unnoticed
 a lost connection ends the doubt: effect, doubt-forgotten, drop-not-held, alerts
     _drop: kart.connected = False kart.acknowledged = False => kart.connected = kart.acknowledged =
         False ¶ kart.doubt = Doubt.NONE
-a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held, alerts,
-    settle
+a kart that is back counts as standing: effect, doubt-forgotten, alarm-cleared, drop-not-held,
+    alerts, settle
     connected: if not kart.may_be_moving: kart.lost_since = None => kart.lost_since = None ¶
         kart.doubt = Doubt.NONE
 a kart that is back ends the alarm of its loss: effect, alarm-cleared, alerts
@@ -543,7 +543,8 @@ the statement answers for a kart that was held alone: availability, as-seen, alo
     _covered_by_statement: or kart.held_alone =>
 the statement answers for absent karts without a restart: doubt-unnoticed
     _covered_by_statement: self.past_unknown and =>
-after a restart nobody answers for a kart that never comes: effect, availability, as-seen, stuck [unknown]
+after a restart nobody answers for a kart that never comes: effect, availability, as-seen, stuck
+    [unknown]
     _covered_by_statement: not (kart.doubt or kart.held_alone) => False
 IN_GARAGE after a restart does not wait for a connected kart outside: availability [unknown
     outside]
