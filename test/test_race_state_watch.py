@@ -392,6 +392,7 @@ def test_a_bridge_that_falls_silent_leaves_or_says_no_race_state_is_red_red(
     bridge = start_green(start_bare, stack)
     if how == 'falls silent':
         bridge.fall_silent()
+        stack.wait_for_reason('the bridge is silent, or this node was too busy to hear it')
     elif how == 'leaves':
         bridge.close()
     else:
@@ -569,7 +570,7 @@ def bridge(start_bare: StartBare) -> BareBridge:
     return bare
 
 
-def test_a_stack_acknowledges_the_order_that_it_was_given_and_no_more_once_that_is_heard(
+def test_a_stack_acknowledges_the_order_that_it_was_given(
     stack: Stack, bridge: BareBridge
 ) -> None:
     bridge.command(RED_RED, 7)
@@ -578,12 +579,6 @@ def test_a_stack_acknowledges_the_order_that_it_was_given_and_no_more_once_that_
     assert stack.watch.order is order
     acknowledge_until(stack, order, lambda: bridge.asked)
     assert bridge.asked[0] == (7, RED_RED)
-    bridge.message.acknowledged = True
-    stack.wait_until(
-        lambda: stack.watch.message is not None and stack.watch.message.acknowledged,
-        lambda: 'an acknowledged order',
-    )
-    acknowledge_in_vain(stack, bridge, order)
 
 
 def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_commanded_again(
