@@ -125,6 +125,9 @@ def test_a_whole_race_by_commands(
     accepted(control, official, 'all-kill')
     kart.wait_for_state(RaceState.RED_RED)
     accepted(control, official, 'record-msr', '--msr-was-used')
+    official.wait_for_available('kart/in_garage', kart=3)
+    asked = run(control.domain, 'kart-in-garage', '3', '--wait', str(PATIENCE))
+    assert asked.stderr.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand\n')
     said = accepted(control, official, 'kart-in-garage', '3', '--made-safe-by-hand')
     assert 'Ends the hold of kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
