@@ -290,18 +290,6 @@ def test_an_address_outside_the_roster_gets_no_frame(run: Run, connect: Connect)
     assert address_of(9) in event.text
 
 
-def test_an_address_that_hammers_the_port_is_told_of_a_bounded_number_of_times(
-    run: Run, connect: Connect
-) -> None:
-    running = run()
-    for _ in range(200):
-        read_to_end(connect(running, 9))
-    connect(running, 1)
-    running.wait_for(EventKind.CONNECTED, 1)
-    refused = [each for each in running.events if each.kind is EventKind.REFUSED_CONNECTION]
-    assert 1 <= len(refused) <= 20
-
-
 def test_a_second_connection_from_an_address_replaces_the_first(
     run: Run, connect: Connect
 ) -> None:
@@ -465,38 +453,6 @@ def test_ready_counts_as_grid_active(run: Run, connect: Connect) -> None:
     client.sendall(b'$READY;')
     (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
     assert event.state is GRID_ACTIVE
-
-
-def test_while_one_kart_floods_the_others_get_their_frames_and_the_stop(
-    run: Run, connect: Connect
-) -> None:
-    running = run()
-    loud, quiet = connect(running, 1), connect(running, 2)
-    running.wait_for(EventKind.CONNECTED, 1)
-    read_until(quiet, IN_GARAGE)
-    loud.setblocking(False)
-    over = threading.Event()
-
-    def flood() -> None:
-        rubbish = (b'$' * 100 + b'\x00\xff;' + encode(GREEN_GREEN) + encode(RED_RED)) * 200
-        # On a slow computer it goes on for so long that its connection is dropped.
-        with contextlib.suppress(ConnectionError):
-            while not over.is_set():
-                with contextlib.suppress(BlockingIOError):
-                    loud.send(rubbish)
-                over.wait(0.001)
-
-    flooding = threading.Thread(target=flood)
-    flooding.start()
-    try:
-        heard = b''
-        while heard.count(encode(IN_GARAGE)) < 10:
-            heard += quiet.recv(4096)
-        running.give(CommandKind.ALL_KILL)
-        read_until(quiet, RED_RED)
-    finally:
-        over.set()
-        flooding.join()
 
 
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run, connect: Connect) -> None:
