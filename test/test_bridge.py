@@ -29,7 +29,6 @@ from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
-    ConnectKart,
     JoinOfficial,
     JoinTeam,
     StartBase,
@@ -687,22 +686,6 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(
     assert state_of(race.team.state.state) is GREEN_GREEN
 
 
-def test_a_bridge_that_hung_comes_back_in_red_red(
-    start_race: StartRace, connect_kart: ConnectKart
-) -> None:
-    race = start_race()
-    race.green()
-    race.bridge.signal(signal.SIGSTOP)
-    # For longer than it may be without a frame: what another kart is sent in 2 s.
-    connect_kart(race.control, 2).wait_for_frames(40)
-    since = len(race.team.states)
-    race.bridge.signal(signal.SIGCONT)
-    race.team.wait_for(
-        lambda state: state.connected and state_of(state.commanded) is RED_RED, 'a new link'
-    )
-    assert GREEN_GREEN not in race.team.states[since:]
-
-
 def test_a_bridge_that_fails_tells_its_stack_red_red_first(
     start_race: StartRace, tmp_path: pathlib.Path
 ) -> None:
@@ -870,12 +853,6 @@ def driven(start_race: StartRace, start_base: StartBase, parts: contextlib.ExitS
     driver = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', race.bridge.domain))
     driver.wait_for_line('IN_GARAGE')
     return Driven(race, start_base(race.bridge), driver)
-
-
-def test_a_driver_that_reads_the_plain_state_alone_drives_and_stops(driven: Driven) -> None:
-    driven.go()
-    driven.race.official.command('all_kill')
-    driven.base.wait_for_speed(lambda speed: speed == 0.0)
 
 
 def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(
