@@ -588,25 +588,6 @@ def test_a_stop_is_behind_one_frame_at_most_that_has_not_left(
     assert 0 < link._unsent() <= len(encode(IN_GARAGE))
 
 
-def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
-    running = run(pause=TIMEOUT, settle=0.0)
-    clients = [connect(running, kart) for kart in (1, 2)]
-    running.give(CommandKind.ALL_KILL)
-    for kart, client in enumerate(clients, 1):
-        read_until(client, RED_RED)
-        client.sendall(encode(RED_RED))
-        running.wait_for(EventKind.ACKNOWLEDGED, kart)
-    for answer in (
-        running.give(CommandKind.IN_GARAGE),
-        running.give(CommandKind.KART_IN_GARAGE, 1),
-    ):
-        assert not answer.success
-        assert answer.message.endswith(
-            'refused: a stop was sent just now; look at the race, then send this command again.'
-        )
-    assert running.race.state is RED_RED
-
-
 def test_the_race_is_shown_again_when_a_pause_ends(run: Run) -> None:
     running = run(NO_BEAT, pause=0.3)
     running.give(CommandKind.ALL_KILL)
@@ -730,14 +711,6 @@ def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server
 
     assert read_to_end(client).endswith(encode(RED_RED))
     assert isinstance(running.wait_for_failure(), ZeroDivisionError)
-
-
-def test_a_server_that_stops_sends_red_red_first(run: Run, connect: Connect) -> None:
-    running = run(NO_BEAT)
-    client = connect(running, 3)
-    read_until(client, IN_GARAGE)
-    running.stop()
-    assert read_to_end(client) == encode(RED_RED)
 
 
 def test_a_failed_end_of_race_control_is_told_before_the_disconnections_that_it_causes(
