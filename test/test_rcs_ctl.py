@@ -240,6 +240,9 @@ def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_s
 
     stop = AtTerminal(control.domain, 'all-kill')
     assert stop.end() == ACCEPTED
+    broken_off = AtTerminal(control.domain, 'close-track')
+    broken_off.type_line(b'\x03')
+    assert broken_off.end() == NOT_THERE  # and sends nothing
     assert not kept.exists()
     first = AtTerminal(control.domain, 'close-track')
     first.type_line(b'Anna\n')
@@ -273,21 +276,6 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
         f'Bob ({machine})',
     ]
     assert f'[Bob ({machine})]' in shown
-    assert not kept.exists()
-
-
-def test_an_official_who_breaks_off_at_the_question_for_a_name_sends_nothing(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-
-    asked = AtTerminal(control.domain, 'close-track')
-    asked.type_line(b'\x03')
-
-    assert asked.end() == NOT_THERE
-    official.command('all_kill')
-    assert len(senders(official, 1)) == 1
     assert not kept.exists()
 
 
