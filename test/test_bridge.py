@@ -29,7 +29,6 @@ from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
-    ConnectKart,
     JoinOfficial,
     JoinTeam,
     StartBase,
@@ -47,7 +46,6 @@ from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data as best_effort
-from rig.bare_race_control import BareRaceControl
 from rig.faulty_nodes import (
     BridgeThatHangs,
     BridgeThatRaises,
@@ -177,6 +175,7 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     start_race: StartRace,
 ) -> None:
     race = start_race()
+    race.bridge.wait_for_line('Until odometry comes on /kart_bridge/odom, this bridge believes')
     race.green()
     assert race.team.acknowledge(GREEN_GREEN).success
     race.official.wait_for_acks(GREEN_GREEN, 1)
@@ -200,31 +199,6 @@ def test_the_lock_is_on_in_the_garage_unless_the_team_may_drive_there(
     start_race(drive_in_garage=True).team.wait_for_stop(False)
 
 
-def test_without_race_control_the_kart_stops_and_the_reason_names_the_port(
-    start_bridge: StartBridge, join_team: JoinTeam
-) -> None:
-    port = free_port()
-    team = join_team(start_bridge(port))
-    told = team.wait_for(lambda state: 'refuses' in state.reason, 'a refused connection')
-    assert f'127.0.0.1, port {port}, refuses: is race control running' in told.reason
-    assert state_of(told.state) is RED_RED
-    assert not told.connected
-    team.wait_for_stop(True)
-    answer = team.acknowledge(RED_RED)
-    assert not answer.success
-    assert 'not connected to race control' in answer.message
-
-
-def test_a_race_control_that_dies_stops_the_kart(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    race.control.kill()
-    # The kart server may have sent RED_RED first, as it ends with race control.
-    told = race.team.wait_for(lambda state: not state.connected, 'a lost connection')
-    assert state_of(told.state) is RED_RED
-    race.team.wait_for_stop(True)
-
-
 def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None:
     race = start_race()
     race.green()
@@ -240,24 +214,18 @@ def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None
 # ----- acknowledgements --------------------------------------------------------------------
 
 
-def test_what_is_not_commanded_or_no_race_state_cannot_be_acknowledged(
+def test_an_acknowledgement_that_cannot_be_taken_is_answered_with_what_to_send(
     start_race: StartRace,
 ) -> None:
-    team = start_race().team
+    race = start_race()
     for state, said in (
         (GREEN_GREEN, 'race control commands IN_GARAGE, not GREEN_GREEN'),
         (None, '0 is not a race state'),
     ):
-        answer = team.acknowledge(state)
+        answer = race.team.acknowledge(state)
         assert not answer.success
         assert answer.message.startswith(said)
         assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
-
-
-def test_an_acknowledgement_typed_without_a_number_is_answered_with_what_to_paste(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
     race.grid()
     for _ in range(2):
         told = race.team.state
@@ -295,20 +263,6 @@ def test_no_number_of_a_bridge_before_fits_an_order_of_the_next(
     assert min(gaps) > 1_000_000
 
 
-def test_odometry_acknowledges_a_stop_only_once_the_kart_stands(start_race: StartRace) -> None:
-    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
-    race.green()
-    race.team.drive_at(3.0)
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    moving = race.team.acknowledge(RED_RED)
-    assert 'odometry says 3.00 m/s' in moving.message
-    assert 'standstill_speed' in moving.message
-    race.bridge.wait_for_line('standstill_speed')  # though nobody need have asked
-    race.team.drive_at(0.0)
-    race.official.wait_for_acks(RED_RED, 1)
-
-
 def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
     start_race: StartRace,
 ) -> None:
@@ -321,22 +275,6 @@ def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
     assert not race.team.acknowledge(RED_RED).success
     race.team.roll_at(0.0)
     race.official.wait_for_acks(RED_RED, 1)
-
-
-def test_green_green_is_not_acknowledged_before_odometry_shows_that_the_kart_drives(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.green()
-    race.team.drive_at(0.0)
-    race.team.wait_until_polled(
-        lambda: 'odometry says 0.00 m/s' in race.team.acknowledge(GREEN_GREEN).message, 'a refusal'
-    )
-    race.team.drive_at(1.0)
-    race.team.wait_until_polled(
-        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
-    )
-    race.official.wait_for_acks(GREEN_GREEN, 1)
 
 
 @pytest.mark.parametrize(
@@ -389,30 +327,6 @@ def test_no_red_is_acknowledged_while_the_odometry_that_was_asked_for_does_not_c
     )
 
 
-def test_no_red_is_acknowledged_once_odometry_is_lost(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    race.team.drive_at(6.0)
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    assert not race.team.acknowledge(RED_RED).success
-    race.team.lose_odometry()
-    race.bridge.wait_for_line('cannot be acknowledged: no odometry on /kart_bridge/odom')
-    lost = race.team.acknowledge(RED_RED)
-    assert not lost.success
-    assert 'no odometry on /kart_bridge/odom' in lost.message
-
-
-def test_a_bridge_without_odometry_says_so_and_acknowledges_on_the_stacks_word(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.bridge.wait_for_line('Until odometry comes on /kart_bridge/odom, this bridge believes')
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    assert race.team.acknowledge(RED_RED).success
-
-
 # ----- what it logs ------------------------------------------------------------------------
 
 
@@ -437,14 +351,6 @@ def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
         closed = [text for text in said if 'closed the connection' in text]
         assert closed
         assert len(closed) == len(set(closed)), bridge.output
-
-
-def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBridge) -> None:
-    with socket.create_server(('127.0.0.1', free_port())) as silent:
-        bridge = start_bridge(silent.getsockname()[1])
-        bridge.wait_for_line(
-            f'Nobody has read /kart_bridge/race_state in ROS domain {bridge.domain} .*{INTERFACE}'
-        )
 
 
 def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitStack) -> None:
@@ -505,7 +411,8 @@ def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
     for bridge, side, reader in read:
         assert 'Nobody has read' not in bridge.output
         side.node.destroy_subscription(reader)
-        bridge.wait_for_line('Nobody has read')
+        where = f'/kart_bridge/race_state in ROS domain {bridge.domain}'
+        bridge.wait_for_line(f'Nobody has read {where} .*{INTERFACE}')
 
 
 def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
@@ -552,37 +459,13 @@ def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: 
 # ----- the team's own stop -----------------------------------------------------------------
 
 
-def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    stopped = race.team.team_stop(True)
-    told = race.team.wait_for_state(RED_RED)
-    assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
-    assert told.team_stop
-    race.team.wait_for_stop(True)
-    released = race.team.team_stop(False)
-    assert released.success
-    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
-    assert state_of(told.state) is RED_RED
-    assert state_of(told.commanded) is GREEN_GREEN
-    assert race.team.stop is True
-
-
-@pytest.mark.parametrize(
-    ('parameter', 'named'),
-    [('tsr_timeout', 'the safety remote'), ('msr_timeout', "the MSR's contact")],
-)
 def test_a_remote_that_is_required_and_absent_stops_the_kart(
-    start_race_control: StartRaceControl,
-    start_bridge: StartBridge,
-    join_team: JoinTeam,
-    parameter: str,
-    named: str,
+    start_race_control: StartRaceControl, start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
     control = start_race_control(in_race=[1])
-    team = join_team(start_bridge(control.port, 1, **{parameter: 0.5}))
+    team = join_team(start_bridge(control.port, 1, tsr_timeout=0.5))
     told = team.wait_for(lambda state: state.connected and state.team_stop, 'the stop')
-    assert f'nothing from {named} for 0.5 s' in told.reason
+    assert 'nothing from the safety remote for 0.5 s' in told.reason
     assert state_of(told.state) is RED_RED
     team.wait_for_stop(True)
 
@@ -725,15 +608,10 @@ class DeadBase(RosSide):
         self.spin()
 
 
-@pytest.mark.parametrize(
-    'asked',
-    [{}, {'odometry_required': True}, {'auto_acknowledge_stop': True, 'standstill_time': 0.1}],
-    ids=['heard once', 'required', 'acknowledges by itself'],
-)
 def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names(
-    start_race: StartRace, parts: contextlib.ExitStack, asked: dict[str, object]
+    start_race: StartRace, parts: contextlib.ExitStack
 ) -> None:
-    race = start_race(**asked)
+    race = start_race(auto_acknowledge_stop=True, standstill_time=0.1)
     race.green()
     race.team.drive_at(3.0)
     base = parts.enter_context(DeadBase(race.bridge.domain))
@@ -764,130 +642,34 @@ def reports(state: RaceState) -> Callable[[KartStatus], bool]:
     return lambda kart: state_of(kart.reported) is state
 
 
-@pytest.mark.parametrize(
-    'act',
-    [
-        lambda race: race.team.team_stop(True),
-        lambda race: race.contact.pin.touch(),
-        lambda race: publish(Bool, 'stop', latched(1))(race.team),
-    ],
-    ids=["the team's stop", "the MSR's contact", 'a doubt'],
-)
 def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
-    start_race: StartRace, act: Callable[[OneKartRace], object]
+    start_race: StartRace,
 ) -> None:
-    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2, msr_timeout=0.5)
+    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
     race.green()
     race.team.drive_at(3.0)
     race.team.wait_until_polled(
         lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
     )
     race.official.wait_for_acks(GREEN_GREEN, 1)
-    act(race)
+    stopped = race.team.team_stop(True)
     told = race.team.wait_for_state(RED_RED)
+    assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
     assert (state_of(told.reached), told.acknowledged) == (RED_RED, False)
-    assert not race.team.acknowledge(RED_RED).success  # it rolls
+    moving = race.team.acknowledge(RED_RED)
+    assert 'odometry says 3.00 m/s' in moving.message
+    assert 'standstill_speed' in moving.message
     race.official.wait_for_kart(1, reports(GREEN_GREEN), 'racing')
     race.team.drive_at(0.0)
     race.official.wait_for_kart(1, reports(RED_RED), 'reported as standing')
     race.bridge.wait_for_line('RED_RED is acknowledged')
-
-
-def test_a_kart_that_stops_itself_on_the_grid_is_not_ready_any_more(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.grid()
-    assert race.team.acknowledge(GRID_ACTIVE).success
-    race.official.wait_for_acks(GRID_ACTIVE, 1)
-    race.team.team_stop(True)
-    race.team.wait_for(lambda told: state_of(told.reached) is RED_RED, 'what it must say')
-    assert race.team.acknowledge(RED_RED).success
-    race.official.wait_for_kart(
-        1, lambda kart: reports(RED_RED)(kart) and not kart.acknowledged, 'not ready'
-    )
-    assert not race.official.call('green_green').success
-
-
-def test_a_kart_that_was_never_ready_says_nothing_of_its_stop_and_is_ready_once_that_is_over(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.team.team_stop(True)
-    race.official.command('grid_active', track_clear=True)
-    race.team.wait_for(lambda told: state_of(told.commanded) is GRID_ACTIVE, 'the grid')
-    assert not race.team.acknowledge(RED_RED).success
-    race.team.team_stop(False)
-    race.team.wait_for_state(GRID_ACTIVE)
-    assert race.team.acknowledge(GRID_ACTIVE).success
-    race.start()
-
-
-def test_a_kart_that_has_stopped_itself_says_so_once_and_stands_until_a_new_grid_active(
-    start_bridge: StartBridge, join_team: JoinTeam, parts: contextlib.ExitStack
-) -> None:
-    said: list[RaceState] = []
-    control = parts.enter_context(BareRaceControl(said.append))
-    team = join_team(start_bridge(control.port))
-
-    def order(state: RaceState, obeyed: RaceState) -> None:
-        control.say(state)
-        told = team.wait_for(lambda each: state_of(each.commanded) is state, state.value)
-        assert state_of(told.state) is obeyed
-
-    def become_ready() -> None:
-        order(GRID_ACTIVE, GRID_ACTIVE)
-        assert team.acknowledge(GRID_ACTIVE).success
-        control.wait_until_it_says(GRID_ACTIVE)
-
-    team.wait_for_state(IN_GARAGE)
-    become_ready()
-    team.team_stop(True)
-    team.wait_for_state(RED_RED)
-    for engaged in (False, True, False):
-        assert team.acknowledge(RED_RED).success  # as often as the stack likes
-        team.team_stop(engaged)
-    told = team.wait_for(lambda each: not each.team_stop, 'the release')
-    assert state_of(told.state) is RED_RED
-    assert 'stopped itself after it acknowledged GRID_ACTIVE' in told.reason
-    assert not team.acknowledge(GRID_ACTIVE).success
-    order(GREEN_GREEN, RED_RED)
-    assert team.acknowledge(RED_RED).success
-    control.wait_until_it_says(RED_RED)
-    assert said == [IN_GARAGE, GRID_ACTIVE, RED_RED, RED_RED]  # once for each command
-    # Neither was an answer to what comes now.
-    order(RED_RED, RED_RED)
-    assert said[4:] == []
-    assert not team.state.acknowledged
-    assert team.acknowledge(RED_RED).success
-    control.wait_until_it_says(RED_RED)
-    order(IN_GARAGE, IN_GARAGE)
-    become_ready()
-    order(GREEN_GREEN, GREEN_GREEN)
-
-
-def test_absurd_odometry_is_no_standstill_and_ends_no_bridge(start_race: StartRace) -> None:
-    race = start_race()
-    race.official.command('all_kill')
-    race.team.wait_for_state(RED_RED)
-    for speed, said in ((1e200, '99999'), (float('nan'), 'NaN')):
-        race.team.drive_at(speed)
-        race.team.wait_until_polled(
-            lambda said=said: said in race.team.acknowledge(RED_RED).message, said
-        )
-        assert not race.team.acknowledge(RED_RED).success
+    assert race.team.team_stop(False).success
+    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
+    assert (state_of(told.commanded), state_of(told.state)) == (GREEN_GREEN, RED_RED)
+    assert race.team.stop is True
 
 
 # ----- the bridge's own end ----------------------------------------------------------------
-
-
-def test_what_an_ended_bridge_told_last_is_red_red(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    assert race.bridge.close() == 0
-    told = race.team.wait_for_state(RED_RED)
-    assert told.reason == 'the bridge has ended'
-    race.team.wait_for_stop(True)
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda each: each.name)
@@ -902,36 +684,6 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(
     # Nobody told it to: that is the point.
     assert race.team.state is not None
     assert state_of(race.team.state.state) is GREEN_GREEN
-
-
-def test_a_stack_that_is_killed_and_starts_again_stands_and_says_why(
-    start_race: StartRace,
-) -> None:
-    # Of odometry by another node: of this one's, the middleware knows the dead publisher for 20 s.
-    race = start_race(arguments=('-r', '~/odom:=/odometry'))
-    with ExampleStack(race.bridge.domain) as stack:
-        race.drive(stack)
-        stack.kill()
-    with ExampleStack(race.bridge.domain) as again:
-        again.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
-        race.team.wait_for_speed(lambda speed: speed == 0.0)
-        assert 'GREEN_GREEN ' not in again.output.replace('before GREEN_GREEN', '')
-
-
-def test_a_bridge_that_hung_comes_back_in_red_red(
-    start_race: StartRace, connect_kart: ConnectKart
-) -> None:
-    race = start_race()
-    race.green()
-    race.bridge.signal(signal.SIGSTOP)
-    # For longer than it may be without a frame: what another kart is sent in 2 s.
-    connect_kart(race.control, 2).wait_for_frames(40)
-    since = len(race.team.states)
-    race.bridge.signal(signal.SIGCONT)
-    race.team.wait_for(
-        lambda state: state.connected and state_of(state.commanded) is RED_RED, 'a new link'
-    )
-    assert GREEN_GREEN not in race.team.states[since:]
 
 
 def test_a_bridge_that_fails_tells_its_stack_red_red_first(
@@ -958,14 +710,6 @@ def test_a_bridge_that_does_not_hear_its_team_stops_the_kart(
         race.team.wait_for_stop(True)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
         race.bridge.kill()
-
-
-def test_a_stack_that_is_ended_brakes_to_a_stop(start_race: StartRace) -> None:
-    race = start_race()
-    with ExampleStack(race.bridge.domain) as stack:
-        race.drive(stack)
-        assert stack.close() == 0
-    race.team.wait_for_speed(lambda speed: speed == 0.0)
 
 
 def test_a_stack_that_fails_brakes_to_a_stop(
@@ -1008,10 +752,7 @@ def test_its_names_are_private(
         ({}, 'parameter host is missing'),
         ({'host': 'racecontrol'}, "parameter host: 'racecontrol' is no IPv4 address"),
         ({'host': '10.0.0.1', 'local_address': '10.0.0.256'}, 'parameter local_address'),
-        ({'host': '10.0.0.1', 'port': 70000}, 'from 1 to 65535'),
         ({'host': '10.0.0.1', 'frame_timeout': 5.0}, 'from 0.2 to 1'),
-        ({'host': '10.0.0.1', 'tsr_timeout': 1}, 'parameter tsr_timeout'),
-        ({'host': '10.0.0.1', 'tsr_timout': 1.0}, 'is unknown; did you mean tsr_timeout?'),
     ],
     ids=lambda value: '' if isinstance(value, dict) else value,
 )
@@ -1047,17 +788,6 @@ def test_a_ros_domain_that_does_not_exist_is_refused_in_one_sentence(
 
 
 # ----- what a stack makes of it ------------------------------------------------------------
-
-
-def test_diagnostics_say_what_the_kart_obeys_and_why(start_race: StartRace) -> None:
-    race = start_race()
-    race.team.team_stop(True)
-    race.team.wait_for_diagnostic(
-        lambda status: (
-            status.name == 'kart_bridge: race state'
-            and status.message == 'the kart stops itself: requested by service'
-        )
-    )
 
 
 def hear(team: Team, kind: type, topic: str) -> list[Any]:
@@ -1100,10 +830,8 @@ def test_the_plain_state_is_what_the_kart_obeys_ten_times_a_second_and_none_is_k
     seen.clear()
     race.team.wait_until(lambda: len(seen) > 9, lambda: 'more, though nothing changes')
     assert {each.data for each in seen} == {'GREEN_GREEN'}
-    race.control.kill()
-    race.team.wait_until(lambda: seen[-1].data == 'RED_RED', lambda: f'the doubt: {seen[-1]}')
-    race.bridge.close()
-    assert seen[-1].data == 'RED_RED'
+    assert race.bridge.close() == 0
+    race.team.wait_until(lambda: seen[-1].data == 'RED_RED', lambda: f'the end: {seen[-1]}')
 
 
 class Driven:
@@ -1125,12 +853,6 @@ def driven(start_race: StartRace, start_base: StartBase, parts: contextlib.ExitS
     driver = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', race.bridge.domain))
     driver.wait_for_line('IN_GARAGE')
     return Driven(race, start_base(race.bridge), driver)
-
-
-def test_a_driver_that_reads_the_plain_state_alone_drives_and_stops(driven: Driven) -> None:
-    driven.go()
-    driven.race.official.command('all_kill')
-    driven.base.wait_for_speed(lambda speed: speed == 0.0)
 
 
 def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(

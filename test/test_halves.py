@@ -25,6 +25,7 @@ from evgp_rcs.karts.priority import NICENESS
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.race_control import RaceControl
@@ -62,46 +63,40 @@ def scene(tmp_path: pathlib.Path) -> Iterator[WireRace]:
     replay_without_difference(tmp_path / 'record.sqlite3')
 
 
-def test_every_kart_hears_red_red_when_the_ros_half_is_killed(
-    scene: WireRace, each_state: RaceState
-) -> None:
-    scene.bring_to(each_state)
-    scene.control.kill()
+def wait_for_alert(official: Official, kind: int) -> msg.Race:
+    """Return the first race that is shown with an alert of this kind."""
+    return official.wait_for_race(
+        lambda race: any(alert.kind == kind for alert in race.alerts), f'an alert {kind}'
+    )
+
+
+def wait_for_red_red_and_the_end(scene: WireRace) -> None:
+    """Return once race control has ended, and every kart has heard RED_RED last."""
     for kart in scene.karts:
         kart.wait_for_end()
         assert kart.state is RED_RED
+    assert scene.control.wait() in (1, -signal.SIGKILL)
     wait_until_ended(scene.control.kart_server_pid)
 
 
-def test_officials_are_told_to_use_the_msr_when_the_kart_server_is_killed(
-    scene: WireRace, each_state: RaceState
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP], ids=['killed', 'hangs'])
+def test_every_kart_hears_red_red_when_the_ros_half_is_killed_or_hangs(
+    scene: WireRace, how: signal.Signals
 ) -> None:
-    scene.bring_to(each_state)
+    scene.bring_to(GREEN_GREEN)
+    scene.control.signal(how)
+    wait_for_red_red_and_the_end(scene)  # the kart server wakes one that hangs when it ends
+
+
+def test_officials_are_told_to_use_the_msr_when_the_kart_server_is_killed(
+    scene: WireRace,
+) -> None:
+    scene.bring_to(GREEN_GREEN)
     os.kill(scene.control.kart_server_pid, signal.SIGKILL)
-    race = scene.official.wait_for_race(
-        lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
-        'the alert that a part has failed',
-    )
-    assert race.alerts[0].use_msr
+    assert wait_for_alert(scene.official, msg.Alert.PART_FAILED).alerts[0].use_msr
     for kart in scene.karts:
         kart.wait_for_end()
     assert scene.control.wait() == 1
-
-
-@pytest.fixture(params=[IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED], ids=str)
-def each_state(request: pytest.FixtureRequest) -> RaceState:
-    """Return each of the five states."""
-    state: RaceState = request.param
-    return state
-
-
-def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> None:
-    scene.bring_to(GREEN_GREEN)
-    scene.control.signal(signal.SIGSTOP)
-    for kart in scene.karts:
-        kart.wait_for_end()
-        assert kart.state is RED_RED
-    assert scene.control.wait() == 1  # the kart server wakes it when it ends
 
 
 def receiving_threads(pid: int, port: int) -> list[int]:
@@ -146,10 +141,7 @@ def test_every_kart_hears_red_red_when_a_thread_that_receives_for_dds_hangs(
         for kart in scene.karts:
             kart.wait_for_end()
             assert kart.state is RED_RED
-        scene.official.wait_for_race(
-            lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
-            'the alert that a part has failed',
-        )
+        wait_for_alert(scene.official, msg.Alert.PART_FAILED)
     assert scene.control.wait() == 1
 
 
@@ -189,10 +181,7 @@ def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: WireRace) -> No
 def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: WireRace) -> None:
     scene.bring_to(GREEN_GREEN)
     os.kill(scene.control.kart_server_pid, signal.SIGTERM)
-    for kart in scene.karts:
-        kart.wait_for_end()
-        assert kart.state is RED_RED
-    assert scene.control.wait() == 1
+    wait_for_red_red_and_the_end(scene)
 
 
 def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr(
@@ -203,10 +192,7 @@ def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr
     answer = scene.official.call('all_kill')
     assert not answer.success
     assert 'use the MSR' in answer.message
-    scene.official.wait_for_race(
-        lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
-        'the alert that a part has failed',
-    )
+    wait_for_alert(scene.official, msg.Alert.PART_FAILED)
     for kart in scene.karts:
         kart.wait_for_end()
     assert scene.control.wait() == 1
@@ -236,10 +222,7 @@ def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
     scene.bring_to(GREEN_GREEN)
     os.kill(scene.control.record_pid, how)
     assert not scene.official.call('green_green').success
-    scene.official.wait_for_race(
-        lambda race: any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts),
-        'the alert that the record fails',
-    )
+    wait_for_alert(scene.official, msg.Alert.RECORD_FAILING)
     racing = scene.karts[: len(RACING)]
     for kart in racing:
         kart.wait_for_frames(3)
@@ -304,38 +287,36 @@ def mapped(pid: int) -> str:
     return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
 
 
-def test_the_process_that_stops_karts_has_no_ros(start_race_control: StartRaceControl) -> None:
+def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_other_programs(
+    start_race_control: StartRaceControl,
+) -> None:
     control = start_race_control()
     assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
     for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
         assert what not in mapped(control.kart_server_pid)
-
-
-def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: WireRace) -> None:
-    for pid in (scene.control.pid, scene.control.kart_server_pid):
+    for pid in (control.pid, control.kart_server_pid):
         assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
 
 
-def test_an_official_of_the_tests_shares_none_either(scene: WireRace) -> None:
+def test_an_official_of_the_tests_shares_none_either(parts: contextlib.ExitStack) -> None:
+    domain = parts.enter_context(Domain()).number
     program = (
         'import pathlib, sys; from evgp_testing.official import Official; '
         "official = Official(int(sys.argv[1]), 'sharer'); "
         "print(pathlib.Path('/proc/self/maps').read_text()); official.close()"
     )
     shown = subprocess.run(
-        [sys.executable, '-c', program, str(scene.domain)], stdout=subprocess.PIPE, check=True
+        [sys.executable, '-c', program, str(domain)], stdout=subprocess.PIPE, check=True
     )
     assert b'shm/fast' not in shown.stdout
 
 
-@pytest.mark.parametrize('state', [IN_GARAGE, GRID_ACTIVE])
 def test_no_race_starts_while_the_record_fails(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
     tmp_path: pathlib.Path,
     parts: contextlib.ExitStack,
-    state: RaceState,
 ) -> None:
     disk = tmp_path / 'disk'
     disk.mkdir()
@@ -344,7 +325,7 @@ def test_no_race_starts_while_the_record_fails(
     control = start_race_control((1,), record=disk / 'record.sqlite3')
     official = join_official(control)
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.bring_to(state)
+    official.bring_to(GRID_ACTIVE)
     with contextlib.suppress(OSError):
         (disk / 'ballast').write_bytes(bytes(1 << 20))
     for _ in range(2000):  # SQLite may have room left in its own files
@@ -353,15 +334,13 @@ def test_no_race_starts_while_the_record_fails(
             alert.kind == msg.Alert.RECORD_FAILING for alert in official.race.alerts
         ):
             break
-    start = 'grid_active' if state is IN_GARAGE else 'green_green'
-    statement = {'track_clear': True} if state is IN_GARAGE else {}
-    answer = official.call(start, **statement)
+    answer = official.call('green_green')
     assert not answer.success
     assert 'record' in answer.message
     (disk / 'ballast').unlink()
     official.wait_for_race(lambda race: not race.alerts, 'the record works again')
-    official.command(start, **statement)
-    kart.wait_for_state(GRID_ACTIVE if state is IN_GARAGE else GREEN_GREEN)
+    official.command('green_green')
+    kart.wait_for_state(GREEN_GREEN)
 
 
 def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(

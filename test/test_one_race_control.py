@@ -200,21 +200,16 @@ def test_two_plain_race_controls_with_one_address_that_are_plugged_together_end_
     for text, other in zip(texts, reversed(machines), strict=True):
         assert hardware_of(other) in text
         assert RACE_CONTROL in text
-    with masters.first.inside(), start(masters, masters.folder / 'again') as again:
-        assert again.wait() == IN_THE_WAY
-    (line,) = again.output.splitlines()
-    assert hardware_of(masters.spare) in line
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize('state', RACE_STATES, ids=lambda state: state.value)
 def test_a_race_goes_to_red_red_when_race_control_loses_its_cable_and_the_process_stays(
-    state: RaceState, masters: Masters
+    masters: Masters,
 ) -> None:
     control = masters.start(masters.first)
     official = masters.official(masters.first)
     official.wait_for_connected(*NUMBERS)
-    official.bring_to(state, *NUMBERS)
+    official.bring_to(RaceState.GREEN_GREEN, *NUMBERS)
     cut_at = time.monotonic()
 
     masters.plug('first-karts', up=False)
@@ -327,7 +322,7 @@ def test_a_raw_socket_or_arping_asks_and_without_either_it_is_not_known(
 
 
 @pytest.mark.parametrize('raw', [True, False], ids=['raw socket', 'arping'])
-def test_a_second_interface_of_this_machine_on_that_network_hides_no_other_race_control(
+def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hides_none(
     raw: bool,
 ) -> None:
     need_networks()
@@ -335,8 +330,9 @@ def test_a_second_interface_of_this_machine_on_that_network_hides_no_other_race_
         need_arping()
     with two_machines() as (own, other):
         own.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-        other.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-        for _ in range(3):
+        for turn in range(4):
+            if turn:
+                other.ip(f'addr replace {RACE_CONTROL}/24 dev eth0')
             with own.inside():
                 done = subprocess.run(
                     [*(() if raw else PLAIN), sys.executable, '-c', ASKING, RACE_CONTROL],
@@ -346,7 +342,8 @@ def test_a_second_interface_of_this_machine_on_that_network_hides_no_other_race_
                 )
             # arping hears the first answer only, which may be this machine's own.
             found = done.stdout.split()[0]
-            assert found == 'ANSWER' or (found == 'NOT_KNOWN' and not raw), done.stdout
+            right = 'ANSWER' if turn else 'NOTHING'
+            assert found == right or (found == 'NOT_KNOWN' and not raw), done.stdout
 
 
 @pytest.mark.own_process

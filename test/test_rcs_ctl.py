@@ -31,7 +31,7 @@ from evgp_rcs_console.command_line import COMMANDS, STARTING, TAKEN
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
-from evgp_rcs_console.texts import FLAG_IN, SETTLING
+from evgp_rcs_console.texts import SETTLING
 from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -125,6 +125,9 @@ def test_a_whole_race_by_commands(
     accepted(control, official, 'all-kill')
     kart.wait_for_state(RaceState.RED_RED)
     accepted(control, official, 'record-msr', '--msr-was-used')
+    official.wait_for_available('kart/in_garage', kart=3)
+    asked = run(control.domain, 'kart-in-garage', '3', '--wait', str(PATIENCE))
+    assert asked.stderr.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand\n')
     said = accepted(control, official, 'kart-in-garage', '3', '--made-safe-by-hand')
     assert 'Ends the hold of kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
@@ -162,33 +165,6 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
         for each in said:
             assert each in done.stderr, line
     assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
-
-
-def test_every_command_without_numbers_lists_its_karts_while_it_is_possible(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    official = join_official(control)
-    for number in (1, 2):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
-    without_numbers = {kind for kind, entry in CATALOGUE.items() if entry.names_karts}
-
-    for name in ('grid-active', 'green-green', 'in-garage'):
-        kind = COMMANDS[name]
-        without_numbers.remove(kind)
-        flags = (CATALOGUE[kind].flag or ())[:1]
-        official.wait_for_available(CATALOGUE[kind].service)
-        done = run(control.domain, name, *flags, '--wait', str(PATIENCE))
-        assert done.returncode == USAGE, done.stderr
-        again = shlex.join(['rcs_ctl', name, '1', '2', *flags])
-        assert done.stderr.endswith(f'To send it, type: {again}\n')
-        accepted(control, official, *again.split()[1:])
-        official.wait_for_acks(CATALOGUE[kind].result.race[0], 1, 2)
-        if name == 'green-green':
-            accepted(control, official, 'race-over')
-            official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    assert not without_numbers
 
 
 # ----- the official's name ----------------------------------------------------------------
@@ -264,6 +240,9 @@ def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_s
 
     stop = AtTerminal(control.domain, 'all-kill')
     assert stop.end() == ACCEPTED
+    broken_off = AtTerminal(control.domain, 'close-track')
+    broken_off.type_line(b'\x03')
+    assert broken_off.end() == NOT_THERE  # and sends nothing
     assert not kept.exists()
     first = AtTerminal(control.domain, 'close-track')
     first.type_line(b'Anna\n')
@@ -298,38 +277,6 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
     ]
     assert f'[Bob ({machine})]' in shown
     assert not kept.exists()
-
-
-def test_an_official_who_breaks_off_at_the_question_for_a_name_sends_nothing(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-
-    asked = AtTerminal(control.domain, 'close-track')
-    asked.type_line(b'\x03')
-
-    assert asked.end() == NOT_THERE
-    official.command('all_kill')
-    assert len(senders(official, 1)) == 1
-    assert not kept.exists()
-
-
-def test_a_refusal_for_want_of_a_statement_gives_the_line_to_type(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    connect_kart(control, 1)
-    official.wait_for_connected(1)
-    official.command('kart/red_red', kart=1)
-
-    official.wait_for_available('kart/in_garage', kart=1)
-    done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
-
-    assert done.returncode == REFUSED
-    assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
-    assert done.stderr.endswith('type: rcs_ctl kart-in-garage 1 --made-safe-by-hand\n')
 
 
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
@@ -631,40 +578,6 @@ def test_watch_shows_the_race_and_what_happens(
     assert 'Kart 2' not in events.stdout
 
 
-def test_watch_shows_when_a_finished_kart_that_drives_on_is_sent_its_flag(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2), finish_delays='[60.0]')
-    official = join_official(control)
-    for number in (1, 2):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
-    official.bring_to(RaceState.GREEN_GREEN)
-    official.command('kart/finish', kart=2)
-    race = official.wait_for_race(lambda race: race.karts[1].place, 'the finish')
-
-    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-    official.command('kart/undo_finish', kart=2)
-    undone = official.wait_for_race(lambda race: not race.karts[1].place, 'no finish')
-
-    assert not race.karts[0].flag_at.sec
-    assert 0 < race.karts[1].flag_at.sec - race.stamp.sec <= 60
-    assert re.search(FLAG_IN.format(place=1, seconds=r'\d\d'), shown.stdout)
-    assert not undone.karts[1].flag_at.sec
-
-
-def test_watch_says_the_banner_of_race_control_first(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
-) -> None:
-    control = start_race_control(banner='REHEARSAL')
-    join_official(control).command('all_kill')  # an event, for which one of them waits
-
-    for more in ((), ('--events',)):
-        shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE), *more)
-
-        assert shown.stdout.splitlines()[0] == '=== REHEARSAL ==='
-
-
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
@@ -678,6 +591,8 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
         ('green-green 1', REFUSED),
         ('kart-red-red 99', REFUSED),
         ('in-garage --track-is-safe', USAGE),  # nothing was sent
+        ('watch --once', ACCEPTED),
+        ('watch --once --events', ACCEPTED),
     ):
         done = run(control.domain, *line.split(), '--wait', str(PATIENCE))
         assert done.returncode == code, line

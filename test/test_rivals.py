@@ -12,7 +12,6 @@ from evgp_node import graph
 from evgp_node.process import IN_THE_WAY
 from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
-from evgp_rcs.ros.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import StartRaceControl
@@ -106,23 +105,6 @@ class Publisher(RosSide):
         super().__init__('rcs', domain)
         self.publisher = self.node.create_publisher(msg.Race, '~/race', latched(1))
         self.spin()
-
-
-def test_two_race_controls_that_meet_both_notice_and_notice_when_it_is_over(
-    parts: contextlib.ExitStack,
-) -> None:
-    domain = parts.enter_context(Domain()).number
-    first = parts.enter_context(Publisher(domain))
-    assert not look_for_rivals(first.node)
-
-    other = Publisher(domain)
-    try:
-        for each in (first, other):
-            each.wait_until_polled(lambda node=each.node: look_for_rivals(node), 'a rival')
-    finally:
-        other.close()
-
-    first.wait_until_polled(lambda: not look_for_rivals(first.node), 'no rival any more')
 
 
 def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops_are(

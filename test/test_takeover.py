@@ -20,7 +20,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs.spare.copies import ORIGIN
-from evgp_rcs.spare.neighbours import ask, Found, Look
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import executable, Process, Program
@@ -229,20 +228,3 @@ def test_race_control_does_not_start_where_another_machine_has_its_address(
     assert RACE_CONTROL in line
     # The other one may race on until it is unplugged: then this one knows nothing.
     assert mark.read_text().strip() == RUN_BEGAN
-
-
-def test_a_machine_with_two_interfaces_on_one_network_is_no_rival_of_itself() -> None:
-    need_networks()
-    with contextlib.ExitStack() as stack:
-        machine, switch = (stack.enter_context(Namespace()) for _ in range(2))
-        switch.ip('link add karts type bridge', 'link set karts up')
-        for at, address in enumerate((RACE_CONTROL, '10.77.0.2')):
-            switch.ip(
-                f'link add cable{at} type veth peer name eth{at} netns {machine.path}',
-                f'link set cable{at} master karts up',
-            )
-            machine.ip(f'addr add {address}/24 dev eth{at}', f'link set eth{at} up')
-        with machine.inside():
-            assert ask(RACE_CONTROL, 'eth0', 1.0) == Look(Found.NOTHING)
-            # The other interface has that address, but it is the same machine.
-            assert ask('10.77.0.2', 'eth0', 1.0) == Look(Found.NOTHING)

@@ -47,6 +47,11 @@ def test_a_pose_that_is_not_filled_in_says_nothing(speeds: list[float], x: float
         assert motion.speed(speed, x, x, turn * 0.02) == speed
 
 
+def test_a_twist_that_is_no_number_is_no_standstill() -> None:
+    motion = Motion()
+    assert all(math.isnan(motion.speed(math.nan, turn, 0.0, turn * 0.1)) for turn in range(30))
+
+
 def test_a_kart_that_never_moves_in_green_green_is_told_once_each_time() -> None:
     motion = Motion()
     for _ in range(2):

@@ -52,7 +52,6 @@ void probe(const std::string & name, double lease, double forgiven, double busy)
       std::unique_lock<std::mutex> lock(being_busy);
       free.wait(lock, [&]() {return number(state) != busy_at;});
     }, lease, forgiven);
-  std::unique_ptr<Watch> second;
   const std::chrono::duration<double> turn(busy);
   rclcpp::TimerBase::SharedPtr turns;
   if (turn.count() > 0) {
@@ -67,18 +66,14 @@ void probe(const std::string & name, double lease, double forgiven, double busy)
   while (std::cin >> word) {
     double value = 0.0;
     std::cin >> value;
-    if (word == "look" || word == "look_at_second") {
-      if (word != "look" && !second) {
-        second = std::make_unique<Watch>(*node, nullptr, lease, forgiven);
-      }
-      const Watch & asked = word == "look" ? watch : *second;
-      const auto order = asked.order();
-      const auto said = asked.said();
+    if (word == "look") {
+      const auto order = watch.order();
+      const auto said = watch.said();
       orders[order.serial] = order;
       std::ostringstream line;
       line << "look " << order.serial << ' ' << number(order.state) << ' ' << order.number << ' ' <<
         number(order.reached) << ' ' << (said ? number(said->state) : -1) << ' ' <<
-        (said && said->acknowledged) << ' ' << asked.reason();
+        (said && said->acknowledged) << ' ' << watch.reason();
       say(line.str());
     } else if (word == "acknowledge") {
       watch.acknowledge(orders.at(static_cast<std::uint64_t>(value)));

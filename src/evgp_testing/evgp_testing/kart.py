@@ -171,11 +171,6 @@ class Team(RosSide):
         self._rolls = speed
         self.drive_at(0.0)
 
-    def lose_odometry(self) -> None:
-        """Publish no speed any more, as a base that died."""
-        assert self._driving is not None
-        self._driving.cancel()
-
     def team_stop(self, engaged: bool) -> Answer:
         """
         Engage or release the team's own stop.
