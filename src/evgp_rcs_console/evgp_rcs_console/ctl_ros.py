@@ -26,6 +26,7 @@ from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
+    broken_off,
     COMMANDS,
     Exit,
     GRACE,
@@ -51,6 +52,7 @@ class Hearing:
         self.race: Snapshot | None = None
         self.two = False
         self.heard_at = 0.0
+        self.given: Given | None = None
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.dropped: tuple[Given, str] | None = None
@@ -133,7 +135,12 @@ def attend(
         return _watch(client, hearing, wanted, until, alive)
     if wanted.command == 'results':
         return _show_results(client, hearing, until)
-    told = _give(client, hearing, wanted, until, ready - began)
+    try:
+        told = _give(client, hearing, wanted, until, ready - began)
+    except KeyboardInterrupt:
+        if hearing.given is None:
+            raise
+        told = {'code': Exit.NOT_THERE, 'error': _broken_off(hearing, hearing.given)}
     return _under_banner(told, hearing.race)
 
 
@@ -190,6 +197,7 @@ def _give(
         Signature(wanted.official).claim,
         {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
+    hearing.given = given
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
     if hearing.dropped is not None:
@@ -210,6 +218,14 @@ def _give(
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
+
+
+def _broken_off(hearing: Hearing, given: Given) -> str:
+    """Return what is known of a command that an official breaks off."""
+    if hearing.answer is not None:
+        return hearing.answer[1].message
+    stop = next(iter(hearing.standing), Standing(given, given.at))
+    return broken_off(given.command, now() - given.at, stop.presses, stop.said)
 
 
 def _under_banner(told: Told, race: Snapshot | None) -> Told:

@@ -16,7 +16,7 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Heat
+from evgp_rcs.rules.race import Heat, NOT_STATED, PAST_UNKNOWN
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -104,6 +104,7 @@ HUMANS_UNKNOWN = '? NO KART CONNECTED'
 HUMANS_UNKNOWN_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TO_HUMANS = 'to humans'
+OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
 
 ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
@@ -192,6 +193,7 @@ NOT_ALLOWED = (
 )
 TOO_OLD = '{name}: pressed at {clock}, while the window hung. Nothing was sent: press it again.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
+JUST_DONE = '{name} WAS NOT SENT: {done} was sent by the click before it. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
 NO_HEATS = 'The roster names no heats.'
@@ -359,6 +361,8 @@ def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statemen
 
     :param statement: what race control asks the official to state; empty if nothing.
     """
+    if command is CommandKind.OPEN_TRACK and race.track.msr_used:
+        return f'{statement}; {OPEN_BY_MSR}' if statement else OPEN_BY_MSR
     if statement:
         return statement
     if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
@@ -397,6 +401,7 @@ def warning(command: Kind, race: Snapshot) -> str:
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
         barred = not track.allowed and race.state not in UNDER_WAY
+        barred = barred and not track.reason.startswith(_SETTLES.get(command, '\0'))
         why = track.reason if barred else against_humans(race)
         if why:
             return f'humans must stay off the track now: {why}'
@@ -405,6 +410,13 @@ def warning(command: Kind, race: Snapshot) -> str:
             return f'only the MSR stops {doubtful}: leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
+
+
+_SETTLES: dict[Kind, str] = {
+    CommandKind.IN_GARAGE: PAST_UNKNOWN,
+    CommandKind.OPEN_TRACK: NOT_STATED,
+}
+"""The first words of what the question of a command settles by itself, and does not warn of."""
 
 
 def not_there(command: Kind, name: str) -> str:

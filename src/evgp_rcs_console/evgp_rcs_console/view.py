@@ -109,6 +109,7 @@ class Button:
     :param phrase: for a command to the race: since when its result holds, what it would do, or
         what it waits for; for one to the track: to whom. In a few words.
     :param current: for a command to the race: whether the race is in the state that it leads to.
+    :param recedes: it is possible, but something else is to be done first.
     """
 
     command: Kind
@@ -127,6 +128,7 @@ class Button:
     key: str = ''
     phrase: str = ''
     current: bool = False
+    recedes: bool = False
 
     def given(self) -> Given:
         """
@@ -431,7 +433,7 @@ def show(
         order=texts.order_of_start(race, timing),
         tally=tally(race),
         missing=texts.missing(race),
-        reminder='' if danger is not None else _finish_now(buttons) or _reminder(race, now),
+        reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(buttons),
@@ -458,16 +460,19 @@ def _since(race: Snapshot, now: float) -> str:
     return f'{since}, {texts.OVER}' if race.over else since
 
 
-def _reminder(race: Snapshot, now: float) -> str:
+def _reminder(buttons: _Buttons) -> str:
     """
     Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
 
-    Whether a kart drives, only an official can see: so it is said for a while in any case.
+    Whether a kart drives, only an official can see: so it is said for a while in any case, but not
+    of a kart that was seen to cross the line.
     """
-    late = now - race.state_since - BEGINS_WITHIN
+    race = buttons.snapshot
+    late = buttons.now - race.state_since - BEGINS_WITHIN
     if race.state is not RaceState.GREEN_GREEN or late < 0.0:
         return ''
     sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
+    sent = [kart for kart in sent if not buttons.has_crossed(kart)]
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
@@ -583,7 +588,10 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         gap='' if buttons.shown is None else timed.gap(buttons.shown, kart.number),
         note=Cell(note, _note_tone(done, urgent and bool(notes))),
         buttons=tuple(
-            shown.get(command) or buttons.kart(command, kart)
+            replace(
+                shown.get(command) or buttons.kart(command, kart),
+                recedes=use_msr and command is CommandKind.KART_IN_GARAGE,
+            )
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
@@ -686,6 +694,10 @@ class _Buttons:
     def _races(self, kart: KartSnapshot) -> bool:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
         return is_on and not kart.place
+
+    def has_crossed(self, kart: KartSnapshot) -> bool:
+        """Return whether the timekeeper saw a kart cross the line in this race."""
+        return self.timing is not None and timed.has_crossed(self.timing, kart.number)
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
         """Return whether a kart that drives has all its laps: it is to be given FINISH."""

@@ -21,7 +21,15 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, TrackAccess
+from evgp_rcs.rules.race import (
+    Alert,
+    AlertKind,
+    Availability,
+    Heat,
+    NOT_STATED,
+    PAST_UNKNOWN,
+    TrackAccess,
+)
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
@@ -252,6 +260,59 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
 
     assert (before.warning, bad.reason in after.warning) == ('', True)
     assert not before.asks_the_same(after)
+
+
+@pytest.mark.parametrize(
+    ('command', 'reason', 'warned'),
+    [
+        (CommandKind.IN_GARAGE, PAST_UNKNOWN, False),
+        (CommandKind.OPEN_TRACK, PAST_UNKNOWN, True),
+        (CommandKind.KART_IN_GARAGE, PAST_UNKNOWN, True),
+        (CommandKind.OPEN_TRACK, NOT_STATED, False),
+        (CommandKind.IN_GARAGE, 'kart 4 was lost on the grid', True),
+    ],
+)
+def test_no_question_warns_of_what_it_settles_by_itself(
+    command: CommandKind, reason: str, warned: bool
+) -> None:
+    track = replace(RACE.track, reason=f'{reason}: look at every kart, then send it')
+    race = replace(RACE, state=RaceState.RED_RED, track=track)
+
+    assert bool(texts.warning(command, race)) is warned
+    doubtful = replace(KART, sent=RaceState.RED_RED, may_be_moving=True)
+    assert texts.warning(command, replace(race, karts=(doubtful,)))
+
+
+@pytest.mark.parametrize('statement', ['', 'no race is under way anywhere'])
+def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_stands(
+    statement: str,
+) -> None:
+    def condition(msr_used: bool) -> str:
+        track = replace(RACE.track, allowed=True, msr_used=msr_used)
+        offered = Availability(CommandKind.OPEN_TRACK, True, statement=statement)
+        button = show(replace(RACE, track=track, commands=offers(offered)), 0.0, {}).track_button
+        assert button is not None
+        assert statement in button.condition
+        return button.condition
+
+    assert 'every kart stands still' in condition(True)
+    assert 'every kart stands still' not in condition(False)
+
+
+def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -> None:
+    stopped = replace(KART, sent=RaceState.RED_RED)
+    told = Alert(AlertKind.RED_UNACKNOWLEDGED, 7, 0.0, 'it drives', True)
+
+    def release(*alerts: Alert) -> Button:
+        screen = show(replace(RACE, karts=(stopped,), alerts=alerts), 0.0, {})
+        button = screen.button(CommandKind.KART_IN_GARAGE, 7)
+        assert button is not None
+        return button
+
+    assert (release().recedes, release(told).recedes) == (False, True)
+    assert release(told).enabled
+    row = show(replace(RACE, karts=(stopped,), alerts=(told,)), 0.0, {}).rows[0]
+    assert [each.command for each in row.buttons if each.recedes] == [CommandKind.KART_IN_GARAGE]
 
 
 @pytest.mark.parametrize(
@@ -554,6 +615,26 @@ def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_beg
     assert reminder(over, acknowledged=False)
     assert not reminder(begun, sent=RaceState.RED_RED, acknowledged=False)
     assert not reminder(begun, in_race=False)
+
+
+def test_a_kart_that_was_seen_to_cross_the_line_has_begun_whatever_it_acknowledged() -> None:
+    silent = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=False)
+    karts = (silent, replace(silent, number=8))
+    over = BEGINS_WITHIN + REMINDS_FOR
+    race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=over, karts=karts)
+
+    def reminder(*seen: int) -> str:
+        results = tuple(driven(each, 2) for each in seen)
+        return show(race, 0.0, {}, None, Standings(over, karts=results)).reminder
+
+    assert reminder()
+    assert reminder(7)  # of kart 8 nobody knows
+    assert not reminder(7, 8)
+    line = Passing('line', '', 1)
+    crossed = tuple(Judged(line, each, Mark.COUNTED, over, '') for each in (7, 8))
+    assert not show(race, 0.0, {}, None, Standings(over, passings=crossed)).reminder
+    of_another_race = Standings(over, race=2, passings=crossed)
+    assert show(race, 0.0, {}, None, of_another_race).reminder
 
 
 def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:

@@ -46,7 +46,7 @@ from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
-from evgp_rcs_console.input import FORWARD, LateInput
+from evgp_rcs_console.input import FORWARD, LateInput, UNDO_AFTER
 from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.settings import Signature
@@ -939,7 +939,7 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
     assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
     console.press('A', 'N', 'N')
     assert not console.find('question').isVisible()
-    assert not console.commands
+    assert console.commands == [(CommandKind.KART_FINISH, 1)]  # a crossing waits for no answer
 
 
 @pytest.mark.parametrize('change', ['another kart', 'no link', 'by hand', 'against it'])
@@ -1071,6 +1071,24 @@ def test_the_letters_that_answer_a_question_finish_no_kart(opened: Any) -> None:
     assert not console.commands
     console.press('A')
     assert console.commands == [(CommandKind.KART_FINISH, 1)]
+
+
+def test_the_second_one_of_two_slow_clicks_on_finish_does_not_ask_to_undo_it(opened: Any) -> None:
+    console, race = opened(), race_of(3)
+    console.tell(race)
+    console.click('kart_finish_1')
+    finished = replace(race.karts[0], place=1)
+    console.tell(replace(race, karts=(finished, *race.karts[1:])))
+    console.settle(AIM)
+
+    console.click('kart_undo_finish_1')
+
+    assert console.commands == [(CommandKind.KART_FINISH, 1)]
+    assert not console.find('question').isVisible()
+    assert 'WAS NOT SENT' in console.find('status').whole
+    console.settle(UNDO_AFTER)
+    console.click('kart_undo_finish_1')
+    assert console.find('question').isVisible()
 
 
 def test_a_name_is_letters_while_it_is_typed_and_every_other_key_does_what_it_does(

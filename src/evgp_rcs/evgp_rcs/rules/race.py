@@ -1133,7 +1133,7 @@ class Race:
         allowed, reason = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
             allowed = False
-            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+            reason = f'{NOT_STATED} that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
         return TrackAccess(self.track_open, allowed, reason, self.msr_used)
 
     # ----- what a kart is sent ------------------------------------------------------------
@@ -1705,8 +1705,8 @@ class Race:
             return False, _cut(unsafe)
         if self.past_unknown:
             return False, (
-                'race control does not know what happened: look at every kart, then send '
-                'IN_GARAGE; or use the MSR and record it'
+                f'{PAST_UNKNOWN}: look at every kart, then send IN_GARAGE; or use the MSR and '
+                'record it'
             )
         if not any(kart.connected for kart in self.karts.values()):
             return True, 'no kart is connected: race control does not know what the karts do'
@@ -1999,6 +1999,10 @@ lost `send_timeout` after its last answer."""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
 """What an official states once where race control does not know what happened before."""
+
+PAST_UNKNOWN = 'race control does not know what happened'
+NOT_STATED = 'nobody has stated yet'
+"""The first words of why no humans are allowed until IN_GARAGE, or until OPEN_TRACK."""
 
 BEGAN = 'race control began, and does not know what happened before'
 """Why the race is in RED_RED after a start without proof."""
