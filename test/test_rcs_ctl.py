@@ -599,8 +599,8 @@ def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
         (('red-flag',), 'USE THE MSR'),
         (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
-        (('watch', '--once'), 'USE THE MSR'),
-        (('watch', '--events'), 'USE THE MSR'),
+        (('watch', '--once'), 'NO RACE CONTROL YET'),
+        (('watch', '--events'), 'NO RACE CONTROL YET'),
     ],
 )
 def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said: str) -> None:
@@ -609,6 +609,7 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
 
     assert done.returncode == NOT_THERE
     assert said in done.stdout + done.stderr
+    assert ('USE THE MSR' in done.stdout + done.stderr) is (said == 'USE THE MSR')
     if words[0] != 'green-green':
         assert 'ROS domain' in done.stdout + done.stderr
 
@@ -799,8 +800,15 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
     assert not reading.is_alive()
 
 
+@pytest.mark.parametrize(
+    ('orderly', 'said'),
+    [
+        (False, 'RACE CONTROL IS GONE: USE THE MSR'),
+        (True, 'RACE CONTROL HAS ENDED: START IT AGAIN'),
+    ],
+)
 def test_watch_goes_on_and_says_when_race_control_is_gone(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, orderly: bool, said: str
 ) -> None:
     control = start_race_control(in_race=(1,))
 
@@ -808,8 +816,8 @@ def test_watch_goes_on_and_says_when_race_control_is_gone(
         assert watch.stdout is not None
         try:
             assert any('Race: ⌂ IN GARAGE' in line for line in watch.stdout)
-            control.kill()
-            assert any('RACE CONTROL IS GONE: USE THE MSR' in line for line in watch.stdout)
+            (control.close if orderly else control.kill)()
+            assert said in next(line for line in watch.stdout if '***' in line)
         finally:
             watch.send_signal(signal.SIGINT)
         assert watch.wait(PATIENCE) == ACCEPTED

@@ -882,6 +882,23 @@ def test_a_stop_after_a_start_without_proof_is_answered_by_every_connected_kart(
     assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()
 
 
+def test_the_msr_is_not_asked_for_because_a_kart_comes_late_to_a_stop() -> None:
+    officials = Officials(connected=False)
+    officials.does('ALL_KILL')
+    officials.wait(60.0)
+    officials.connect(1)
+    assert not any(alert.use_msr for alert in officials.race.alerts(officials.now))
+    officials.wait(officials.race.times.red_alert)
+    assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()  # it has had its time
+
+    officials.drop(1)
+    officials.wait(60.0)
+    assert AlertKind.LOST_IN_MOTION in officials.alerts()
+    officials.connect(1)  # nobody knows what it did meanwhile
+    both = {AlertKind.LOST_IN_MOTION, AlertKind.RED_UNACKNOWLEDGED}
+    assert both <= {alert.kind for alert in officials.race.alerts(officials.now) if alert.use_msr}
+
+
 def test_after_a_start_without_proof_a_kart_stands_for_the_settle_time_too() -> None:
     officials = Officials(RaceTimes(pause=0.0, settle=3.0), connected=False)
     officials.race.recover(None, LastRun.UNKNOWN, officials.now)

@@ -19,8 +19,8 @@ from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Answer, Availability, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.race import Answer, Availability, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
@@ -57,6 +57,7 @@ class Hearing:
         self.standing: tuple[Standing, ...] = ()
         self.dropped: tuple[Given, str] | None = None
         self.events: list[StampedEvent] = []
+        self.ended_run: str | None = None
         self.results: Standings | None = None
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
@@ -69,6 +70,8 @@ class Hearing:
         """Keep an event."""
         with self.news:
             self.events.append(event)
+            if event.event.kind is EventKind.ENDED and event.event.success and self.race:
+                self.ended_run = self.race.run
             self.news.notify_all()
 
     def on_results(self, results: Standings) -> None:
@@ -336,11 +339,10 @@ def _watch(
     while True:
         with hearing.news:
             race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
-            found = hearing.results
+            found, ended = hearing.results, race is not None and hearing.ended_run == race.run
         at = now()
         silent_for = at - heard_at if race is not None else None
-        state = race.state if race else None
-        shown = silence(silent_for, at - began, looking(client.topic), state)
+        shown = silence(silent_for, at - began, looking(client.topic), race or NOTHING, ended)
         if shown is None and race is not None:
             shown = danger(race, two)
         lines = []
@@ -410,7 +412,7 @@ def _watch_events(
         shown += len(fresh)
         if not shown and not heard:
             where = f'ROS domain {domain_of()}'
-            error = f'{texts.NOT_YET}: {texts.USE_MSR} ({where})'
+            error = f'{texts.NOT_YET} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
             f'{time_of_day(wall_ns // 1_000_000_000)} {" " if event.success else "!"} '

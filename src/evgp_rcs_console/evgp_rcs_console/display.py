@@ -496,6 +496,7 @@ class Display(QtCore.QObject):
         self._race: Snapshot | None = None
         self._results: Standings | None = None
         self._two = False
+        self._ended_run: str | None = None
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._danger_title = ''
@@ -516,6 +517,8 @@ class Display(QtCore.QObject):
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event; that an order arrived in time would only hide others."""
         event = stamped.event
+        if event.kind is EventKind.ENDED and event.success and self._race is not None:
+            self._ended_run = self._race.run
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
             self.areas.events.add(stamped)
 
@@ -615,7 +618,8 @@ class Display(QtCore.QObject):
         race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
         looking_for = now - self._began
-        said = silence(silent_for, looking_for, self._looking, race.state, KILL_NOTES)
+        ended = self._ended_run == race.run
+        said = silence(silent_for, looking_for, self._looking, race, ended, KILL_NOTES)
         return said or danger(race, self._two)
 
     def _show_kill(self) -> None:

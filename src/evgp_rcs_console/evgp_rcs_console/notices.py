@@ -184,11 +184,11 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     ended = ((len(notices) - new - seen, texts.ALERTS_ENDED),)
     told = [text.format(count=count) for count, text in counted + ended if count]
     more = notices[places:]
-    for msr, text in ((True, texts.MORE_MSR), (False, texts.MORE_OTHER)):
-        those = [notice for notice in more if notice.use_msr is msr and notice.standing]
+    # The karts of those that need the MSR are all named elsewhere, in large type.
+    those = [notice for notice in more if notice.standing and not notice.use_msr]
+    if those:
         karts = sorted({notice.kart for notice in those if notice.kart})
-        if those:
-            told.append(text.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
+        told.append(texts.MORE_OTHER.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
     return '; '.join(told)
 
 

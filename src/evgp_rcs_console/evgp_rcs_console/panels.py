@@ -186,6 +186,7 @@ class Strip(Painted):
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
         self._texts = ('', '', '', '')
+        self._msr = Cell('')
         self._stale = False
         self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
         self.heat.quiet = True
@@ -199,12 +200,12 @@ class Strip(Painted):
             filter(None, (screen.missing, screen.timing, screen.order, screen.places))
         )
         self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
-        self._stale = stale
+        self._stale, self._msr = stale, screen.msr
         # There are heats or there are none, as long as the roster is the same.
         self.heat.setVisible(screen.heat_button is not None)
         if screen.heat_button is not None:
             self.heat.show_button(screen.heat_button)
-        self.show_it(self._texts, stale)
+        self.show_it(self._texts, self._msr, stale)
 
     def paint(self, pen: Pen) -> None:
         """Draw it."""
@@ -220,13 +221,15 @@ class Strip(Painted):
         room.setLeft(first.right() + look.px(14))
         room.setRight(last.left() - look.px(14))
         pen.text(first, tally, strong, TEXT, True)
-        if reminder:
+        for text, tone in (self._msr, Cell(reminder, Tone.WAIT)):
+            if not text:
+                continue
             shown = room.adjusted(0, look.px(3), 0, -look.px(3))
-            shown.setWidth(min(room.width(), _advance(reminder, True) + 2 * look.px(GAP)))
-            ink, fill = look.fill(Tone.WAIT)
+            shown.setWidth(min(room.width(), _advance(text, True) + 2 * look.px(GAP)))
+            ink, fill = look.fill(tone)
             pen.box(shown, fill, radius=3)
             inside = shown.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
-            pen.text(inside, reminder, ink, TEXT, True)
+            pen.text(inside, text, ink, TEXT, True)
             room.setLeft(shown.right() + look.px(14))
         if rest:
             pen.text(room, rest, strong, TEXT)

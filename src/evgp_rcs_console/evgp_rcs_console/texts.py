@@ -106,6 +106,9 @@ HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each 
 TO_HUMANS = 'to humans'
 OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
 
+USE_MSR_FOR = 'USE THE MSR: {karts}'
+MSR_IN_USE = 'MSR IN USE'
+MSR_IN_USE_FOR = 'MSR IN USE: only it stops {karts}'
 ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
@@ -113,7 +116,6 @@ SEEN_ALL = 'ALL SEEN'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
-MORE_MSR = 'not shown: USE THE MSR for {karts}'
 MORE_OTHER = 'not shown: {karts}'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
@@ -144,7 +146,15 @@ GONE_SINCE = (
     'Last heard {age} ago, in {state}. What is shown below is out of date. '
     'Perhaps only the network is broken: check another window.'
 )
-NOT_YET_DETAIL = 'Looking for {looking}: not found after {age}.'
+NOT_YET_ADVICE = 'NO STOP WORKS YET'
+NOT_YET_DETAIL = (
+    'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}.'
+)
+ENDED = 'RACE CONTROL HAS ENDED'
+ENDED_ADVICE = 'START IT AGAIN'
+ENDED_SINCE = (
+    'It was ended in order {age} ago, and no kart was in doubt: make run ROSTER=… starts it again.'
+)
 LOOKING = '{topic} in ROS domain {domain}, {where}'
 ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
 AT_ADDRESSES = 'at {addresses}'

@@ -29,6 +29,7 @@ from evgp_rcs.words import (
     headline,
     LINKS,
     milliseconds,
+    numbered,
     STATE_CELLS,
     STATES,
     tally,
@@ -289,6 +290,7 @@ class Screen:
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
     :param missing: which karts of the race have not yet done what they are sent.
+    :param msr: every kart for which the MSR is to be used, or that it is in use; empty if neither.
     :param reminder: who is to be given FINISH; or that each kart must have begun to drive by now;
         empty if none must.
     :param heat_button: opens the choice of a heat; None if the roster names none.
@@ -307,6 +309,7 @@ class Screen:
     order: str
     tally: str
     missing: str
+    msr: Cell
     reminder: str
     heat_button: Button | None
     heats: tuple[Button, ...]
@@ -345,28 +348,40 @@ def silence(
     silent_for: float | None,
     looking_for: float,
     looking: str,
-    state: RaceState | None,
+    race: Snapshot,
+    ended: bool,
     notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
     Return what to say about race control's silence; None while race control is heard.
 
+    It asks for the MSR where nobody can know what the karts do: not before race control was heard
+    at all, nor if it has ended in order with no kart in doubt.
+
     :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
     :param looking: where the search looks, in the words of a sentence.
-    :param state: the state of the race when race control was last heard.
+    :param race: the race when race control was last heard.
+    :param ended: it has said since that it ends in order.
     :param notes: what to add before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, barred, note = texts.NOT_YET, texts.NOT_YET_REASON, notes[0]
+        title, advice, barred, note = (
+            texts.NOT_YET,
+            texts.NOT_YET_ADVICE,
+            texts.NOT_YET_REASON,
+            notes[0],
+        )
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
+    elif ended and race.no_kart_in_doubt:
+        title, advice, barred, note = texts.ENDED, texts.ENDED_ADVICE, texts.GONE_REASON, ''
+        detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
     else:
-        title, barred, note = texts.GONE, texts.GONE_REASON, notes[1]
-        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[state])
-    detail = f'{detail} {note}'.rstrip()
-    return Danger(title, texts.USE_MSR, detail, barred, stale=True)
+        title, advice, barred, note = texts.GONE, texts.USE_MSR, texts.GONE_REASON, notes[1]
+        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[race.state])
+    return Danger(title, advice, f'{detail} {note}'.rstrip(), barred, stale=True)
 
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
@@ -433,6 +448,7 @@ def show(
         order=texts.order_of_start(race, timing),
         tally=tally(race),
         missing=texts.missing(race),
+        msr=_msr(race),
         reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
@@ -476,6 +492,19 @@ def _reminder(buttons: _Buttons) -> str:
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
+
+
+def _msr(race: Snapshot) -> Cell:
+    """Return for which karts the MSR is to be used, each of them; or that it is in use."""
+    asked = [alert for alert in race.alerts if alert.use_msr]
+    if asked:
+        karts = numbered(sorted({alert.kart for alert in asked if alert.kart}))
+        return Cell(texts.USE_MSR_FOR.format(karts=karts) if karts else texts.USE_MSR, Tone.BAD)
+    if not race.track.msr_used:
+        return Cell('')
+    karts = texts.in_doubt(race)
+    used = texts.MSR_IN_USE_FOR.format(karts=karts) if karts else texts.MSR_IN_USE
+    return Cell(used, Tone.WAIT)
 
 
 def _humans(race: Snapshot) -> tuple[Cell, str]:
@@ -826,6 +855,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',
         *([f'Karts: {screen.tally}'] if screen.tally else []),
+        *filter(None, [screen.msr.text]),
         *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
         f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),

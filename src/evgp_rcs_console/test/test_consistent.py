@@ -101,7 +101,7 @@ def races(draw: st.DrawFn) -> Snapshot:
 
 def dangers(race: Snapshot) -> list[Danger | None]:
     """Return what can be said of race control while this is the newest snapshot."""
-    gone = silence(5.0, 60.0, 'here', race.state)
+    gone = silence(5.0, 60.0, 'here', race, False)
     return [danger(race, two=False), danger(race, two=True), gone]
 
 

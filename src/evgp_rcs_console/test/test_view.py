@@ -726,12 +726,69 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 def test_race_control_is_gone_within_a_second(
     silent_for: float | None, title: str, barred: str
 ) -> None:
-    said = silence(silent_for, 3.0, 'here', RaceState.GREEN_GREEN)
+    said = silence(silent_for, 3.0, 'here', replace(RACE, state=RaceState.GREEN_GREEN), False)
 
     assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
     if said:
-        assert said.advice == 'USE THE MSR'
+        # Before it is heard at all there is no sign of any race.
+        assert (said.advice == texts.USE_MSR) is (silent_for is not None)
+
+
+NO_RACE_YET = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
+STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
+
+
+@pytest.mark.parametrize(
+    ('calm', 'ended', 'changes'),
+    [
+        (True, True, {'state': RaceState.IN_GARAGE}),
+        (True, True, {'track': NO_RACE_YET}),
+        (False, False, {}),
+        (False, True, {'track': replace(RACE.track, reason='the race is in GREEN_GREEN')}),
+        (False, True, {'track': replace(RACE.track, reason=PAST_UNKNOWN)}),
+        (False, True, {'karts': (replace(KART, may_be_moving=True),)}),
+        (False, True, {'karts': (replace(KART, may_be_moving=True),), 'track': STOPPED_BY_MSR}),
+        (False, True, {'alerts': (Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'lost', True),)}),
+        (False, True, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'failed', True),)}),
+    ],
+)
+def test_the_msr_is_asked_for_when_race_control_is_gone_but_for_a_good_end_without_a_doubt(
+    calm: bool, ended: bool, changes: dict[str, object]
+) -> None:
+    rest = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
+
+    said = silence(5.0, 60.0, 'here', replace(rest, **changes), ended)
+
+    assert said is not None
+    assert (said.title == texts.ENDED, said.advice == texts.USE_MSR) == (calm, not calm)
+    assert said.stale
+    assert said.barred
+
+
+def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_be_read() -> None:
+    kart = replace(KART, sent=RaceState.RED_RED, may_be_moving=True)
+    karts = tuple(replace(kart, number=number) for number in range(1, 8))
+    lost = tuple(
+        Alert(AlertKind.LOST_IN_MOTION, number, 0.0, 'lost', True) for number in range(1, 8)
+    )
+    race = replace(RACE, state=RaceState.RED_RED, karts=karts, alerts=lost)
+    used = replace(race.track, allowed=True, msr_used=True)
+
+    def said(race: Snapshot) -> tuple[str, Tone]:
+        screen = show(race, 0.0, {})
+        assert screen.msr.text in '\n'.join(table(screen, ()))
+        return screen.msr.text, screen.msr.tone
+
+    assert said(race) == ('USE THE MSR: karts 1, 2, 3, 4, 5, 6, 7', Tone.BAD)
+    quiet = tuple(replace(alert, use_msr=False) for alert in lost)
+    assert said(replace(race, alerts=quiet))[0] == ''
+    in_use = replace(race, alerts=quiet, track=used)
+    assert said(in_use)[0] == 'MSR IN USE: only it stops karts 1, 2, 3, 4, 5, 6, 7'
+    stopped = tuple(replace(each, may_be_moving=False) for each in karts)
+    assert said(replace(in_use, karts=stopped))[0] == 'MSR IN USE'
+    unsafe = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 'clear the track', True)
+    assert said(replace(race, alerts=(unsafe,)))[0] == 'USE THE MSR'
 
 
 def test_the_terminal_shows_the_same() -> None:

@@ -789,6 +789,16 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
     assert console.find('humans').property('tone') == 'bad'
 
 
+def test_of_many_karts_that_need_the_msr_each_is_named_without_a_cut(opened: Any) -> None:
+    console = opened()
+    karts = tuple(range(1, 17))
+    console.tell(race_of(16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, karts))))
+    console.settle()
+
+    named = f'USE THE MSR: karts {", ".join(map(str, karts))}'
+    assert named in [drawn.shown for drawn in console.find('strip').drawn]
+
+
 def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
     console = opened()
     console.tell(race_of(1))

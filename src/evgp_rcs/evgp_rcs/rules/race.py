@@ -1704,10 +1704,7 @@ class Race:
         if unsafe:
             return False, _cut(unsafe)
         if self.past_unknown:
-            return False, (
-                f'{PAST_UNKNOWN}: look at every kart, then send IN_GARAGE; or use the MSR and '
-                'record it'
-            )
+            return False, (f'{PAST_UNKNOWN}: look at every kart, then send IN_GARAGE')
         if not any(kart.connected for kart in self.karts.values()):
             return True, 'no kart is connected: race control does not know what the karts do'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
@@ -1881,7 +1878,9 @@ class Race:
                 yield AlertKind.TWO_PROGRAMS, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
-                due = kart.sent_since + limit
+                # A kart that comes without a doubt is not late yet; one lost in motion is.
+                is_new = kart.sent.is_red and kart.lost_since is None
+                due = (kart.ordered_at if is_new else kart.sent_since) + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue
                 if self._covered_by_statement(kart):
