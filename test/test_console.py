@@ -492,7 +492,7 @@ def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
     open_beside: OpenBeside, how: str
 ) -> None:
     console, (kart,), _ = open_beside(1, nobody_there=0.1)
-    console.wait_for('strip', text='1 can stop')
+    console.wait_for('strip', text='1 official can stop')
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
 
@@ -511,7 +511,7 @@ def test_a_race_goes_on_if_another_window_is_there_in_time(
 ) -> None:
     console, (kart,), control = open_beside(1, nobody_there=PATIENCE)
     official = join_official(control)
-    console.wait_for('strip', text='1 can stop')
+    console.wait_for('strip', text='1 official can stop')
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
     console.kill()
@@ -520,7 +520,7 @@ def test_a_race_goes_on_if_another_window_is_there_in_time(
         lambda race: any(each.kind == nobody for each in race.alerts), 'the alert'
     )
 
-    open_console(control).wait_for('strip', text='1 can stop')
+    open_console(control).wait_for('strip', text='1 official can stop')
 
     assert kart.state is GREEN_GREEN
     official.wait_for_race(lambda race: not race.alerts, 'no alert')

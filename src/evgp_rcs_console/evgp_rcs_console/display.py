@@ -387,6 +387,8 @@ class BottomLine:
         self._message = Cell(texts.BEGIN)
         self._said_at = 0.0
         self._outcome: Outcome | None = None
+        self._refused: tuple[Kind, int] | None = None
+        self._holds = False
         self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
 
@@ -395,6 +397,7 @@ class BottomLine:
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
+        self._refused = None
         self._changed = None
         self._pointed = None
         self.show()
@@ -410,6 +413,23 @@ class BottomLine:
         self.say(f'{mark}{answer.message}', tone)
         if answer.success and CATALOGUE[given.command].is_seen:
             self._outcome = Outcome(given, clock.now())
+        elif not answer.success:
+            self._refused, self._holds = (given.command, given.kart), False
+
+    def say_barred(self, button: Button) -> None:
+        """Say why a command is not possible, until it is."""
+        self.say(button.explanation, Tone.WAIT)
+        self._refused, self._holds = (button.command, button.kart), True
+
+    def take_screen(self, screen: Screen) -> None:
+        """Take what is shown: a refusal that no longer holds is not said any more."""
+        button = screen.button(*self._refused) if self._refused is not None else None
+        if button is None or button.is_stop:
+            return
+        if not button.enabled:
+            self._holds = True
+        elif self._holds or clock.now() - self._said_at > READ:
+            self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
         """Take a snapshot and when it came (s): what the last answer said may have changed."""
@@ -592,6 +612,7 @@ class Display(QtCore.QObject):
         if areas.question.isVisible() and asked is not None:
             areas.question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
+        self.bottom.take_screen(screen)
         self.bottom.show()
 
     @property

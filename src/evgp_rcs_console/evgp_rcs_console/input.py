@@ -105,7 +105,7 @@ class Presses(QtCore.QObject):
         """Send the command of a button, ask for its confirmation, or say why it cannot be sent."""
         areas = self._areas
         if not button.enabled:
-            self._bottom.say(button.explanation, Tone.WAIT)
+            self._bottom.say_barred(button)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
             areas.open_sheet(areas.heats, areas.heats.first)
         elif button.condition:

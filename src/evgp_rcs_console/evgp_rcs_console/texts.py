@@ -86,22 +86,23 @@ MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
 MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
-CAN_STOP = '{count} can stop: {who}'
-NOBODY_CAN_STOP = '0 can stop: no screen or button is heard'
-COMMANDED_BY = 'officials: {names}'
+CAN_STOP = '{count} official{s} can stop: {who}'
+NOBODY_CAN_STOP = 'No official can stop: no screen or button is heard'
+COMMANDED_BY = 'commands by {names}'
 OVER = 'race over'
 IS_OVER = 'the race is over'
-HUMANS_ALLOWED = '✓ HUMANS ALLOWED ON THE TRACK'
-HUMANS_MAY_ENTER = '… Humans may enter once you open the track'
-HUMANS_MAY_ENTER_BY_MSR = '… Open the track once every kart stands'
-HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
-HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
-HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
-HUMANS_NOT_SAFE = '✗ NOT SAFE: CLEAR THE TRACK'
-HUMANS_NOT_SAFE_REASON = 'humans could be on it: {reason}'
-HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
-HUMANS_UNKNOWN = '? NO KART CONNECTED'
-HUMANS_UNKNOWN_OPEN = '? TRACK OPEN, NO KART CONNECTED'
+TRACK_OPEN = '✓ TRACK OPEN'
+TRACK_CLOSED = '✗ TRACK CLOSED'
+TRACK_CLOSED_REASON = 'nobody enters before you open it: {reason}'
+TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
+TRACK_OPEN_MSR = '✓ TRACK OPEN, MSR IN USE'
+MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
+KEEP_OFF = '✗ KEEP OFF THE TRACK'
+CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
+CLEAR_TRACK_REASON = 'humans could be on it: {reason}'
+KEEP_OFF_UNKNOWN = '? KEEP OFF THE TRACK'
+UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
+UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TO_HUMANS = 'to humans'
 OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
@@ -470,7 +471,8 @@ def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
 def can_stop(race: Snapshot) -> str:
     """Return how many programs there are from which officials can stop the race, and which."""
     count, who = race.able_to_stop, race.who_can_stop
-    return CAN_STOP.format(count=count, who=who) if count else NOBODY_CAN_STOP
+    s = '' if count == 1 else 's'
+    return CAN_STOP.format(count=count, s=s, who=who) if count else NOBODY_CAN_STOP
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:

@@ -21,7 +21,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, NOT_STATED
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import (
     Cell,
@@ -438,7 +438,7 @@ def show(
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
-        humans, reason = Cell(texts.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
+        humans, reason = Cell(texts.KEEP_OFF_UNKNOWN, Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
         state=headline(race),
@@ -521,23 +521,30 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
         told = any(alert.use_msr for alert in race.alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
         reason = '' if race.track.allowed else race.track.reason
-        if under_way or not reason:
-            reason = against or reason or under_way
+        if under_way:
+            reasons = (against, under_way) if told else (under_way, against)
+            reason = '; '.join(filter(None, reasons))
+        reason = reason or against
         if is_open:
-            reason = texts.HUMANS_NOT_SAFE_REASON.format(reason=reason)
-            return Cell(texts.HUMANS_NOT_SAFE, Tone.BAD), reason
-        return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if told or doubtful else Tone.WAIT), reason
+            reason = texts.CLEAR_TRACK_REASON.format(reason=reason)
+            return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
+        if reason.startswith(NOT_STATED) and not (told or against):
+            return Cell(texts.TRACK_CLOSED), reason
+        tone = Tone.PLAIN if under_way and not against else Tone.WAIT
+        return Cell(texts.KEEP_OFF, Tone.BAD if told or doubtful else tone), reason
     if race.nobody_is_heard:
-        unknown = Cell(texts.HUMANS_UNKNOWN)
-        unknown = Cell(texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT) if is_open else unknown
+        unknown = Cell(texts.UNHEARD_CLOSED)
+        unknown = Cell(texts.UNHEARD_OPEN, Tone.WAIT) if is_open else unknown
         return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
-        reason = texts.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
-        by_msr = texts.HUMANS_BY_MSR if is_open else texts.HUMANS_MAY_ENTER_BY_MSR
+        reason = texts.MSR_REASON.format(reason=race.track.reason, karts=karts)
+        by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
-    allowed = Cell(texts.HUMANS_ALLOWED, Tone.GOOD) if is_open else Cell(texts.HUMANS_MAY_ENTER)
-    return allowed, race.track.reason
+    if is_open:
+        return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
+    closed = texts.TRACK_CLOSED_REASON.format(reason=race.track.reason)
+    return Cell(texts.TRACK_CLOSED), closed
 
 
 def _finish_now(buttons: _Buttons) -> str:

@@ -31,7 +31,7 @@ from evgp_rcs.rules.race import (
     TrackAccess,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
-from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
+from evgp_rcs.words import Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
 from evgp_rcs_console.results import races
@@ -318,16 +318,16 @@ def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -
 @pytest.mark.parametrize(
     ('is_open', 'connected', 'allowed', 'msr', 'text', 'tone'),
     [
-        (True, True, True, False, texts.HUMANS_ALLOWED, Tone.GOOD),
-        (True, True, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
-        (True, False, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
-        (True, False, True, False, texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT),
-        (True, False, True, True, texts.HUMANS_ALLOWED, Tone.GOOD),
-        (False, True, True, False, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
-        (False, True, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, True, False, texts.HUMANS_UNKNOWN, Tone.PLAIN),
-        (False, False, True, True, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
+        (True, True, True, False, texts.TRACK_OPEN, Tone.GOOD),
+        (True, True, False, False, texts.CLEAR_TRACK, Tone.BAD),
+        (True, False, False, False, texts.CLEAR_TRACK, Tone.BAD),
+        (True, False, True, False, texts.UNHEARD_OPEN, Tone.WAIT),
+        (True, False, True, True, texts.TRACK_OPEN, Tone.GOOD),
+        (False, True, True, False, texts.TRACK_CLOSED, Tone.PLAIN),
+        (False, True, False, False, texts.KEEP_OFF, Tone.WAIT),
+        (False, False, False, False, texts.KEEP_OFF, Tone.WAIT),
+        (False, False, True, False, texts.UNHEARD_CLOSED, Tone.PLAIN),
+        (False, False, True, True, texts.TRACK_CLOSED, Tone.PLAIN),
     ],
 )
 def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_connected(
@@ -339,8 +339,37 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
     screen = show(replace(RACE, state=RaceState.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
-    unknown = text in (texts.HUMANS_UNKNOWN, texts.HUMANS_UNKNOWN_OPEN)
+    unknown = text in (texts.UNHEARD_CLOSED, texts.UNHEARD_OPEN)
     assert ('so it is' in screen.humans_reason) is not unknown
+
+
+def test_in_a_green_race_a_kart_that_is_held_is_not_the_only_reason_to_keep_off() -> None:
+    driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, may_be_moving=True)
+    held = replace(driving, number=8, sent=RaceState.RED_RED, hold=RaceState.RED_RED)
+    track = replace(RACE.track, reason='the race is in GREEN_GREEN')
+    race = replace(RACE, state=RaceState.GREEN_GREEN, track=track)
+
+    normal = show(replace(race, karts=(driving,)), 0.0, {})
+    one_held = show(replace(race, karts=(driving, held)), 0.0, {})
+
+    assert normal.humans == Cell(texts.KEEP_OFF)  # nothing is wrong
+    for screen in (normal, one_held):
+        assert 'the race is in GREEN GREEN' in screen.humans_reason
+    assert 'kart 8 may be moving' in one_held.humans_reason
+    assert one_held.humans.tone is Tone.WAIT
+    lost = Alert(AlertKind.LOST_IN_MOTION, 8, 0.0, 'kart 8 was lost', True)
+    both = show(replace(race, karts=(driving, held), alerts=(lost,)), 0.0, {})
+    assert (both.humans.tone, 'kart 8 was lost' in both.humans_reason) == (Tone.BAD, True)
+
+
+def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
+    track = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
+    race = replace(RACE, state=RaceState.IN_GARAGE, track=track)
+    race = replace(race, karts=(replace(KART, sent=RaceState.IN_GARAGE),))
+
+    assert show(race, 0.0, {}).humans == Cell(texts.TRACK_CLOSED)
+    doubtful = replace(race.karts[0], may_be_moving=True)
+    assert show(replace(race, karts=(doubtful,)), 0.0, {}).humans.tone is Tone.BAD
 
 
 # ----- heats and places ---------------------------------------------------------------------
@@ -586,7 +615,7 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert before is not None
 
     for said in (green.caution, screen.can_stop, '\n'.join(table(screen, ()))):
-        assert '2 can stop' in said
+        assert '2 officials can stop' in said
         assert 'Anna (window), button' in said
     assert '0' not in before.caution
     assert green.asks_the_same(before)

@@ -778,7 +778,7 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
         race, karts=(kart,), alerts=(lost,), track=TrackAccess(True, True, 'the MSR', True)
     )
     console.tell(race)
-    assert 'ALLOWED BY THE MSR' in console.find('humans').whole
+    assert 'TRACK OPEN, MSR IN USE' in console.find('humans').whole
     assert 'Only the MSR stops kart 1' in console.find('humans_reason').whole
     assert 'only the MSR stops it' in console.find('kart_1').whole
     assert 'USE THE MSR' not in console.find('banner').whole
@@ -950,6 +950,26 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
     console.press('A', 'N', 'N')
     assert not console.find('question').isVisible()
     assert console.commands == [(CommandKind.KART_FINISH, 1)]  # a crossing waits for no answer
+
+
+@pytest.mark.parametrize('how', ['pressed', 'refused by race control'])
+def test_a_refusal_is_said_until_it_no_longer_holds(opened: Any, how: str) -> None:
+    console = opened()
+    barred = race_of(2, RaceState.GRID_ACTIVE, WHY)
+    console.tell(barred)
+    if how == 'pressed':
+        console.press('F3')
+    else:
+        given = Given(CommandKind.GREEN_GREEN)
+        console.inbox.on_answer(given, Answer(False, f'GREEN GREEN refused: {WHY}'))
+    console.tell(barred)
+    assert 'no GRID ACTIVE yet' in console.find('status').whole
+    console.tell(replace(barred, stamp=barred.stamp + 1))
+    assert 'no GRID ACTIVE yet' in console.find('status').whole
+
+    console.tell(race_of(2, RaceState.GRID_ACTIVE))
+
+    assert not console.find('status').whole
 
 
 @pytest.mark.parametrize('change', ['another kart', 'no link', 'by hand', 'against it'])
