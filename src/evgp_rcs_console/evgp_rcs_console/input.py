@@ -372,7 +372,9 @@ class Keyboard:
         if stroke.act is not None:
             self._do(stroke.act, at)
         elif stroke.digit:
+            # With the heats open it is both: a stop of that kart may follow.
             self._chosen.add(stroke.digit, at)
+            self._areas.heats.focus_on(self._chosen.digits)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
             pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:

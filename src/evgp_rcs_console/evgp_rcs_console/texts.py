@@ -230,7 +230,7 @@ HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.
 HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = 'in the race'
-NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
+NEXT_HEAT, RUN_AT, NEXT = 'next', 'run at {clock}', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
 GRID_ORDER = 'in the order of the grid'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
@@ -338,8 +338,22 @@ def heat(
     """Return a heat with its karts, in the order in which they start if timing says one."""
     grid = grid_of(each.name, timing)
     text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
-    notes = [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+    notes = [RUN_AT.format(clock=time_of_day(at)[:5]) for at in runs_of(each.name, timing)[-1:]]
+    notes += [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
+
+
+def runs_of(heat: str, timing: Standings | None) -> list[float]:
+    """Return when a heat was run, as the timekeeper has it, in seconds; empty: it was not."""
+    return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
+
+
+def next_heat(race: Snapshot, timing: Standings | None) -> str:
+    """Return which heat is next: the timekeeper's, or the first that was not run yet."""
+    if timing is None or timing.next_heat:
+        return timing.next_heat if timing is not None else ''
+    left = (each.name for each in race.heats if not runs_of(each.name, timing))
+    return next((name for name in left if name != race.heat), '')
 
 
 def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:

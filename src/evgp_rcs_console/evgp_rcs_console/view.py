@@ -451,7 +451,7 @@ def show(
         msr=_msr(race),
         reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
-        heats=tuple(buttons.heat(heat) for heat in race.heats),
+        heats=tuple(buttons.heat(*each) for each in enumerate(race.heats, 1)),
         places=_places(buttons),
         timing=texts.NO_TIMING if untimed else '',
         can_stop=texts.can_stop(race),
@@ -797,12 +797,16 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
 
-    def heat(self, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race."""
-        is_next = self.results is not None and heat.name == self.results.next_heat
+    def heat(self, number: int, heat: Heat) -> Button:
+        """Return the button that puts a heat into the race; its number moves the focus there."""
+        is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
-            self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
+            self.race(CommandKind.SET_HEAT),
+            label=label,
+            heat=heat.name,
+            karts=heat.karts,
+            key=str(number),
         )
 
     def _button(

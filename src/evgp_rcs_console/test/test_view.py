@@ -391,6 +391,27 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     assert not any(button.condition for button in screen.heats)
 
 
+def test_the_list_of_heats_marks_what_was_run_and_what_is_next_each_with_its_number() -> None:
+    heats = tuple(Heat(name, (7,)) for name in ('Heat A', 'Heat B', 'Final'))
+    race = replace(RACE, heats=heats, heat='Heat B')
+    ran = RaceOfEvent(1, 'Heat A', 7200.0, 3, counts=True)
+
+    def marks(results: Standings | None) -> list[str]:
+        buttons = show(race, 0.0, {}, None, results).heats
+        assert [button.key for button in buttons] == ['1', '2', '3']
+        return [button.label for button in buttons]
+
+    run_at = f'run at {time_of_day(7200.0)[:5]}'
+    assert marks(None) == ['Heat A: 7', 'Heat B: 7  (in the race)', 'Final: 7']
+    known = timing(races=(ran,))
+    assert marks(known) == [
+        f'Heat A: 7  ({run_at})',
+        'Heat B: 7  (in the race)',
+        'Final: 7  (next)',
+    ]
+    assert marks(timing(races=(ran,), next_heat='Heat A'))[0] == f'Heat A: 7  ({run_at}, next)'
+
+
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
     heats = Heat('Final', (3, 7)), Heat('TT 3', (3,)), Heat('Next', (3, 9))
     karts = (replace(KART, number=3), KART)

@@ -533,6 +533,22 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
     assert [given.heat for given in console.sent] == ['Heat A', 'Final']
 
 
+def test_a_digit_moves_to_its_heat_and_is_still_the_number_of_a_kart_for_a_stop(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(2, RaceState.IN_GARAGE))
+    console.press('Ctrl+H', '2')
+    assert not console.commands
+    console.press('Return')
+    assert [(given.command, given.heat) for given in console.sent] == [
+        (CommandKind.SET_HEAT, 'Final')
+    ]
+    console.sent.clear()
+    console.press('Ctrl+H', '2', 'Ctrl+R')
+    assert console.commands == [(CommandKind.KART_RED_RED, 2)]
+
+
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
     console = opened()
     console.press('F8')
