@@ -46,7 +46,7 @@ from evgp_rcs_console.panels import (
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
-from evgp_rcs_console.style import GAP, look
+from evgp_rcs_console.style import GAP, look, TEXT
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -164,6 +164,9 @@ class Areas(Area):
         self.strip = Strip(press)
         self._ground = Card()
         self.karts = KartList(press, self.seen.scrolling)
+        self.how_to_begin = [Text('how_to_begin', TEXT + 4, wrap=True) for _ in texts.HOW_TO_BEGIN]
+        for line, text in zip(self.how_to_begin, texts.HOW_TO_BEGIN, strict=True):
+            line.show_text(text)
         self.number_field = NumberField()
         self.alerts = AlertsArea()
         self.events = EventPanel()
@@ -200,6 +203,9 @@ class Areas(Area):
         self.put(self.strip, MARGIN, strip, left, strip + STRIP)
         self.put(self._ground, MARGIN, begin, left, last)
         self.put(self.karts, MARGIN + 1, begin + 1, left - 1, last - 1)
+        for place, line in enumerate(self.how_to_begin):
+            upper = begin + 60 + 50 * place
+            self.put(line, MARGIN + 40, upper, left - 40, upper + 44)
         self.put(self.number_field, side, strip, -MARGIN, strip + NUMBER)
         self.put(self.alerts, side, alerts, -MARGIN, events - GAP)
         self.put(self.events, side, events, -MARGIN, last)
@@ -594,6 +600,8 @@ class Display(QtCore.QObject):
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)
+        for line in areas.how_to_begin:
+            line.setVisible(not screen.rows)
         areas.danger.setVisible(danger_now is not None)
         for area in (areas.state, areas.track):
             area.setVisible(danger_now is None)

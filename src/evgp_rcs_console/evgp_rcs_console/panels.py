@@ -225,19 +225,20 @@ class Strip(Painted):
             if not text:
                 continue
             shown = room.adjusted(0, look.px(3), 0, -look.px(3))
-            shown.setWidth(min(room.width(), _advance(text, True) + 2 * look.px(GAP)))
+            size = TEXT + 4 if tone is Tone.BAD else TEXT
+            shown.setWidth(min(room.width(), _advance(text, True, size) + 2 * look.px(GAP)))
             ink, fill = look.fill(tone)
             pen.box(shown, fill, radius=3)
             inside = shown.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
-            pen.text(inside, text, ink, TEXT, True)
+            pen.text(inside, text, ink, size, True)
             room.setLeft(shown.right() + look.px(14))
         if rest:
             pen.text(room, rest, strong, TEXT)
         pen.text(last, officials, look.palette.faint, TEXT, align=RIGHT)
 
 
-def _advance(text: str, bold: bool = False) -> int:
-    return QtGui.QFontMetrics(font(look.px(TEXT), bold)).horizontalAdvance(text)
+def _advance(text: str, bold: bool = False, size: int = TEXT) -> int:
+    return QtGui.QFontMetrics(font(look.px(size), bold)).horizontalAdvance(text)
 
 
 class DangerPanel(Painted):
@@ -344,7 +345,16 @@ class EventPanel(Card):
 
     def add(self, event: StampedEvent) -> None:
         """Take an event."""
-        for line in self.log.add(event):
+        lines, replaces = self.log.add(event)
+        if replaces and self._kart:
+            self._show_one(self._kart)  # perhaps the line before was not one of this kart
+            return
+        if replaces:
+            cursor = QtGui.QTextCursor(self._view.document())
+            cursor.movePosition(QtGui.QTextCursor.MoveOperation.End)
+            cursor.select(QtGui.QTextCursor.SelectionType.BlockUnderCursor)
+            cursor.removeSelectedText()
+        for line in lines:
             if concerns(line, self._kart):
                 self._append(line)
 

@@ -16,7 +16,7 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Heat, NOT_STATED, PAST_UNKNOWN
+from evgp_rcs.rules.race import AlertKind, Heat, NOT_STATED, PAST_UNKNOWN
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -46,6 +46,13 @@ BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
 BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
+
+HOW_TO_BEGIN = (
+    '1  Write the karts into a roster, and start race control: make run ROSTER=… Each has a row.',
+    '2  JOIN puts a kart into the race, HEAT a whole heat.',
+    '3  GRID ACTIVE once the track is clear of humans. GREEN GREEN once every kart is ready.',
+)
+"""What stands where the karts are, while there is none."""
 
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
@@ -123,6 +130,26 @@ ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
 ALERT_ENDED = 'ENDED'
 ENDED_LINE = '{heading}: {text}'
+ALERT_WAS = {
+    AlertKind.NOT_READY: '{kart} was not ready',
+    AlertKind.GREEN_UNACKNOWLEDGED: '{kart} had not acknowledged GREEN GREEN',
+    AlertKind.FLAG_UNACKNOWLEDGED: '{kart} had not acknowledged RED FLAG',
+    AlertKind.RED_UNACKNOWLEDGED: '{kart} had not acknowledged RED RED',
+    AlertKind.KART_LOST: '{kart} had lost its connection',
+    AlertKind.LOST_IN_MOTION: '{kart} was lost while it may have been moving',
+    AlertKind.TRACK_UNSAFE: 'the track was open and not safe',
+    AlertKind.MOVING_UNASKED: '{kart} said GREEN GREEN unasked',
+    AlertKind.RECORD_FAILING: 'the record failed',
+    AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
+    AlertKind.LINK_POOR: '{kart} had a poor link',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs that connected as it',
+    AlertKind.NOBODY_THERE: 'no official could stop the race',
+    AlertKind.BUTTON_FAULT: 'a stop button did not work',
+    AlertKind.PART_FAILED: 'a part of race control had failed',
+    AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
+}
+"""What is said of an alert that has ended."""
+
 SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
@@ -136,6 +163,12 @@ LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
 WHOSE_EVENTS = 'To see the events of one kart only, type its number or click its row first.'
+LOG_CONNECTED = ' connected'
+LOG_ACKNOWLEDGED = ' acknowledged {state}'
+LOG_SENT = ': {state}'
+LOG_FLAG = 'Kart {kart}: {state} (finished, P{place})'
+LOG_ALL_OF = 'All {count} acknowledged {state}'
+LOG_ALL = 'Every kart of the race acknowledged {state}'
 NEW_RUN = '— race control was started again —'
 DONE = '✓ '
 REFUSED = '✗ '
@@ -309,6 +342,12 @@ def left(seconds: float) -> int:
 def again_in(reason: str, seconds: float) -> str:
     """Return why a command is refused for a time."""
     return AGAIN_IN.format(reason=reason, seconds=left(seconds))
+
+
+def alert_was(kind: AlertKind, kart: int) -> str:
+    """Return what an alert that has ended was about."""
+    said = ALERT_WAS[kind].format(kart=f'kart {kart}')
+    return f'{said[:1].upper()}{said[1:]}'
 
 
 def inspected(kart: KartSnapshot) -> str:

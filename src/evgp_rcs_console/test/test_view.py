@@ -362,6 +362,18 @@ def test_in_a_green_race_a_kart_that_is_held_is_not_the_only_reason_to_keep_off(
     assert (both.humans.tone, 'kart 8 was lost' in both.humans_reason) == (Tone.BAD, True)
 
 
+def test_that_no_kart_is_racing_is_not_wrong_once_each_has_finished() -> None:
+    stopped = replace(KART, sent=RaceState.RED_FLAG, hold=RaceState.RED_FLAG, acknowledged=True)
+    green = replace(RACE, state=RaceState.GREEN_GREEN)
+
+    def state(*places: int) -> Cell:
+        karts = tuple(replace(stopped, number=n, place=place) for n, place in enumerate(places, 1))
+        return show(replace(green, karts=karts), 0.0, {}).state
+
+    assert state(1, 2).tone is Tone.PLAIN
+    assert state(1, 0).tone is Tone.WAIT
+
+
 def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
     track = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
     race = replace(RACE, state=RaceState.IN_GARAGE, track=track)

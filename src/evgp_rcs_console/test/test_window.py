@@ -549,6 +549,18 @@ def test_a_digit_moves_to_its_heat_and_is_still_the_number_of_a_kart_for_a_stop(
     assert console.commands == [(CommandKind.KART_RED_RED, 2)]
 
 
+def test_while_there_is_no_kart_the_window_says_how_to_begin(opened: Any) -> None:
+    console = opened()
+    lines = console.window.how_to_begin
+    assert [line.whole for line in lines] == list(texts.HOW_TO_BEGIN)
+    assert all(line.isVisible() and not line.cut for line in lines)
+    assert not [*overlaps(console.window)]
+
+    console.tell(race_of(1))
+
+    assert not any(line.isVisible() for line in lines)
+
+
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
     console = opened()
     console.press('F8')
