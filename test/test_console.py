@@ -200,7 +200,7 @@ def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
     console.press_on('yes', see='state', text='IN GARAGE')
     console.wait_for('open_track', barred='false')
     console.press_on('open_track', see='yes', barred='false')
-    console.press_on('yes', see='humans', text='ALLOWED ON THE TRACK')
+    console.press_on('yes', see='humans', tone='good')
 
     raced(karts)
 
@@ -222,9 +222,9 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.press('y', see='state', text='IN GARAGE')
     console.wait_for('open_track', barred='false')
     console.ask('F7')
-    console.press('y', see='humans', text='ALLOWED ON THE TRACK')
+    console.press('y', see='humans', tone='good')
     console.wait_for('close_track', barred='false')
-    console.press('F7', see='humans', text='once you open')
+    console.press('F7', see='open_track')
 
     raced(karts)
 

@@ -71,7 +71,7 @@ OTHERWISE: dict[RaceState | None, str] = {
 }
 """What is said instead of the state of the race, if no kart of the race is sent it."""
 
-ALL_FINISHED = Cell('✓ ALL KARTS FINISHED')
+ALL_FINISHED = Cell('✓ ALL KARTS FINISHED', Tone.GARAGE)
 ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 

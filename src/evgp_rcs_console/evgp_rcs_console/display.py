@@ -393,7 +393,7 @@ class BottomLine:
         self._message = Cell(texts.BEGIN)
         self._said_at = 0.0
         self._outcome: Outcome | None = None
-        self._refused: tuple[Kind, int] | None = None
+        self._refused: tuple[Kind, int, bool] | None = None  # whether by the letter of the kart
         self._holds = False
         self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
@@ -420,16 +420,17 @@ class BottomLine:
         if answer.success and CATALOGUE[given.command].is_seen:
             self._outcome = Outcome(given, clock.now())
         elif not answer.success:
-            self._refused, self._holds = (given.command, given.kart), False
+            self._refused, self._holds = (given.command, given.kart, False), False
 
     def say_barred(self, button: Button) -> None:
         """Say why a command is not possible, until it is."""
         self.say(button.explanation, Tone.WAIT)
-        self._refused, self._holds = (button.command, button.kart), True
+        self._refused = button.command, button.kart, bool(button.kart and button.key)
+        self._holds = True
 
     def take_screen(self, screen: Screen) -> None:
         """Take what is shown: a refusal that no longer holds is not said any more."""
-        button = screen.button(*self._refused) if self._refused is not None else None
+        button = screen.shown(*self._refused) if self._refused is not None else None
         if button is None or button.is_stop:
             return
         if not button.enabled:

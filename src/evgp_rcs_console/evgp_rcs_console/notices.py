@@ -16,6 +16,7 @@ import re
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
@@ -358,6 +359,8 @@ class EventLog:
             return None
         if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
             return None  # every kart that connects is sent it, and need not answer
+        if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
+            return None  # the rows have it
         place = self._places.get(event.kart, '') * (event.state is RaceState.RED_FLAG)
         if event.kind is EventKind.KART_STATE and place:
             told = texts.LOG_FLAG.format(kart=event.kart, state=state, place=place)

@@ -334,6 +334,11 @@ class Screen:
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
 
+    def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
+        """Return the button of a command, or what the letter of its kart gives."""
+        letters = (row.letter for row in self.rows if row.number == kart)
+        return next(letters, None) if by_letter else self.button(command, kart)
+
 
 def is_gone(silent_for: float | None) -> bool:
     """Return whether race control counts as gone; None: it was never heard."""
@@ -473,7 +478,8 @@ def _since(race: Snapshot, now: float) -> str:
         since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
     if headline(race) != STATE_CELLS[race.state]:
         since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
-    return f'{since}, {texts.OVER}' if race.over else since
+    is_said = race.state_cause.lower().startswith(texts.OVER)
+    return f'{since}, {texts.OVER}' if race.over and not is_said else since
 
 
 def _reminder(buttons: _Buttons) -> str:

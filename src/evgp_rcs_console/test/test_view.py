@@ -370,7 +370,7 @@ def test_that_no_kart_is_racing_is_not_wrong_once_each_has_finished() -> None:
         karts = tuple(replace(stopped, number=n, place=place) for n, place in enumerate(places, 1))
         return show(replace(green, karts=karts), 0.0, {}).state
 
-    assert state(1, 2).tone is Tone.PLAIN
+    assert state(1, 2).tone is not Tone.WAIT
     assert state(1, 0).tone is Tone.WAIT
 
 
@@ -1024,6 +1024,14 @@ def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
     assert (show(green, 0.0, {}).clock, show(stopped, 0.0, {}).clock) == ('0:48', '')
     assert phrases(stopped)[CommandKind.GREEN_GREEN] == texts.NOT_RESUMED
     assert phrases(stopped)[CommandKind.GRID_ACTIVE] == 'after IN GARAGE'
+
+
+def test_that_the_race_is_over_is_said_once() -> None:
+    over = replace(RACE, state=RaceState.RED_RED, over=True)
+
+    for cause in ('RACE OVER by Anna', 'race over, every kart has finished', 'ALL KILL'):
+        since = show(replace(over, state_cause=cause), 0.0, {}).since
+        assert since.lower().count('race over') == 1
 
 
 def test_race_over_is_not_said_to_be_as_old_as_the_state_in_which_it_was_declared() -> None:
