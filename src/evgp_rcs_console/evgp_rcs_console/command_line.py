@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import enum
+import itertools
 import os
 import sys
 from typing import NoReturn
@@ -101,12 +102,11 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
     The command may be in capitals and with underscores. ALL KILL is sent whatever else is said.
     """
     own = without_ros_arguments(given)
-    takes_value = False
-    for place, word in enumerate(own):
-        if not takes_value and not word.startswith('-'):
-            own[place] = word.lower().replace('_', '-')
+    for place, (before, word) in enumerate(itertools.pairwise(['', *own])):
+        name = word.lower().replace('_', '-')
+        if name in COMMANDS and before not in ('--official', '--wait'):
+            own[place] = name
             break
-        takes_value = word in ('--official', '--wait') and not takes_value
     wanted, more = parser().parse_known_args(own)
     if more and COMMANDS.get(wanted.command) is not CommandKind.ALL_KILL:
         wanted.parser.error(f'not understood: {" ".join(more)}')

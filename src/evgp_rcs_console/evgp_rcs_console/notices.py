@@ -321,16 +321,14 @@ class EventLog:
         self._last, event = stamped.sequence, stamped.event
         self._learn(event)
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
-        line = self._line(at, event)
-        before = self._lines[-1] if self._lines and not added else None
-        replaces = False
+        line, replaces = self._line(at, event), False
         if line is not None:
-            replaces = before is not None and bool(line.what) and line.what == before.what
-            if replaces:
-                assert before is not None
+            before = self._lines[-1] if self._lines and not added else None
+            if before is not None and line.what and line.what == before.what:
                 self._lines.pop()
-                line = self._joined(before, line)
-            added.append(line)
+                line, replaces = self._joined(before, line), True
+            # Nothing joins what all karts have done.
+            added.append(line if line.karts else line._replace(what=''))
         self._lines.extend(added)
         return Added(tuple(added), replaces)
 
@@ -387,7 +385,7 @@ class EventLog:
     def _joined(self, before: Line, line: Line) -> Line:
         """Return one line for two that say the same of different karts."""
         if not line.karts:  # all have
-            return line._replace(what='')
+            return line
         karts = tuple(sorted({*before.karts, *line.karts}))
         return line._replace(text=self._of_karts(karts, line.what), karts=karts)
 

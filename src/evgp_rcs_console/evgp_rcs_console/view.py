@@ -878,7 +878,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *(str(Notice(0, alert)) for alert in alerts),
         *filter(None, [screen.places, screen.timing]),
         *([screen.order] if screen.order else []),
-        f'Officials: {screen.can_stop}',
+        screen.can_stop,
         '',
     ]
     columns = [[column.heading for column in COLUMNS]]

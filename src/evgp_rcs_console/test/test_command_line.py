@@ -19,7 +19,7 @@ import pytest
 
 @pytest.mark.parametrize(
     'line',
-    ['all-kill', 'ALL-KILL', 'All_Kill', 'all-kill 7', 'ALL-KILL now --hard'],
+    ['all-kill', 'ALL-KILL', 'All_Kill', 'all-kill 7', 'ALL-KILL now --hard', '--wait=2 ALL-KILL'],
 )
 def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
     for before in ([], ['--official', 'Join']):

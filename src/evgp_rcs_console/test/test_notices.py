@@ -321,6 +321,9 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     assert (other, gone) == ('Kart 5 acknowledged RED FLAG', 'so it is')
     assert [line.text for line in log.lines(12)] == [both]
     assert [line.text for line in log.lines(5)] == [other, gone]
+    # What all have done is never replaced by what one does.
+    add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag)
+    assert not add(6, 9, EventKind.ACKNOWLEDGED, flag).replaces
     # Of a new run nothing joins the last one.
     assert add(1, 1, EventKind.CONNECTED).lines[0].text == texts.NEW_RUN
 

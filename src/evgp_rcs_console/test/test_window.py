@@ -549,6 +549,23 @@ def test_a_digit_moves_to_its_heat_and_is_still_the_number_of_a_kart_for_a_stop(
     assert console.commands == [(CommandKind.KART_RED_RED, 2)]
 
 
+def test_after_an_orderly_end_the_window_asks_for_no_msr_until_another_run_is_gone(
+    opened: Any,
+) -> None:
+    console = opened()
+    fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
+    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='one'))
+    console.window._display.take_event(event(1, 'it ends', kind=EventKind.ENDED))
+    console.settle(1.1)
+    assert console.find('danger_title').whole == texts.ENDED
+    assert texts.USE_MSR not in console.find('danger_advice').whole
+
+    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='two'))
+    console.settle(1.1)
+    assert console.find('danger_title').whole == texts.GONE
+    assert console.find('danger_advice').whole == texts.USE_MSR
+
+
 def test_while_there_is_no_kart_the_window_says_how_to_begin(opened: Any) -> None:
     console = opened()
     lines = console.window.how_to_begin
