@@ -165,7 +165,7 @@ timekeeper:
 # How it was called, for the command lines that it prints.
 ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
 ctl:
-	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),--help)
+	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),$(ARG),--help)
 
 # It comes back after a crash; not where a setting is wrong.
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button

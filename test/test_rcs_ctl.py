@@ -23,6 +23,7 @@ import time
 from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
+from evgp_node.services import service_class
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -32,7 +33,6 @@ from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import SETTLING
-from evgp_rcs_msgs import srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -317,6 +317,26 @@ def test_the_next_line_is_printed_as_make_takes_it(
     assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in done.stderr
 
 
+def never_answers(
+    parts: contextlib.ExitStack, domain: int, service: str
+) -> tuple[threading.Event, threading.Event]:
+    """Have a service that does not answer; return what tells that it was asked, and ends it."""
+    silent = parts.enter_context(RosSide('silent', domain))
+    asked, answering = threading.Event(), threading.Event()
+    parts.callback(answering.set)
+    entry = next(each for each in CATALOGUE.values() if each.service == service)
+    kind = service_class(entry.service_type)
+
+    def answer(request: object, response: object) -> object:
+        asked.set()
+        answering.wait()
+        return response
+
+    silent.node.create_service(kind, f'/rcs/{service}', answer)
+    silent.spin()
+    return asked, answering
+
+
 # ----- whatever DDS does ------------------------------------------------------------------
 
 
@@ -398,6 +418,35 @@ def test_a_second_interrupt_ends_a_command_at_once_when_ros_hangs(
         )
 
     assert done.returncode == -signal.SIGINT
+
+
+def test_an_interrupt_in_a_stop_without_an_answer_says_what_is_known(
+    parts: contextlib.ExitStack,
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    asked, answering = never_answers(parts, domain, 'all_kill')
+    with start(domain, 'all-kill', '--wait', '600') as process:
+        assert asked.wait(PATIENCE)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=PATIENCE)
+        answering.set()
+
+    assert process.returncode == NOT_THERE
+    assert 'broken off after' in stderr
+    assert 'USE THE MSR' in stderr
+
+
+def test_a_watch_whose_reader_has_read_enough_ends_without_a_word(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    with start(control.domain, 'watch') as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(PATIENCE) == ACCEPTED
+        assert process.stderr is not None
+        assert not process.stderr.read()
 
 
 def test_a_watch_that_hangs_says_so_and_ends(
@@ -497,8 +546,8 @@ def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
         (('red-flag',), 'USE THE MSR'),
         (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
-        (('watch', '--once'), 'USE THE MSR'),
-        (('watch', '--events'), 'USE THE MSR'),
+        (('watch', '--once'), 'NO RACE CONTROL YET'),
+        (('watch', '--events'), 'NO RACE CONTROL YET'),
     ],
 )
 def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said: str) -> None:
@@ -507,6 +556,7 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
 
     assert done.returncode == NOT_THERE
     assert said in done.stdout + done.stderr
+    assert ('USE THE MSR' in done.stdout + done.stderr) is (said == 'USE THE MSR')
     if words[0] != 'green-green':
         assert 'ROS domain' in done.stdout + done.stderr
 
@@ -665,8 +715,15 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
     assert not reading.is_alive()
 
 
+@pytest.mark.parametrize(
+    ('orderly', 'said'),
+    [
+        (False, 'RACE CONTROL IS GONE: USE THE MSR'),
+        (True, 'RACE CONTROL HAS ENDED: START IT AGAIN'),
+    ],
+)
 def test_watch_goes_on_and_says_when_race_control_is_gone(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, orderly: bool, said: str
 ) -> None:
     control = start_race_control(in_race=(1,))
 
@@ -674,8 +731,8 @@ def test_watch_goes_on_and_says_when_race_control_is_gone(
         assert watch.stdout is not None
         try:
             assert any('Race: ⌂ IN GARAGE' in line for line in watch.stdout)
-            control.kill()
-            assert any('RACE CONTROL IS GONE: USE THE MSR' in line for line in watch.stdout)
+            (control.close if orderly else control.kill)()
+            assert said in next(line for line in watch.stdout if '***' in line)
         finally:
             watch.send_signal(signal.SIGINT)
         assert watch.wait(PATIENCE) == ACCEPTED
@@ -722,16 +779,7 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
 ) -> None:
     monkeypatch.setattr('evgp_rcs_console.client.GIVE_UP', 1.0)
     domain = parts.enter_context(Domain()).number
-    silent = parts.enter_context(RosSide('silent', domain))
-    answering = threading.Event()
-    parts.callback(answering.set)
-
-    def answer(request: object, response: srv.RaceCommand.Response) -> srv.RaceCommand.Response:
-        answering.wait()
-        return response
-
-    silent.node.create_service(srv.RaceCommand, '/rcs/race_over', answer)
-    silent.spin()
+    _, answering = never_answers(parts, domain, 'race_over')
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     listener = Hearing()

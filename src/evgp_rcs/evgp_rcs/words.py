@@ -71,6 +71,7 @@ OTHERWISE: dict[RaceState | None, str] = {
 }
 """What is said instead of the state of the race, if no kart of the race is sent it."""
 
+ALL_FINISHED = Cell('✓ ALL KARTS FINISHED', Tone.GARAGE)
 ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
 NONE_CONNECTED = Cell('? NO KART CONNECTED', Tone.WAIT)
 
@@ -99,6 +100,8 @@ def headline(race: Snapshot) -> Cell:
     if sent:
         if len(sent) == 1 and race.state in (RED_FLAG, RED_RED):
             return STATE_CELLS[sent.pop()]
+        if race.state is GREEN_GREEN and all(kart.place for kart in karts):
+            return ALL_FINISHED  # a normal end, until the race is over
         return Cell(OTHERWISE[race.state], Tone.WAIT)
     if race.state is GRID_ACTIVE:
         return NONE_CONNECTED

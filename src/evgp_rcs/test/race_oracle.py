@@ -242,6 +242,7 @@ class KartFacts(NamedTuple):
         control would have heard it take that back.
     :param poor: its link was poor when last measured on its present connection.
     :param undone: how often its finish was undone in this race.
+    :param joined: when it connected last.
     """
 
     ready: bool = False
@@ -251,6 +252,7 @@ class KartFacts(NamedTuple):
     stood: float | None = None
     poor: bool = False
     undone: int = 0
+    joined: float = 0.0
 
 
 class Facts(NamedTuple):
@@ -941,9 +943,11 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
             continue
         if kart.sent is GREEN_GREEN and now >= kart.since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
-        if kart.sent is RED_FLAG and now >= kart.since + times.flag_alert:
+        # A kart that was not lost in motion has the whole time from when it comes.
+        since = kart.since if memory.missing is not None else max(kart.since, memory.joined)
+        if kart.sent is RED_FLAG and now >= since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
-        if kart.sent is RED_RED and now >= kart.since + times.red_alert:
+        if kart.sent is RED_RED and now >= since + times.red_alert:
             alerts.add(('RED_UNACKNOWLEDGED', kart.number))
     if view.track_open and not _humans_allowed(view)[0]:
         alerts.add(('TRACK_UNSAFE', 0))
@@ -997,7 +1001,7 @@ def learn(
         facts = facts._replace(heat=given.heat)
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood, poor, undone = memory
+        ready, lost, phase, missing, stood, poor, undone, joined = memory
         if given.what == 'command' and success:
             if gridded:
                 ready, undone = False, 0
@@ -1019,8 +1023,8 @@ def learn(
                     lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
                     if missing is None and (under_way or old.doubt):
                         missing = now
-            if given.what == 'connected' and not old.moving:
-                missing = None
+            if given.what == 'connected':
+                joined, missing = now, missing if old.moving else None
             if given.what == 'measured' and old.connected:
                 poor = given.statement
             if given.what == 'heard' and old.connected:
@@ -1043,7 +1047,7 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone))
+        karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone, joined))
     return Facts(grid_last, paused, tuple(karts), outlived, *facts[4:])
 
 

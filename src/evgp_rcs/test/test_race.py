@@ -732,6 +732,23 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     assert not officials.race.track_open
 
 
+def test_the_msr_is_not_asked_for_because_a_kart_comes_late_to_a_stop() -> None:
+    officials = Officials(connected=False)
+    officials.does('ALL_KILL')
+    officials.wait(60.0)
+    officials.connect(1)
+    assert not any(alert.use_msr for alert in officials.race.alerts(officials.now))
+    officials.wait(officials.race.times.red_alert)
+    assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()  # it has had its time
+
+    officials.drop(1)
+    officials.wait(60.0)
+    assert AlertKind.LOST_IN_MOTION in officials.alerts()
+    officials.connect(1)  # nobody knows what it did meanwhile
+    both = {AlertKind.LOST_IN_MOTION, AlertKind.RED_UNACKNOWLEDGED}
+    assert both <= {alert.kind for alert in officials.race.alerts(officials.now) if alert.use_msr}
+
+
 def test_the_statement_after_a_start_without_proof_names_the_karts_that_say_nothing() -> None:
     assert 'say nothing: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in begun(
         LastRun.UNKNOWN

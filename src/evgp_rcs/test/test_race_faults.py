@@ -583,6 +583,11 @@ a change of state does not say who gave the command: cause _tell: by.official =>
 the cause does not name the official: cause
     _cause: f' by {self._by.official}' if self._by.official else =>
 the cause is that of the last change: cause _go: why or => self.state_cause or why or
+the MSR is asked for at once when a kart connects to a stop: alerts
+    _current_alerts: kart.ordered_at if is_new else kart.sent_since => kart.sent_since
+a kart that was lost in motion has its time again with every connection: alerts
+    _current_alerts: is_new = kart.sent.is_red and kart.lost_since is None => is_new =
+        kart.sent.is_red
 the MSR is asked for when it was used: use-msr alerts: and not self.msr_used =>
 the MSR is not asked for when a kart is lost in motion: use-msr
     MSR_ALERTS: AlertKind.RED_UNACKNOWLEDGED, AlertKind.LOST_IN_MOTION, =>

@@ -13,8 +13,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import enum
+import itertools
 import os
+import sys
+from typing import NoReturn
 
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
 
 
@@ -30,6 +34,9 @@ class Exit(enum.IntEnum):
 
 STARTING = 5.0
 """Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
+
+MOST_WAIT = 86_400.0
+"""Maximum of ``--wait``, in seconds."""
 
 GRACE = 0.5
 """Time reserved for reporting that no answer came, in seconds."""
@@ -69,6 +76,58 @@ def no_answer(command: Kind, waited: float, details: str) -> str:
     return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
 
 
+NOTHING_SENT = 'Nothing was sent.'
+NO_STOP_SENT = 'NO STOP WAS SENT. all-kill stops every kart; USE THE MSR if that fails.'
+
+
+class Parser(argparse.ArgumentParser):
+    """
+    Parses a command line; a wrong one says that nothing was sent.
+
+    :ivar unsent: what it says, which may have been meant as a stop.
+    """
+
+    unsent = NO_STOP_SENT
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, and that nothing was sent, and exit."""
+        self.print_usage(sys.stderr)
+        self.exit(Exit.USAGE, f'{self.prog}: {message}\n{self.unsent}\n')
+
+
+def parse(given: Sequence[str]) -> argparse.Namespace:
+    """
+    Return what a command line asks for; exit if it is wrong.
+
+    The command may be in capitals and with underscores. ALL KILL is sent whatever else is said.
+    """
+    own = without_ros_arguments(given)
+    for place, (before, word) in enumerate(itertools.pairwise(['', *own])):
+        name = word.lower().replace('_', '-')
+        if name in COMMANDS and before not in ('--official', '--wait'):
+            own[place] = name
+            break
+    wanted, more = parser().parse_known_args(own)
+    if more and COMMANDS.get(wanted.command) is not CommandKind.ALL_KILL:
+        wanted.parser.error(f'not understood: {" ".join(more)}')
+    return wanted
+
+
+def broken_off(command: Kind, waited: float, sent: int, said: str) -> str:
+    """
+    Return what is known when an official breaks off a command that has no answer yet.
+
+    :param waited: time since it was given, in seconds.
+    :param sent: how often it was sent, as far as that is known.
+    :param said: what race control said to it; empty: nothing.
+    """
+    entry = CATALOGUE[command]
+    often = f'sent {sent} times, ' if sent else ''
+    known = said.rstrip('.') or 'no answer; it may have arrived all the same'
+    advice = ' USE THE MSR.' if entry.stop else ''
+    return f'{entry.label}: broken off after {waited:.1f} s: {often}{known}.{advice}'
+
+
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
     """Return a command line without the part between `--ros-args` and `--`."""
     own = []
@@ -85,23 +144,23 @@ def without_ros_arguments(given: Sequence[str]) -> list[str]:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    whole = argparse.ArgumentParser(
+    whole = Parser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
         'or did not answer, 4 a stop was too old: another race had begun. ROS arguments go after '
         '--ros-args.',
     )
-    waiting = argparse.ArgumentParser(add_help=False)
+    waiting = Parser(add_help=False)
     waiting.add_argument(
         '--wait',
-        type=float,
+        type=_seconds,
         default=5.0,
         metavar='SECONDS',
         help='how long to wait for race control (default: %(default)s); ROS may take '
         f'up to {STARTING:g} s before that to start',
     )
-    signing = argparse.ArgumentParser(add_help=False)
+    signing = Parser(add_help=False)
     # `--official` may stand before the command or after it.
     for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
         each.add_argument(
@@ -116,6 +175,8 @@ def parser() -> argparse.ArgumentParser:
         each = commands.add_parser(
             name, help=entry.meaning, description=entry.meaning, parents=[waiting, signing]
         )
+        each.unsent = NO_STOP_SENT if entry.stop else NOTHING_SENT
+        each.set_defaults(parser=each)
         if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
         if entry.names_heat:
@@ -156,14 +217,24 @@ def parser() -> argparse.ArgumentParser:
     watch = commands.add_parser(
         'watch', help='show the race until Ctrl-C', parents=[waiting], description='show the race'
     )
+    watch.set_defaults(parser=watch)
     watch.add_argument('--once', action='store_true', help='show it once and exit')
     watch.add_argument('--events', action='store_true', help='print what happens, line by line')
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
     )
     results = 'show laps, places, the last passings, and the races of the event'
-    commands.add_parser('results', help=results, parents=[waiting], description=results)
+    each = commands.add_parser('results', help=results, parents=[waiting], description=results)
+    each.set_defaults(parser=each)
+    watch.unsent = each.unsent = NOTHING_SENT
     return whole
+
+
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0.0 <= seconds <= MOST_WAIT:
+        raise ValueError
+    return seconds
 
 
 def _kart_number(text: str) -> int:
@@ -180,5 +251,6 @@ def _count(text: str) -> int:
     return number
 
 
+_seconds.__name__ = 'number of seconds'
 _count.__name__ = 'whole number'
 _kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'

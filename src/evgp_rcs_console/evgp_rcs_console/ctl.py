@@ -30,9 +30,11 @@ from evgp_rcs_console.command_line import (
     COMMANDS,
     Exit,
     no_answer,
+    NO_STOP_SENT,
+    NOTHING_SENT,
+    parse,
     parser,
     STARTING,
-    without_ros_arguments,
 )
 from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
 
@@ -53,7 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
         _complete()
     given = list(sys.argv[1:] if arguments is None else arguments)
-    wanted = parser().parse_args(without_ros_arguments(given))
+    wanted = parse(given)
     # A shell that starts it in the background makes it ignore SIGINT, and Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -81,7 +83,13 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
 
             told = attend(given, wanted, began, parts, lambda: hangs(STALLED))
         except KeyboardInterrupt:
-            told['code'] = Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
+            if wanted.command == 'watch':
+                told['code'] = Exit.ACCEPTED
+            elif wanted.command in COMMANDS and len(told) == 1:  # later, ctl_ros says it
+                stop = CATALOGUE[COMMANDS[wanted.command]].stop
+                told['error'] = NO_STOP_SENT if stop else NOTHING_SENT
+        except BrokenPipeError:
+            told['code'] = Exit.ACCEPTED  # whoever reads a watch has read enough
         except Exception:  # noqa: BLE001 - whatever it is, an official must read what to do
             traceback.print_exc()
             told['error'] = _no_answer(wanted, now() - began, 'rcs_ctl failed')
@@ -90,7 +98,8 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
         try:
             for key, stream in (('output', sys.stdout), ('error', sys.stderr)):
                 if told.get(key):
-                    print(told[key], file=stream, flush=True)
+                    with contextlib.suppress(BrokenPipeError):
+                        print(told[key], file=stream, flush=True)
         finally:
             end_within(TIDY, told['code'])
     os._exit(told['code'])  # what a library does at its end could hang

@@ -19,13 +19,14 @@ from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Answer, Availability, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.race import Answer, Availability, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
+    broken_off,
     COMMANDS,
     Exit,
     GRACE,
@@ -51,10 +52,12 @@ class Hearing:
         self.race: Snapshot | None = None
         self.two = False
         self.heard_at = 0.0
+        self.given: Given | None = None
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.dropped: tuple[Given, str] | None = None
         self.events: list[StampedEvent] = []
+        self.ended_run: str | None = None
         self.results: Standings | None = None
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
@@ -67,6 +70,8 @@ class Hearing:
         """Keep an event."""
         with self.news:
             self.events.append(event)
+            if event.event.kind is EventKind.ENDED and event.event.success and self.race:
+                self.ended_run = self.race.run
             self.news.notify_all()
 
     def on_results(self, results: Standings) -> None:
@@ -133,7 +138,12 @@ def attend(
         return _watch(client, hearing, wanted, until, alive)
     if wanted.command == 'results':
         return _show_results(client, hearing, until)
-    told = _give(client, hearing, wanted, until, ready - began)
+    try:
+        told = _give(client, hearing, wanted, until, ready - began)
+    except KeyboardInterrupt:
+        if hearing.given is None:
+            raise
+        told = {'code': Exit.NOT_THERE, 'error': _broken_off(hearing, hearing.given)}
     return _under_banner(told, hearing.race)
 
 
@@ -198,6 +208,7 @@ def _give(
         Signature(wanted.official).claim,
         {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
+    hearing.given = given
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
     if hearing.dropped is not None:
@@ -218,6 +229,14 @@ def _give(
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
+
+
+def _broken_off(hearing: Hearing, given: Given) -> str:
+    """Return what is known of a command that an official breaks off."""
+    if hearing.answer is not None:
+        return hearing.answer[1].message
+    stop = next(iter(hearing.standing), Standing(given, given.at))
+    return broken_off(given.command, now() - given.at, stop.presses, stop.said)
 
 
 def _under_banner(told: Told, race: Snapshot | None) -> Told:
@@ -332,11 +351,10 @@ def _watch(
     while True:
         with hearing.news:
             race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
-            found = hearing.results
+            found, ended = hearing.results, race is not None and hearing.ended_run == race.run
         at = now()
         silent_for = at - heard_at if race is not None else None
-        state = race.state if race else None
-        shown = silence(silent_for, at - began, looking(client.topic), state)
+        shown = silence(silent_for, at - began, looking(client.topic), race or NOTHING, ended)
         if shown is None and race is not None:
             shown = danger(race, two)
         lines = []
@@ -406,7 +424,7 @@ def _watch_events(
         shown += len(fresh)
         if not shown and not heard:
             where = f'ROS domain {domain_of()}'
-            error = f'{texts.NOT_YET}: {texts.USE_MSR} ({where})'
+            error = f'{texts.NOT_YET} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
             f'{time_of_day(wall_ns // 1_000_000_000)} {" " if event.success else "!"} '

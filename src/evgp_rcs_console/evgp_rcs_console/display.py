@@ -46,7 +46,7 @@ from evgp_rcs_console.panels import (
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
-from evgp_rcs_console.style import GAP, look
+from evgp_rcs_console.style import GAP, look, TEXT
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -164,6 +164,9 @@ class Areas(Area):
         self.strip = Strip(press)
         self._ground = Card()
         self.karts = KartList(press, self.seen.scrolling)
+        self.how_to_begin = [Text('how_to_begin', TEXT + 4, wrap=True) for _ in texts.HOW_TO_BEGIN]
+        for line, text in zip(self.how_to_begin, texts.HOW_TO_BEGIN, strict=True):
+            line.show_text(text)
         self.number_field = NumberField()
         self.alerts = AlertsArea()
         self.events = EventPanel()
@@ -200,6 +203,9 @@ class Areas(Area):
         self.put(self.strip, MARGIN, strip, left, strip + STRIP)
         self.put(self._ground, MARGIN, begin, left, last)
         self.put(self.karts, MARGIN + 1, begin + 1, left - 1, last - 1)
+        for place, line in enumerate(self.how_to_begin):
+            upper = begin + 60 + 50 * place
+            self.put(line, MARGIN + 40, upper, left - 40, upper + 44)
         self.put(self.number_field, side, strip, -MARGIN, strip + NUMBER)
         self.put(self.alerts, side, alerts, -MARGIN, events - GAP)
         self.put(self.events, side, events, -MARGIN, last)
@@ -387,6 +393,8 @@ class BottomLine:
         self._message = Cell(texts.BEGIN)
         self._said_at = 0.0
         self._outcome: Outcome | None = None
+        self._refused: tuple[Kind, int, bool] | None = None  # whether by the letter of the kart
+        self._holds = False
         self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
 
@@ -395,6 +403,7 @@ class BottomLine:
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
+        self._refused = None
         self._changed = None
         self._pointed = None
         self.show()
@@ -410,6 +419,24 @@ class BottomLine:
         self.say(f'{mark}{answer.message}', tone)
         if answer.success and CATALOGUE[given.command].is_seen:
             self._outcome = Outcome(given, clock.now())
+        elif not answer.success:
+            self._refused, self._holds = (given.command, given.kart, False), False
+
+    def say_barred(self, button: Button) -> None:
+        """Say why a command is not possible, until it is."""
+        self.say(button.explanation, Tone.WAIT)
+        self._refused = button.command, button.kart, bool(button.kart and button.key)
+        self._holds = True
+
+    def take_screen(self, screen: Screen) -> None:
+        """Take what is shown: a refusal that no longer holds is not said any more."""
+        button = screen.shown(*self._refused) if self._refused is not None else None
+        if button is None or button.is_stop:
+            return
+        if not button.enabled:
+            self._holds = True
+        elif self._holds or clock.now() - self._said_at > READ:
+            self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
         """Take a snapshot and when it came (s): what the last answer said may have changed."""
@@ -496,6 +523,7 @@ class Display(QtCore.QObject):
         self._race: Snapshot | None = None
         self._results: Standings | None = None
         self._two = False
+        self._ended_run: str | None = None
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._danger_title = ''
@@ -516,6 +544,8 @@ class Display(QtCore.QObject):
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event; that an order arrived in time would only hide others."""
         event = stamped.event
+        if event.kind is EventKind.ENDED and event.success and self._race is not None:
+            self._ended_run = self._race.run
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
             self.areas.events.add(stamped)
 
@@ -571,6 +601,8 @@ class Display(QtCore.QObject):
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)
+        for line in areas.how_to_begin:
+            line.setVisible(not screen.rows)
         areas.danger.setVisible(danger_now is not None)
         for area in (areas.state, areas.track):
             area.setVisible(danger_now is None)
@@ -589,6 +621,7 @@ class Display(QtCore.QObject):
         if areas.question.isVisible() and asked is not None:
             areas.question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
+        self.bottom.take_screen(screen)
         self.bottom.show()
 
     @property
@@ -615,7 +648,8 @@ class Display(QtCore.QObject):
         race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
         looking_for = now - self._began
-        said = silence(silent_for, looking_for, self._looking, race.state, KILL_NOTES)
+        ended = self._ended_run == race.run
+        said = silence(silent_for, looking_for, self._looking, race, ended, KILL_NOTES)
         return said or danger(race, self._two)
 
     def _show_kill(self) -> None:

@@ -28,6 +28,10 @@ from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
 
+UNDO_AFTER = 2.0
+"""Time after a command to a kart within which a click does not take it back, in seconds: it may be
+the second one of a slow double click."""
+
 Give = Callable[[Given], None]
 """Sends a command, and returns at once."""
 
@@ -48,6 +52,7 @@ class Presses(QtCore.QObject):
         self._give = give
         self._late = late
         self._all_kill_was_dropped = False
+        self._last_sent: Given | None = None
         self._signature = signature
         self.display = display
         self._areas = display.areas
@@ -79,16 +84,28 @@ class Presses(QtCore.QObject):
 
     def let_go(self, down: Button, button: Button) -> None:
         """Take a press of a button, if its command is still the one that it was pressed for."""
-        if down.is_same_command(button):
-            self.press(button)
-        else:
+        if not down.is_same_command(button):
             self.refuse_changed(down)
+        elif (done := self._just_done(down)) is not None:
+            name = texts.command_name(button.command, button.kart)
+            said = texts.JUST_DONE.format(name=name, done=texts.full_name(done))
+            self._bottom.say(said, Tone.WAIT)
+        else:
+            self.press(button)
+
+    def _just_done(self, button: Button) -> Given | None:
+        """Return what was sent to a kart just before, if a click would take that back."""
+        sent = self._last_sent
+        if sent is None or clock.now() - sent.at >= UNDO_AFTER or not button.kart:
+            return None
+        undoes = CATALOGUE[button.command].undoes, button.kart
+        return sent if (sent.command, sent.kart) == undoes else None
 
     def press(self, button: Button) -> None:
         """Send the command of a button, ask for its confirmation, or say why it cannot be sent."""
         areas = self._areas
         if not button.enabled:
-            self._bottom.say(button.explanation, Tone.WAIT)
+            self._bottom.say_barred(button)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
             areas.open_sheet(areas.heats, areas.heats.first)
         elif button.condition:
@@ -170,6 +187,7 @@ class Presses(QtCore.QObject):
         claim = self._signature.claim
         given = replace(button.given(also), official=claim, waited=self._late.waited)
         self._give(given)
+        self._last_sent = given
         if not CATALOGUE[given.command].stop:  # the client says which stops are not accepted yet
             self.display.unanswered.add(given)
         self._bottom.say_sent(given)
@@ -348,7 +366,8 @@ class Keyboard:
             return True
         means = stroke is not None or name in ANSWER_KEYS
         twice = means and not repeated and self._repeats.same_press(name, at)
-        if asking:
+        # A kart that crosses the line does not wait for an answer.
+        if asking and (stroke is None or stroke.finish is None):
             return repeated or self._answer(name, stroke, at)
         if stroke is None:
             return name in ANSWER_KEYS
@@ -357,7 +376,9 @@ class Keyboard:
         if stroke.act is not None:
             self._do(stroke.act, at)
         elif stroke.digit:
+            # With the heats open it is both: a stop of that kart may follow.
             self._chosen.add(stroke.digit, at)
+            self._areas.heats.focus_on(self._chosen.digits)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
             pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:

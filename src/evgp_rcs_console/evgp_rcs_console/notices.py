@@ -12,12 +12,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+import re
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
+from evgp_protocol.link import Grade
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
-from evgp_rcs.words import numbered, time_of_day
+from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console import texts
 
 Key = tuple[AlertKind, int]
@@ -65,8 +69,7 @@ class Notice:
         if self.said or self.alert is None:
             return self.said
         if not self.standing:
-            name = self.alert.kind.value.replace('_', ' ')
-            return f'{name}, kart {self.kart}' if self.kart else name
+            return texts.alert_was(self.alert.kind, self.kart)
         # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(texts.MSR_PREFIX)
         return text[:1].upper() + text[1:]
@@ -184,11 +187,11 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     ended = ((len(notices) - new - seen, texts.ALERTS_ENDED),)
     told = [text.format(count=count) for count, text in counted + ended if count]
     more = notices[places:]
-    for msr, text in ((True, texts.MORE_MSR), (False, texts.MORE_OTHER)):
-        those = [notice for notice in more if notice.use_msr is msr and notice.standing]
+    # The karts of those that need the MSR are all named elsewhere, in large type.
+    those = [notice for notice in more if notice.standing and not notice.use_msr]
+    if those:
         karts = sorted({notice.kart for notice in those if notice.kart})
-        if those:
-            told.append(text.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
+        told.append(texts.MORE_OTHER.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
     return '; '.join(told)
 
 
@@ -244,6 +247,8 @@ class Line(NamedTuple):
 
     :param clock: race control's wall time, as hours:minutes:seconds.
     :param is_command: it is an official's command and its answer.
+    :param karts: of a line that says the same of several karts: which.
+    :param what: what it says of them; the next event that says the same joins it.
     """
 
     clock: str
@@ -251,11 +256,50 @@ class Line(NamedTuple):
     success: bool
     text: str
     is_command: bool = False
+    karts: tuple[int, ...] = ()
+    what: str = ''
+
+
+class Added(NamedTuple):
+    """
+    The lines that an event adds.
+
+    :param replaces: the first of them replaces the last line.
+    """
+
+    lines: tuple[Line, ...]
+    replaces: bool = False
+
+
+_TEAM = re.compile(r'([Kk]art \d+) \((?:[^()]|\([^()]*\))*\)')
+"""A kart as race control calls it, with its team."""
+
+_PLACE = re.compile(r'finished in place (\d+)')
+_PRESSED = re.compile(r'pressed \d+ s ago')
+
+_BY_LABEL = frozenset(
+    kind
+    for kind, entry in CATALOGUE.items()
+    if entry.stop
+    or entry.result.race
+    or kind in (CommandKind.KART_IN_GARAGE, CommandKind.KART_FINISH)
+) - {CommandKind.IN_GARAGE}
+"""The commands of which the log says the name only: what they do is in the rows. IN GARAGE says
+which karts stay held."""
+
+_OF_KARTS = {
+    EventKind.CONNECTED: texts.LOG_CONNECTED,
+    EventKind.ACKNOWLEDGED: texts.LOG_ACKNOWLEDGED,
+    EventKind.KART_STATE: texts.LOG_SENT,
+}
+"""What is said of several karts in one line."""
 
 
 class EventLog:
     """
-    The newest events, in order, each with the text that is shown.
+    The newest events, in order, each with the text that is shown: short, and without teams.
+
+    What follows from a command is not said beside it, and what several karts do is one line.
 
     :param most: maximum number of lines.
     :ivar officials: who has commanded.
@@ -264,25 +308,111 @@ class EventLog:
     def __init__(self, most: int = 2000) -> None:
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
+        self._places: dict[int, str] = {}
+        self._acknowledged: set[int] | None = None  # None: not heard from the beginning
         self.officials = Officials()
 
-    def add(self, stamped: StampedEvent) -> list[Line]:
+    def add(self, stamped: StampedEvent) -> Added:
         """Take an event and return the lines it adds."""
         added = []
         if stamped.sequence <= self._last:
             added.append(Line('', 0, True, texts.NEW_RUN))
+            self._places, self._acknowledged = {}, None
         self._last, event = stamped.sequence, stamped.event
+        self._learn(event)
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
-        told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
-        is_command = event.kind is EventKind.COMMAND
-        added.append(Line(at, event.kart, event.success, told, is_command))
+        line, replaces = self._line(at, event), False
+        if line is not None:
+            before = self._lines[-1] if self._lines and not added else None
+            if before is not None and line.what and line.what == before.what:
+                self._lines.pop()
+                line, replaces = self._joined(before, line), True
+            # Nothing joins what all karts have done.
+            added.append(line if line.karts else line._replace(what=''))
         self._lines.extend(added)
-        return added
+        return Added(tuple(added), replaces)
+
+    def _learn(self, event: Event) -> None:
+        """Take what later events do not say: the places, and who has acknowledged."""
+        if event.kind is EventKind.RACE_STATE:
+            self._acknowledged = set()
+        if event.kind is EventKind.COMMAND and event.success:
+            found = _PLACE.search(event.text)
+            if found and event.command is CommandKind.KART_FINISH:
+                self._places[event.kart] = found[1]
+            elif event.command in (CommandKind.GRID_ACTIVE, CommandKind.KART_UNDO_FINISH):
+                self._places.clear()  # later places move up
+        if self._acknowledged is not None and event.kart:
+            if event.kind is EventKind.ACKNOWLEDGED:
+                self._acknowledged.add(event.kart)
+            elif event.kind in (EventKind.WITHDRAWN, EventKind.DISCONNECTED):
+                self._acknowledged.discard(event.kart)
+
+    def _line(self, at: str, event: Event) -> Line | None:
+        """Return what is said of an event; None: another line says it."""
+        told, what, karts = '', '', (event.kart,) * bool(event.kart)
+        state = STATES[event.state]
+        follows = event.command is not None and event.kind is not EventKind.COMMAND
+        if follows and event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE):
+            return None
+        if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
+            return None  # every kart that connects is sent it, and need not answer
+        if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
+            return None  # the rows have it
+        place = self._places.get(event.kart, '') * (event.state is RaceState.RED_FLAG)
+        if event.kind is EventKind.KART_STATE and place:
+            told = texts.LOG_FLAG.format(kart=event.kart, state=state, place=place)
+        elif event.kind in _OF_KARTS and event.kart:
+            what = _OF_KARTS[event.kind].format(state=state)
+            told = self._of_karts(karts, what)
+        elif event.kind is EventKind.ALL_ACKNOWLEDGED:
+            told, what = self._all(event.state), texts.LOG_ACKNOWLEDGED.format(state=state)
+        elif event.kind is EventKind.RACE_STATE:
+            told = f'{state}: {event.text.partition(": ")[2]}'
+        elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
+            was = texts.alert_was(event.alert, event.kart)
+            told = texts.ENDED_LINE.format(heading=texts.ALERT_ENDED, text=was)
+        else:
+            told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
+        is_command = event.kind is EventKind.COMMAND
+        return Line(at, event.kart, event.success, told, is_command, karts, what)
+
+    @staticmethod
+    def _of_karts(karts: Sequence[int], what: str) -> str:
+        named = numbered(karts)
+        return f'{named[:1].upper()}{named[1:]}{what}'
+
+    def _joined(self, before: Line, line: Line) -> Line:
+        """Return one line for two that say the same of different karts."""
+        if not line.karts:  # all have
+            return line
+        karts = tuple(sorted({*before.karts, *line.karts}))
+        return line._replace(text=self._of_karts(karts, line.what), karts=karts)
+
+    def _all(self, state: RaceState | None) -> str:
+        """
+        Return that every kart of the race has acknowledged.
+
+        To a red, karts outside the race are counted too, so no number is said.
+        """
+        count = len(self._acknowledged or ())
+        if count and state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
+            return texts.LOG_ALL_OF.format(count=count, state=STATES[state])
+        return texts.LOG_ALL.format(state=STATES[state])
 
     def _told(self, event: Event) -> str:
         """Return the sentence and who caused it: by name, where that is enough."""
         self.officials.take(event.official)
-        text = self.officials.in_text(event.text)
+        text = _TEAM.sub(r'\1', self.officials.in_text(event.text)).removesuffix('.')
+        if event.kind is EventKind.ALERT_RAISED:  # whether the MSR is needed, the alert says
+            text = text.removeprefix(texts.MSR_PREFIX)
+            text = f'{text[:1].upper()}{text[1:]}'
+        if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
+            pressed = _PRESSED.search(text)
+            place = _PLACE.search(text)
+            said = (pressed and pressed[0], place and f'P{place[1]}')
+            name = texts.command_name(event.command, event.kart)
+            text = ', '.join(filter(None, (name, *said)))
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
@@ -292,4 +422,4 @@ class EventLog:
 
 def concerns(line: Line, kart: int) -> bool:
     """Return whether a line concerns a kart; lines without a kart concern every one."""
-    return not kart or line.kart in (0, kart)
+    return not kart or line.kart in (0, kart) or kart in line.karts

@@ -186,6 +186,7 @@ class Strip(Painted):
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
         self._texts = ('', '', '', '')
+        self._msr = Cell('')
         self._stale = False
         self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
         self.heat.quiet = True
@@ -199,12 +200,12 @@ class Strip(Painted):
             filter(None, (screen.missing, screen.timing, screen.order, screen.places))
         )
         self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
-        self._stale = stale
+        self._stale, self._msr = stale, screen.msr
         # There are heats or there are none, as long as the roster is the same.
         self.heat.setVisible(screen.heat_button is not None)
         if screen.heat_button is not None:
             self.heat.show_button(screen.heat_button)
-        self.show_it(self._texts, stale)
+        self.show_it(self._texts, self._msr, stale)
 
     def paint(self, pen: Pen) -> None:
         """Draw it."""
@@ -220,21 +221,24 @@ class Strip(Painted):
         room.setLeft(first.right() + look.px(14))
         room.setRight(last.left() - look.px(14))
         pen.text(first, tally, strong, TEXT, True)
-        if reminder:
+        for text, tone in (self._msr, Cell(reminder, Tone.WAIT)):
+            if not text:
+                continue
             shown = room.adjusted(0, look.px(3), 0, -look.px(3))
-            shown.setWidth(min(room.width(), _advance(reminder, True) + 2 * look.px(GAP)))
-            ink, fill = look.fill(Tone.WAIT)
+            size = TEXT + 4 if tone is Tone.BAD else TEXT
+            shown.setWidth(min(room.width(), _advance(text, True, size) + 2 * look.px(GAP)))
+            ink, fill = look.fill(tone)
             pen.box(shown, fill, radius=3)
             inside = shown.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
-            pen.text(inside, reminder, ink, TEXT, True)
+            pen.text(inside, text, ink, size, True)
             room.setLeft(shown.right() + look.px(14))
         if rest:
             pen.text(room, rest, strong, TEXT)
         pen.text(last, officials, look.palette.faint, TEXT, align=RIGHT)
 
 
-def _advance(text: str, bold: bool = False) -> int:
-    return QtGui.QFontMetrics(font(look.px(TEXT), bold)).horizontalAdvance(text)
+def _advance(text: str, bold: bool = False, size: int = TEXT) -> int:
+    return QtGui.QFontMetrics(font(look.px(size), bold)).horizontalAdvance(text)
 
 
 class DangerPanel(Painted):
@@ -341,7 +345,16 @@ class EventPanel(Card):
 
     def add(self, event: StampedEvent) -> None:
         """Take an event."""
-        for line in self.log.add(event):
+        lines, replaces = self.log.add(event)
+        if replaces and self._kart:
+            self._show_one(self._kart)  # perhaps the line before was not one of this kart
+            return
+        if replaces:
+            cursor = QtGui.QTextCursor(self._view.document())
+            cursor.movePosition(QtGui.QTextCursor.MoveOperation.End)
+            cursor.select(QtGui.QTextCursor.SelectionType.BlockUnderCursor)
+            cursor.removeSelectedText()
+        for line in lines:
             if concerns(line, self._kart):
                 self._append(line)
 

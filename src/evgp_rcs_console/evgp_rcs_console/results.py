@@ -27,9 +27,14 @@ def on_last_lap(results: Standings, number: int) -> bool:
     kart = results.kart(number)
     if kart is None or results.laps_left(number) > 1:
         return False
-    # Of a race of one lap, the first crossing begins it.
+    return has_crossed(results, number)  # of a race of one lap, the first crossing begins it
+
+
+def has_crossed(results: Standings, number: int) -> bool:
+    """Return whether a kart was seen to cross the line."""
+    kart = results.kart(number)
     seen = (each.kart for each in results.passings if each.mark is Mark.COUNTED)
-    return bool(kart.lap_times) or number in seen
+    return (kart is not None and bool(kart.lap_times)) or number in seen
 
 
 def _row(kart: KartResult, team: str) -> tuple[str, ...]:

@@ -254,6 +254,12 @@ class Heats(Sheet):
         """Return the button of the first heat."""
         return self._heats[0]
 
+    def focus_on(self, number: str) -> None:
+        """Move the focus to the heat of a number, if there is one; Enter puts it in."""
+        for widget in self._heats:
+            if widget.isVisible() and widget.key == number:
+                widget.setFocus()
+
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
         self._pressed(down, button)

@@ -16,7 +16,7 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Heat, NO_RACE_ANYWHERE
+from evgp_rcs.rules.race import AlertKind, Heat, NO_RACE_ANYWHERE, NOT_STATED, PAST_UNKNOWN
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -46,6 +46,13 @@ BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
 BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
+
+HOW_TO_BEGIN = (
+    '1  Write the karts into a roster, and start race control: make run ROSTER=… Each has a row.',
+    '2  JOIN puts a kart into the race, HEAT a whole heat.',
+    '3  GRID ACTIVE once the track is clear of humans. GREEN GREEN once every kart is ready.',
+)
+"""What stands where the karts are, while there is none."""
 
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
@@ -86,25 +93,30 @@ MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
 MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
-CAN_STOP = '{count} can stop: {who}'
-NOBODY_CAN_STOP = '0 can stop: no screen or button is heard'
-COMMANDED_BY = 'officials: {names}'
+CAN_STOP = '{count} official{s} can stop: {who}'
+NOBODY_CAN_STOP = 'No official can stop: no screen or button is heard'
+COMMANDED_BY = 'commands by {names}'
 OVER = 'race over'
 IS_OVER = 'the race is over'
-HUMANS_ALLOWED = '✓ HUMANS ALLOWED ON THE TRACK'
-HUMANS_MAY_ENTER = '… Humans may enter once you open the track'
-HUMANS_MAY_ENTER_BY_MSR = '… Open the track once every kart stands'
-HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
-HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
-HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
-HUMANS_NOT_SAFE = '✗ NOT SAFE: CLEAR THE TRACK'
-HUMANS_NOT_SAFE_REASON = 'humans could be on it: {reason}'
-HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
-HUMANS_UNKNOWN = '? NO KART CONNECTED'
-HUMANS_UNKNOWN_OPEN = '? TRACK OPEN, NO KART CONNECTED'
+TRACK_OPEN = '✓ TRACK OPEN'
+TRACK_CLOSED = '✗ TRACK CLOSED'
+TRACK_CLOSED_REASON = 'nobody enters before you open it: {reason}'
+TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
+TRACK_OPEN_MSR = '✓ TRACK OPEN, MSR IN USE'
+MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
+KEEP_OFF = '✗ KEEP OFF THE TRACK'
+CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
+CLEAR_TRACK_REASON = 'humans could be on it: {reason}'
+KEEP_OFF_UNKNOWN = '? KEEP OFF THE TRACK'
+UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
+UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TO_HUMANS = 'to humans'
+OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
 
+USE_MSR_FOR = 'USE THE MSR: {karts}'
+MSR_IN_USE = 'MSR IN USE'
+MSR_IN_USE_FOR = 'MSR IN USE: only it stops {karts}'
 ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
@@ -112,13 +124,32 @@ SEEN_ALL = 'ALL SEEN'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
-MORE_MSR = 'not shown: USE THE MSR for {karts}'
 MORE_OTHER = 'not shown: {karts}'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
 ALERT_ENDED = 'ENDED'
 ENDED_LINE = '{heading}: {text}'
+ALERT_WAS = {
+    AlertKind.NOT_READY: '{kart} was not ready',
+    AlertKind.GREEN_UNACKNOWLEDGED: '{kart} had not acknowledged GREEN GREEN',
+    AlertKind.FLAG_UNACKNOWLEDGED: '{kart} had not acknowledged RED FLAG',
+    AlertKind.RED_UNACKNOWLEDGED: '{kart} had not acknowledged RED RED',
+    AlertKind.KART_LOST: '{kart} had lost its connection',
+    AlertKind.LOST_IN_MOTION: '{kart} was lost while it may have been moving',
+    AlertKind.TRACK_UNSAFE: 'the track was open and not safe',
+    AlertKind.MOVING_UNASKED: '{kart} said GREEN GREEN unasked',
+    AlertKind.RECORD_FAILING: 'the record failed',
+    AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
+    AlertKind.LINK_POOR: '{kart} had a poor link',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs that connected as it',
+    AlertKind.NOBODY_THERE: 'no official could stop the race',
+    AlertKind.BUTTON_FAULT: 'a stop button did not work',
+    AlertKind.PART_FAILED: 'a part of race control had failed',
+    AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
+}
+"""What is said of an alert that has ended."""
+
 SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
@@ -132,6 +163,12 @@ LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
 WHOSE_EVENTS = 'To see the events of one kart only, type its number or click its row first.'
+LOG_CONNECTED = ' connected'
+LOG_ACKNOWLEDGED = ' acknowledged {state}'
+LOG_SENT = ': {state}'
+LOG_FLAG = 'Kart {kart}: {state} (finished, P{place})'
+LOG_ALL_OF = 'All {count} acknowledged {state}'
+LOG_ALL = 'Every kart of the race acknowledged {state}'
 NEW_RUN = '— race control was started again —'
 DONE = '✓ '
 REFUSED = '✗ '
@@ -143,7 +180,15 @@ GONE_SINCE = (
     'Last heard {age} ago, in {state}. What is shown below is out of date. '
     'Perhaps only the network is broken: check another window.'
 )
-NOT_YET_DETAIL = 'Looking for {looking}: not found after {age}.'
+NOT_YET_ADVICE = 'NO STOP WORKS YET'
+NOT_YET_DETAIL = (
+    'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}.'
+)
+ENDED = 'RACE CONTROL HAS ENDED'
+ENDED_ADVICE = 'START IT AGAIN'
+ENDED_SINCE = (
+    'It was ended in order {age} ago, and no kart was in doubt: make run ROSTER=… starts it again.'
+)
 LOOKING = '{topic} in ROS domain {domain}, {where}'
 ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
 AT_ADDRESSES = 'at {addresses}'
@@ -193,6 +238,7 @@ NOT_ALLOWED = (
 )
 TOO_OLD = '{name}: pressed at {clock}, while the window hung. Nothing was sent: press it again.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
+JUST_DONE = '{name} WAS NOT SENT: {done} was sent by the click before it. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
 NO_HEATS = 'The roster names no heats.'
@@ -221,7 +267,7 @@ HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.
 HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = 'in the race'
-NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
+NEXT_HEAT, RUN_AT, NEXT = 'next', 'run at {clock}', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
 GRID_ORDER = 'in the order of the grid'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
@@ -302,6 +348,12 @@ def again_in(reason: str, seconds: float) -> str:
     return AGAIN_IN.format(reason=reason, seconds=left(seconds))
 
 
+def alert_was(kind: AlertKind, kart: int) -> str:
+    """Return what an alert that has ended was about."""
+    said = ALERT_WAS[kind].format(kart=f'kart {kart}')
+    return f'{said[:1].upper()}{said[1:]}'
+
+
 def inspected(kart: KartSnapshot) -> str:
     """Return when a kart was inspected; empty if the roster has no date."""
     return f'inspected {kart.inspected}' if kart.inspected else ''
@@ -329,8 +381,22 @@ def heat(
     """Return a heat with its karts, in the order in which they start if timing says one."""
     grid = grid_of(each.name, timing)
     text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
-    notes = [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+    notes = [RUN_AT.format(clock=time_of_day(at)[:5]) for at in runs_of(each.name, timing)[-1:]]
+    notes += [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
+
+
+def runs_of(heat: str, timing: Standings | None) -> list[float]:
+    """Return when a heat was run, as the timekeeper has it, in seconds; empty: it was not."""
+    return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
+
+
+def next_heat(race: Snapshot, timing: Standings | None) -> str:
+    """Return which heat is next: the timekeeper's, or the first that was not run yet."""
+    if timing is None or timing.next_heat:
+        return timing.next_heat if timing is not None else ''
+    left = (each.name for each in race.heats if not runs_of(each.name, timing))
+    return next((name for name in left if name != race.heat), '')
 
 
 def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
@@ -363,6 +429,8 @@ def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statemen
 
     :param statement: what race control asks the official to state; empty if nothing.
     """
+    if command is CommandKind.OPEN_TRACK and race.track.msr_used:
+        return f'{statement}; {OPEN_BY_MSR}' if statement else OPEN_BY_MSR
     if statement:
         return statement
     if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
@@ -401,6 +469,7 @@ def warning(command: Kind, race: Snapshot) -> str:
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
         barred = not track.allowed and race.state not in UNDER_WAY
+        barred = barred and not track.reason.startswith(_SETTLES.get(command, '\0'))
         why = track.reason if barred else against_humans(race)
         if why:
             return f'humans must stay off the track now: {why}'
@@ -422,6 +491,13 @@ def also(following: Sequence[Given]) -> str:
 def not_followed(given: Given) -> str:
     """Return that a command was not sent, since the one before it took too long."""
     return NOT_FOLLOWED.format(command=full_name(given))
+
+
+_SETTLES: dict[Kind, str] = {
+    CommandKind.IN_GARAGE: PAST_UNKNOWN,
+    CommandKind.OPEN_TRACK: NOT_STATED,
+}
+"""The first words of what the question of a command settles by itself, and does not warn of."""
 
 
 def not_there(command: Kind, name: str) -> str:
@@ -465,7 +541,8 @@ def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
 def can_stop(race: Snapshot) -> str:
     """Return how many programs there are from which officials can stop the race, and which."""
     count, who = race.able_to_stop, race.who_can_stop
-    return CAN_STOP.format(count=count, who=who) if count else NOBODY_CAN_STOP
+    s = '' if count == 1 else 's'
+    return CAN_STOP.format(count=count, s=s, who=who) if count else NOBODY_CAN_STOP
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:

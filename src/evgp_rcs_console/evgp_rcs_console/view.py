@@ -21,7 +21,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, NOT_STATED
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import (
     Cell,
@@ -29,6 +29,7 @@ from evgp_rcs.words import (
     headline,
     LINKS,
     milliseconds,
+    numbered,
     STATE_CELLS,
     STATES,
     tally,
@@ -111,6 +112,7 @@ class Button:
     :param phrase: for a command to the race: since when its result holds, what it would do, or
         what it waits for; for one to the track: to whom. In a few words.
     :param current: for a command to the race: whether the race is in the state that it leads to.
+    :param recedes: it is possible, but something else is to be done first.
     """
 
     command: Kind
@@ -131,6 +133,7 @@ class Button:
     key: str = ''
     phrase: str = ''
     current: bool = False
+    recedes: bool = False
 
     def given(self, also: bool = False) -> Given:
         """
@@ -296,6 +299,7 @@ class Screen:
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
     :param missing: which karts of the race have not yet done what they are sent.
+    :param msr: every kart for which the MSR is to be used, or that it is in use; empty if neither.
     :param reminder: who is to be given FINISH; or that each kart must have begun to drive by now;
         empty if none must.
     :param heat_button: opens the choice of a heat; None if the roster names none.
@@ -314,6 +318,7 @@ class Screen:
     order: str
     tally: str
     missing: str
+    msr: Cell
     reminder: str
     heat_button: Button | None
     heats: tuple[Button, ...]
@@ -338,6 +343,11 @@ class Screen:
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
 
+    def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
+        """Return the button of a command, or what the letter of its kart gives."""
+        letters = (row.letter for row in self.rows if row.number == kart)
+        return next(letters, None) if by_letter else self.button(command, kart)
+
 
 def is_gone(silent_for: float | None) -> bool:
     """Return whether race control counts as gone; None: it was never heard."""
@@ -352,28 +362,40 @@ def silence(
     silent_for: float | None,
     looking_for: float,
     looking: str,
-    state: RaceState | None,
+    race: Snapshot,
+    ended: bool,
     notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
     Return what to say about race control's silence; None while race control is heard.
 
+    It asks for the MSR where nobody can know what the karts do: not before race control was heard
+    at all, nor if it has ended in order with no kart in doubt.
+
     :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
     :param looking: where the search looks, in the words of a sentence.
-    :param state: the state of the race when race control was last heard.
+    :param race: the race when race control was last heard.
+    :param ended: it has said since that it ends in order.
     :param notes: what to add before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, barred, note = texts.NOT_YET, texts.NOT_YET_REASON, notes[0]
+        title, advice, barred, note = (
+            texts.NOT_YET,
+            texts.NOT_YET_ADVICE,
+            texts.NOT_YET_REASON,
+            notes[0],
+        )
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
+    elif ended and race.no_kart_in_doubt:
+        title, advice, barred, note = texts.ENDED, texts.ENDED_ADVICE, texts.GONE_REASON, ''
+        detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
     else:
-        title, barred, note = texts.GONE, texts.GONE_REASON, notes[1]
-        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[state])
-    detail = f'{detail} {note}'.rstrip()
-    return Danger(title, texts.USE_MSR, detail, barred, stale=True)
+        title, advice, barred, note = texts.GONE, texts.USE_MSR, texts.GONE_REASON, notes[1]
+        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[race.state])
+    return Danger(title, advice, f'{detail} {note}'.rstrip(), barred, stale=True)
 
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
@@ -430,7 +452,7 @@ def show(
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
-        humans, reason = Cell(texts.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
+        humans, reason = Cell(texts.KEEP_OFF_UNKNOWN, Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
         state=headline(race),
@@ -440,9 +462,10 @@ def show(
         order=texts.order_of_start(race, timing),
         tally=tally(race),
         missing=texts.missing(race),
-        reminder='' if danger is not None else _finish_now(buttons) or _reminder(race, now),
+        msr=_msr(race),
+        reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
-        heats=tuple(buttons.heat(heat) for heat in race.heats),
+        heats=tuple(buttons.heat(*each) for each in enumerate(race.heats, 1)),
         places=_places(buttons),
         timing=texts.NO_TIMING if untimed else '',
         can_stop=texts.can_stop(race),
@@ -464,22 +487,39 @@ def _since(race: Snapshot, now: float) -> str:
         since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
     if headline(race) != STATE_CELLS[race.state]:
         since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
-    return f'{since}, {texts.OVER}' if race.over else since
+    is_said = race.state_cause.lower().startswith(texts.OVER)
+    return f'{since}, {texts.OVER}' if race.over and not is_said else since
 
 
-def _reminder(race: Snapshot, now: float) -> str:
+def _reminder(buttons: _Buttons) -> str:
     """
     Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
 
-    Whether a kart drives, only an official can see: so it is said for a while in any case.
+    Whether a kart drives, only an official can see: so it is said for a while in any case, but not
+    of a kart that was seen to cross the line.
     """
-    late = now - race.state_since - BEGINS_WITHIN
+    race = buttons.snapshot
+    late = buttons.now - race.state_since - BEGINS_WITHIN
     if race.state is not RaceState.GREEN_GREEN or late < 0.0:
         return ''
     sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
+    sent = [kart for kart in sent if not buttons.has_crossed(kart)]
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
+
+
+def _msr(race: Snapshot) -> Cell:
+    """Return for which karts the MSR is to be used, each of them; or that it is in use."""
+    asked = [alert for alert in race.alerts if alert.use_msr]
+    if asked:
+        karts = numbered(sorted({alert.kart for alert in asked if alert.kart}))
+        return Cell(texts.USE_MSR_FOR.format(karts=karts) if karts else texts.USE_MSR, Tone.BAD)
+    if not race.track.msr_used:
+        return Cell('')
+    karts = texts.in_doubt(race)
+    used = texts.MSR_IN_USE_FOR.format(karts=karts) if karts else texts.MSR_IN_USE
+    return Cell(used, Tone.WAIT)
 
 
 def _humans(race: Snapshot) -> tuple[Cell, str]:
@@ -496,23 +536,30 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
         told = any(alert.use_msr for alert in race.alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
         reason = '' if race.track.allowed else race.track.reason
-        if under_way or not reason:
-            reason = against or reason or under_way
+        if under_way:
+            reasons = (against, under_way) if told else (under_way, against)
+            reason = '; '.join(filter(None, reasons))
+        reason = reason or against
         if is_open:
-            reason = texts.HUMANS_NOT_SAFE_REASON.format(reason=reason)
-            return Cell(texts.HUMANS_NOT_SAFE, Tone.BAD), reason
-        return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if told or doubtful else Tone.WAIT), reason
+            reason = texts.CLEAR_TRACK_REASON.format(reason=reason)
+            return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
+        if reason.startswith(NOT_STATED) and not (told or against):
+            return Cell(texts.TRACK_CLOSED), reason
+        tone = Tone.PLAIN if under_way and not against else Tone.WAIT
+        return Cell(texts.KEEP_OFF, Tone.BAD if told or doubtful else tone), reason
     if race.nobody_is_heard:
-        unknown = Cell(texts.HUMANS_UNKNOWN)
-        unknown = Cell(texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT) if is_open else unknown
+        unknown = Cell(texts.UNHEARD_CLOSED)
+        unknown = Cell(texts.UNHEARD_OPEN, Tone.WAIT) if is_open else unknown
         return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
-        reason = texts.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
-        by_msr = texts.HUMANS_BY_MSR if is_open else texts.HUMANS_MAY_ENTER_BY_MSR
+        reason = texts.MSR_REASON.format(reason=race.track.reason, karts=karts)
+        by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
-    allowed = Cell(texts.HUMANS_ALLOWED, Tone.GOOD) if is_open else Cell(texts.HUMANS_MAY_ENTER)
-    return allowed, race.track.reason
+    if is_open:
+        return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
+    closed = texts.TRACK_CLOSED_REASON.format(reason=race.track.reason)
+    return Cell(texts.TRACK_CLOSED), closed
 
 
 def _finish_now(buttons: _Buttons) -> str:
@@ -592,7 +639,10 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         gap='' if buttons.shown is None else buttons.shown.behind(kart.number),
         note=Cell(note, _note_tone(done, urgent and bool(notes))),
         buttons=tuple(
-            shown.get(command) or buttons.kart(command, kart)
+            replace(
+                shown.get(command) or buttons.kart(command, kart),
+                recedes=use_msr and command is CommandKind.KART_IN_GARAGE,
+            )
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
@@ -696,6 +746,10 @@ class _Buttons:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
         return is_on and not kart.place
 
+    def has_crossed(self, kart: KartSnapshot) -> bool:
+        """Return whether the timekeeper saw a kart cross the line in this race."""
+        return self.timing is not None and timed.has_crossed(self.timing, kart.number)
+
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
         """Return whether a kart that drives has all its laps: it is to be given FINISH."""
         if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
@@ -758,12 +812,16 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
 
-    def heat(self, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race."""
-        is_next = self.results is not None and heat.name == self.results.next_heat
+    def heat(self, number: int, heat: Heat) -> Button:
+        """Return the button that puts a heat into the race; its number moves the focus there."""
+        is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
-            self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
+            self.race(CommandKind.SET_HEAT),
+            label=label,
+            heat=heat.name,
+            karts=heat.karts,
+            key=str(number),
         )
 
     def _also(self, offered: Availability) -> tuple[Given, ...]:
@@ -842,12 +900,13 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',
         *([f'Karts: {screen.tally}'] if screen.tally else []),
+        *filter(None, [screen.msr.text]),
         *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
         f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),
         *filter(None, [screen.places, screen.timing]),
         *([screen.order] if screen.order else []),
-        f'Officials: {screen.can_stop}',
+        screen.can_stop,
         '',
     ]
     columns = [[column.heading for column in COLUMNS]]

@@ -431,7 +431,8 @@ class CommandButton(Push):
         """Return the colours of its text, its ground and its frame; empty: it has none."""
         ink, ground, frame = super().colours()
         if self.button is None or not self.button.is_stop:
-            return ink, ground, frame
+            recedes = self.button is not None and self.button.recedes and not self.isDown()
+            return (ink, '', '') if recedes else (ink, ground, frame)
         if self.button.kart and not self.isDown():
             flag = self.button.command is CommandKind.KART_RED_FLAG
             ink, fill = look.fill(Tone.FLAG if flag else Tone.RED)

@@ -27,10 +27,10 @@ from hypothesis import strategies as st
 
 RED = (RaceState.RED_FLAG, RaceState.RED_RED)
 ALLOWED = (
-    texts.HUMANS_ALLOWED,
-    texts.HUMANS_BY_MSR,
-    texts.HUMANS_MAY_ENTER,
-    texts.HUMANS_MAY_ENTER_BY_MSR,
+    texts.TRACK_OPEN,
+    texts.TRACK_OPEN_MSR,
+    texts.TRACK_CLOSED,
+    texts.TRACK_CLOSED_MSR,
 )
 many = settings(max_examples=300, deadline=None)
 MSR_KINDS = (
@@ -101,7 +101,7 @@ def races(draw: st.DrawFn) -> Snapshot:
 
 def dangers(race: Snapshot) -> list[Danger | None]:
     """Return what can be said of race control while this is the newest snapshot."""
-    gone = silence(5.0, 60.0, 'here', race.state)
+    gone = silence(5.0, 60.0, 'here', race, False)
     return [danger(race, two=False), danger(race, two=True), gone]
 
 
@@ -132,7 +132,7 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
         if screen.humans.tone is Tone.GOOD:
             assert race.track.open
             assert not any(kart.in_doubt for kart in race.karts)
-        elif screen.humans.text == texts.HUMANS_NOT_ALLOWED:
+        elif screen.humans.text == texts.KEEP_OFF:
             assert screen.humans.tone is Tone.BAD or not any(
                 alert.use_msr for alert in race.alerts
             )
@@ -188,9 +188,9 @@ def test_an_open_track_never_looks_like_a_closed_one(race: Snapshot) -> None:
     closed = show(replace(race, track=replace(race.track, open=False)), 0.0, {}).humans
     if race.track.open:
         assert screen.humans.text != closed.text
-        assert (screen.humans.tone is Tone.BAD) is (screen.humans.text == texts.HUMANS_NOT_SAFE)
+        assert (screen.humans.tone is Tone.BAD) is (screen.humans.text == texts.CLEAR_TRACK)
     else:
-        assert 'ALLOWED' not in screen.humans.text
+        assert 'OPEN' not in screen.humans.text
 
 
 @many
@@ -240,7 +240,7 @@ def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
     button = screen.button(command)
 
     assert button is not None
-    by_msr = screen.humans == Cell(texts.HUMANS_MAY_ENTER_BY_MSR, Tone.WAIT)
+    by_msr = screen.humans == Cell(texts.TRACK_CLOSED_MSR, Tone.WAIT)
     if screen.humans.tone is Tone.BAD or by_msr:
         assert button.warning
 

@@ -5,12 +5,30 @@
 
 from __future__ import annotations
 
+import itertools
+
+from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.rules.race import (
+    Alert,
+    AlertKind,
+    Availability,
+    Command,
+    Event,
+    EventKind,
+    Kart,
+    Outcome,
+    Race,
+    StampedEvent,
+    StartPhase,
+)
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
+from evgp_rcs_console.client import spoken
+from evgp_rcs_console.notices import Added, AlertBook, EventLog, Officials, summary
 from example_race import KART, offers, RACE, replace
+
+KART_ALERTS = [each for each in AlertKind if '{kart}' in texts.ALERT_WAS[each]]
 
 
 def alert(kart: int) -> Alert:
@@ -52,7 +70,7 @@ def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
 
     book.update([])
 
-    assert told(book) == ['ENDED: RED UNACKNOWLEDGED, kart 3']
+    assert told(book) == ['ENDED: Kart 3 had not acknowledged RED RED']
     assert 'MSR' not in summary(book.shown, 0)
 
 
@@ -98,8 +116,8 @@ def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
 
     text = summary(book.shown, 2)
 
-    assert texts.MORE_MSR.format(karts='karts 4, 5') in text
-    assert text.endswith('kart 9')
+    # Those that need the MSR are all named in large type (`Screen.msr`).
+    assert text == f'{texts.ALERTS_NEW.format(count=5)}; {texts.MORE_OTHER.format(karts="kart 9")}'
 
 
 def test_alerts_stand_newest_first() -> None:
@@ -127,7 +145,7 @@ def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
 
     book.update([])
 
-    assert told(book) == ['ENDED: KART LOST, kart 1']
+    assert told(book) == ['ENDED: Kart 1 had lost its connection']
     book.see(book.unseen[0].number)
     assert sentences(book) == []
     assert book.shown == []
@@ -198,7 +216,7 @@ def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
 def test_a_refusal_is_marked_in_the_log() -> None:
     log = EventLog()
 
-    (line,) = log.add(event(1, 'GREEN_GREEN refused', success=False))
+    (line,), _ = log.add(event(1, 'GREEN_GREEN refused', success=False))
 
     assert (line.clock, line.text) == (time_of_day(0.0), '✗ GREEN_GREEN refused')
 
@@ -211,6 +229,112 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
     log.add(event(1, 'three'))
 
     assert [line.text for line in log.lines()][2:] == [texts.NEW_RUN, 'three']
+
+
+def said_in_a_race(*karts: int) -> list[str]:
+    """Return what the log says of a race of some karts, whose first two finish."""
+    log, race = EventLog(), Race([Kart(each, f'Team {each} (FH)', True) for each in karts])
+    count = itertools.count(1)
+
+    def take(outcome: Outcome) -> None:
+        for happened in outcome.events:
+            log.add(StampedEvent(next(count), 0, 0.0, event_said(happened)))
+
+    def give(kind: CommandKind, now: float, kart: int = 0) -> None:
+        named = frozenset(race.availability(kind, kart, now).karts)
+        outcome = race.command(Command(kind, kart, True, named, official='Anna (pc 1)'), now)
+        take(outcome)
+        if outcome.start is not None:
+            take(race.start_becomes(StartPhase.WRITTEN, outcome.start.number, now))
+
+    def answer(now: float) -> None:
+        for each in race.karts.values():
+            take(race.heard(each.number, each.serial, each.sent, now))
+        take(race.tick(now))
+
+    for each in karts:
+        take(race.connected(each, 1.0))
+    give(CommandKind.GRID_ACTIVE, 2.0)
+    answer(3.0)
+    give(CommandKind.GREEN_GREEN, 4.0)
+    answer(5.0)
+    for each in karts[:2]:
+        give(CommandKind.KART_FINISH, 100.0, each)
+    take(race.tick(106.0))
+    give(CommandKind.ALL_KILL, 110.0)
+    answer(111.0)
+    take(race.tick(120.0))
+    return [line.text for line in log.lines()]
+
+
+def event_said(happened: Event) -> Event:
+    """Return an event with its sentence as the client says it."""
+    return happened._replace(text=spoken(happened.text))
+
+
+def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
+    assert said_in_a_race(3, 7, 11) == [
+        'Karts 3, 7, 11 connected',
+        'GRID ACTIVE · Anna',
+        'All 3 acknowledged GRID ACTIVE',
+        'GREEN GREEN · Anna',
+        'All 3 acknowledged GREEN GREEN',
+        'FINISH kart 3, P1 · Anna',
+        'FINISH kart 7, P2 · Anna',
+        'Kart 3: RED FLAG (finished, P1)',
+        'Kart 7: RED FLAG (finished, P2)',
+        'ALL KILL · Anna',
+        'Every kart of the race acknowledged RED RED',
+    ]
+
+
+def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_seen() -> None:
+    for kind in AlertKind:
+        kart = 7 if kind in KART_ALERTS else 0
+        book, log = AlertBook(), EventLog()
+        book.update([Alert(kind, kart, 0.0, 'it is so', True)])
+        book.update([])
+        (ended,) = book.shown
+        happened = Event(EventKind.ALERT_CLEARED, 'ended', kart, alert=kind)
+        (line,), _ = log.add(StampedEvent(1, 0, 0.0, happened))
+
+        assert line.text == str(ended)
+        assert ended.text.startswith('Kart 7 ') is bool(kart)
+        assert '_' not in ended.text
+
+
+def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_joins_it() -> None:
+    log = EventLog()
+
+    def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> Added:
+        happened = Event(kind, 'so it is', kart, state)
+        return log.add(StampedEvent(sequence, 0, 0.0, happened))
+
+    red, flag = RaceState.RED_RED, RaceState.RED_FLAG
+    assert not add(1, 1, EventKind.ACKNOWLEDGED, red).replaces
+    assert add(2, 12, EventKind.ACKNOWLEDGED, red).replaces
+    assert not add(3, 5, EventKind.ACKNOWLEDGED, flag).replaces
+    assert not add(4, 5, EventKind.DISCONNECTED).replaces
+
+    both, other, gone = (line.text for line in log.lines())
+    assert both == 'Karts 1, 12 acknowledged RED RED'
+    assert (other, gone) == ('Kart 5 acknowledged RED FLAG', 'so it is')
+    assert [line.text for line in log.lines(12)] == [both]
+    assert [line.text for line in log.lines(5)] == [other, gone]
+    # What all have done is never replaced by what one does.
+    add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag)
+    assert not add(6, 9, EventKind.ACKNOWLEDGED, flag).replaces
+    # Of a new run nothing joins the last one.
+    assert add(1, 1, EventKind.CONNECTED).lines[0].text == texts.NEW_RUN
+
+
+def test_a_stop_that_came_late_says_so_in_the_log() -> None:
+    text = 'RED RED is sent to kart 3. ALL KILL was pressed 65 s ago.'
+    happened = Event(EventKind.COMMAND, text, command=CommandKind.ALL_KILL, official='Anna (pc 1)')
+    log = EventLog()
+    log.add(StampedEvent(1, 0, 0.0, happened))
+
+    assert [line.text for line in log.lines()] == ['ALL KILL, pressed 65 s ago · Anna']
 
 
 def test_the_log_keeps_the_newest() -> None:

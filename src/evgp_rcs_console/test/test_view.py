@@ -21,9 +21,17 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, TrackAccess
+from evgp_rcs.rules.race import (
+    Alert,
+    AlertKind,
+    Availability,
+    Heat,
+    NOT_STATED,
+    PAST_UNKNOWN,
+    TrackAccess,
+)
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
-from evgp_rcs.words import STATE_CELLS, STATES, time_of_day, Tone
+from evgp_rcs.words import Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
 from evgp_rcs_console.results import races
@@ -255,18 +263,71 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
 
 
 @pytest.mark.parametrize(
+    ('command', 'reason', 'warned'),
+    [
+        (CommandKind.IN_GARAGE, PAST_UNKNOWN, False),
+        (CommandKind.OPEN_TRACK, PAST_UNKNOWN, True),
+        (CommandKind.KART_IN_GARAGE, PAST_UNKNOWN, True),
+        (CommandKind.OPEN_TRACK, NOT_STATED, False),
+        (CommandKind.IN_GARAGE, 'kart 4 was lost on the grid', True),
+    ],
+)
+def test_no_question_warns_of_what_it_settles_by_itself(
+    command: CommandKind, reason: str, warned: bool
+) -> None:
+    track = replace(RACE.track, reason=f'{reason}: look at every kart, then send it')
+    race = replace(RACE, state=RaceState.RED_RED, track=track)
+
+    assert bool(texts.warning(command, race)) is warned
+    doubtful = replace(KART, sent=RaceState.RED_RED, may_be_moving=True)
+    assert texts.warning(command, replace(race, karts=(doubtful,)))
+
+
+@pytest.mark.parametrize('statement', ['', 'no race is under way anywhere'])
+def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_stands(
+    statement: str,
+) -> None:
+    def condition(msr_used: bool) -> str:
+        track = replace(RACE.track, allowed=True, msr_used=msr_used)
+        offered = Availability(CommandKind.OPEN_TRACK, True, statement=statement)
+        button = show(replace(RACE, track=track, commands=offers(offered)), 0.0, {}).track_button
+        assert button is not None
+        assert statement in button.condition
+        return button.condition
+
+    assert 'every kart stands still' in condition(True)
+    assert 'every kart stands still' not in condition(False)
+
+
+def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -> None:
+    stopped = replace(KART, sent=RaceState.RED_RED)
+    told = Alert(AlertKind.RED_UNACKNOWLEDGED, 7, 0.0, 'it drives', True)
+
+    def release(*alerts: Alert) -> Button:
+        screen = show(replace(RACE, karts=(stopped,), alerts=alerts), 0.0, {})
+        button = screen.button(CommandKind.KART_IN_GARAGE, 7)
+        assert button is not None
+        return button
+
+    assert (release().recedes, release(told).recedes) == (False, True)
+    assert release(told).enabled
+    row = show(replace(RACE, karts=(stopped,), alerts=(told,)), 0.0, {}).rows[0]
+    assert [each.command for each in row.buttons if each.recedes] == [CommandKind.KART_IN_GARAGE]
+
+
+@pytest.mark.parametrize(
     ('is_open', 'connected', 'allowed', 'msr', 'text', 'tone'),
     [
-        (True, True, True, False, texts.HUMANS_ALLOWED, Tone.GOOD),
-        (True, True, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
-        (True, False, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
-        (True, False, True, False, texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT),
-        (True, False, True, True, texts.HUMANS_ALLOWED, Tone.GOOD),
-        (False, True, True, False, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
-        (False, True, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, True, False, texts.HUMANS_UNKNOWN, Tone.PLAIN),
-        (False, False, True, True, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
+        (True, True, True, False, texts.TRACK_OPEN, Tone.GOOD),
+        (True, True, False, False, texts.CLEAR_TRACK, Tone.BAD),
+        (True, False, False, False, texts.CLEAR_TRACK, Tone.BAD),
+        (True, False, True, False, texts.UNHEARD_OPEN, Tone.WAIT),
+        (True, False, True, True, texts.TRACK_OPEN, Tone.GOOD),
+        (False, True, True, False, texts.TRACK_CLOSED, Tone.PLAIN),
+        (False, True, False, False, texts.KEEP_OFF, Tone.WAIT),
+        (False, False, False, False, texts.KEEP_OFF, Tone.WAIT),
+        (False, False, True, False, texts.UNHEARD_CLOSED, Tone.PLAIN),
+        (False, False, True, True, texts.TRACK_CLOSED, Tone.PLAIN),
     ],
 )
 def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_connected(
@@ -278,8 +339,49 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
     screen = show(replace(RACE, state=RaceState.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
-    unknown = text in (texts.HUMANS_UNKNOWN, texts.HUMANS_UNKNOWN_OPEN)
+    unknown = text in (texts.UNHEARD_CLOSED, texts.UNHEARD_OPEN)
     assert ('so it is' in screen.humans_reason) is not unknown
+
+
+def test_in_a_green_race_a_kart_that_is_held_is_not_the_only_reason_to_keep_off() -> None:
+    driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, may_be_moving=True)
+    held = replace(driving, number=8, sent=RaceState.RED_RED, hold=RaceState.RED_RED)
+    track = replace(RACE.track, reason='the race is in GREEN_GREEN')
+    race = replace(RACE, state=RaceState.GREEN_GREEN, track=track)
+
+    normal = show(replace(race, karts=(driving,)), 0.0, {})
+    one_held = show(replace(race, karts=(driving, held)), 0.0, {})
+
+    assert normal.humans == Cell(texts.KEEP_OFF)  # nothing is wrong
+    for screen in (normal, one_held):
+        assert 'the race is in GREEN GREEN' in screen.humans_reason
+    assert 'kart 8 may be moving' in one_held.humans_reason
+    assert one_held.humans.tone is Tone.WAIT
+    lost = Alert(AlertKind.LOST_IN_MOTION, 8, 0.0, 'kart 8 was lost', True)
+    both = show(replace(race, karts=(driving, held), alerts=(lost,)), 0.0, {})
+    assert (both.humans.tone, 'kart 8 was lost' in both.humans_reason) == (Tone.BAD, True)
+
+
+def test_that_no_kart_is_racing_is_not_wrong_once_each_has_finished() -> None:
+    stopped = replace(KART, sent=RaceState.RED_FLAG, hold=RaceState.RED_FLAG, acknowledged=True)
+    green = replace(RACE, state=RaceState.GREEN_GREEN)
+
+    def state(*places: int) -> Cell:
+        karts = tuple(replace(stopped, number=n, place=place) for n, place in enumerate(places, 1))
+        return show(replace(green, karts=karts), 0.0, {}).state
+
+    assert state(1, 2).tone is not Tone.WAIT
+    assert state(1, 0).tone is Tone.WAIT
+
+
+def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
+    track = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
+    race = replace(RACE, state=RaceState.IN_GARAGE, track=track)
+    race = replace(race, karts=(replace(KART, sent=RaceState.IN_GARAGE),))
+
+    assert show(race, 0.0, {}).humans == Cell(texts.TRACK_CLOSED)
+    doubtful = replace(race.karts[0], may_be_moving=True)
+    assert show(replace(race, karts=(doubtful,)), 0.0, {}).humans.tone is Tone.BAD
 
 
 # ----- heats and places ---------------------------------------------------------------------
@@ -299,6 +401,27 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     assert [request(button.given(), 0.0)['heat'] for button in screen.heats] == ['Heat A', 'Final']
     assert screen.button(CommandKind.SET_HEAT) == screen.heat_button
     assert not any(button.condition for button in screen.heats)
+
+
+def test_the_list_of_heats_marks_what_was_run_and_what_is_next_each_with_its_number() -> None:
+    heats = tuple(Heat(name, (7,)) for name in ('Heat A', 'Heat B', 'Final'))
+    race = replace(RACE, heats=heats, heat='Heat B')
+    ran = RaceOfEvent(1, 'Heat A', 7200.0, 3, counts=True)
+
+    def marks(results: Standings | None) -> list[str]:
+        buttons = show(race, 0.0, {}, None, results).heats
+        assert [button.key for button in buttons] == ['1', '2', '3']
+        return [button.label for button in buttons]
+
+    run_at = f'run at {time_of_day(7200.0)[:5]}'
+    assert marks(None) == ['Heat A: 7', 'Heat B: 7  (in the race)', 'Final: 7']
+    known = timing(races=(ran,))
+    assert marks(known) == [
+        f'Heat A: 7  ({run_at})',
+        'Heat B: 7  (in the race)',
+        'Final: 7  (next)',
+    ]
+    assert marks(timing(races=(ran,), next_heat='Heat A'))[0] == f'Heat A: 7  ({run_at}, next)'
 
 
 def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
@@ -525,7 +648,7 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert before is not None
 
     for said in (green.caution, screen.can_stop, '\n'.join(table(screen, ()))):
-        assert '2 can stop' in said
+        assert '2 officials can stop' in said
         assert 'Anna (window), button' in said
     assert '0' not in before.caution
     assert green.asks_the_same(before)
@@ -554,6 +677,26 @@ def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_beg
     assert reminder(over, acknowledged=False)
     assert not reminder(begun, sent=RaceState.RED_RED, acknowledged=False)
     assert not reminder(begun, in_race=False)
+
+
+def test_a_kart_that_was_seen_to_cross_the_line_has_begun_whatever_it_acknowledged() -> None:
+    silent = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=False)
+    karts = (silent, replace(silent, number=8))
+    over = BEGINS_WITHIN + REMINDS_FOR
+    race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=over, karts=karts)
+
+    def reminder(*seen: int) -> str:
+        results = tuple(driven(each, 2) for each in seen)
+        return show(race, 0.0, {}, None, Standings(over, karts=results)).reminder
+
+    assert reminder()
+    assert reminder(7)  # of kart 8 nobody knows
+    assert not reminder(7, 8)
+    line = Passing('line', '', 1)
+    crossed = tuple(Judged(line, each, Mark.COUNTED, over, '') for each in (7, 8))
+    assert not show(race, 0.0, {}, None, Standings(over, passings=crossed)).reminder
+    of_another_race = Standings(over, race=2, passings=crossed)
+    assert show(race, 0.0, {}, None, of_another_race).reminder
 
 
 def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:
@@ -645,12 +788,69 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 def test_race_control_is_gone_within_a_second(
     silent_for: float | None, title: str, barred: str
 ) -> None:
-    said = silence(silent_for, 3.0, 'here', RaceState.GREEN_GREEN)
+    said = silence(silent_for, 3.0, 'here', replace(RACE, state=RaceState.GREEN_GREEN), False)
 
     assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
     if said:
-        assert said.advice == 'USE THE MSR'
+        # Before it is heard at all there is no sign of any race.
+        assert (said.advice == texts.USE_MSR) is (silent_for is not None)
+
+
+NO_RACE_YET = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
+STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
+
+
+@pytest.mark.parametrize(
+    ('calm', 'ended', 'changes'),
+    [
+        (True, True, {'state': RaceState.IN_GARAGE}),
+        (True, True, {'track': NO_RACE_YET}),
+        (False, False, {}),
+        (False, True, {'track': replace(RACE.track, reason='the race is in GREEN_GREEN')}),
+        (False, True, {'track': replace(RACE.track, reason=PAST_UNKNOWN)}),
+        (False, True, {'karts': (replace(KART, may_be_moving=True),)}),
+        (False, True, {'karts': (replace(KART, may_be_moving=True),), 'track': STOPPED_BY_MSR}),
+        (False, True, {'alerts': (Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'lost', True),)}),
+        (False, True, {'alerts': (Alert(AlertKind.PART_FAILED, 0, 0.0, 'failed', True),)}),
+    ],
+)
+def test_the_msr_is_asked_for_when_race_control_is_gone_but_for_a_good_end_without_a_doubt(
+    calm: bool, ended: bool, changes: dict[str, object]
+) -> None:
+    rest = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
+
+    said = silence(5.0, 60.0, 'here', replace(rest, **changes), ended)
+
+    assert said is not None
+    assert (said.title == texts.ENDED, said.advice == texts.USE_MSR) == (calm, not calm)
+    assert said.stale
+    assert said.barred
+
+
+def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_be_read() -> None:
+    kart = replace(KART, sent=RaceState.RED_RED, may_be_moving=True)
+    karts = tuple(replace(kart, number=number) for number in range(1, 8))
+    lost = tuple(
+        Alert(AlertKind.LOST_IN_MOTION, number, 0.0, 'lost', True) for number in range(1, 8)
+    )
+    race = replace(RACE, state=RaceState.RED_RED, karts=karts, alerts=lost)
+    used = replace(race.track, allowed=True, msr_used=True)
+
+    def said(race: Snapshot) -> tuple[str, Tone]:
+        screen = show(race, 0.0, {})
+        assert screen.msr.text in '\n'.join(table(screen, ()))
+        return screen.msr.text, screen.msr.tone
+
+    assert said(race) == ('USE THE MSR: karts 1, 2, 3, 4, 5, 6, 7', Tone.BAD)
+    quiet = tuple(replace(alert, use_msr=False) for alert in lost)
+    assert said(replace(race, alerts=quiet))[0] == ''
+    in_use = replace(race, alerts=quiet, track=used)
+    assert said(in_use)[0] == 'MSR IN USE: only it stops karts 1, 2, 3, 4, 5, 6, 7'
+    stopped = tuple(replace(each, may_be_moving=False) for each in karts)
+    assert said(replace(in_use, karts=stopped))[0] == 'MSR IN USE'
+    unsafe = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 'clear the track', True)
+    assert said(replace(race, alerts=(unsafe,)))[0] == 'USE THE MSR'
 
 
 def test_the_terminal_shows_the_same() -> None:
@@ -824,6 +1024,14 @@ def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
     assert (show(green, 0.0, {}).clock, show(stopped, 0.0, {}).clock) == ('0:48', '')
     assert phrases(stopped)[CommandKind.GREEN_GREEN] == texts.NOT_RESUMED
     assert phrases(stopped)[CommandKind.GRID_ACTIVE] == 'after IN GARAGE'
+
+
+def test_that_the_race_is_over_is_said_once() -> None:
+    over = replace(RACE, state=RaceState.RED_RED, over=True)
+
+    for cause in ('RACE OVER by Anna', 'race over, every kart has finished', 'ALL KILL'):
+        since = show(replace(over, state_cause=cause), 0.0, {}).since
+        assert since.lower().count('race over') == 1
 
 
 def test_race_over_is_not_said_to_be_as_old_as_the_state_in_which_it_was_declared() -> None:

@@ -46,7 +46,7 @@ from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
-from evgp_rcs_console.input import FORWARD, LateInput
+from evgp_rcs_console.input import FORWARD, LateInput, UNDO_AFTER
 from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.settings import Signature
@@ -533,6 +533,51 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
     assert [given.heat for given in console.sent] == ['Heat A', 'Final']
 
 
+def test_a_digit_moves_to_its_heat_and_is_still_the_number_of_a_kart_for_a_stop(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(2, RaceState.IN_GARAGE))
+    console.press('Ctrl+H', '2')
+    assert not console.commands
+    console.press('Return')
+    assert [(given.command, given.heat) for given in console.sent] == [
+        (CommandKind.SET_HEAT, 'Final')
+    ]
+    console.sent.clear()
+    console.press('Ctrl+H', '2', 'Ctrl+R')
+    assert console.commands == [(CommandKind.KART_RED_RED, 2)]
+
+
+def test_after_an_orderly_end_the_window_asks_for_no_msr_until_another_run_is_gone(
+    opened: Any,
+) -> None:
+    console = opened()
+    fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
+    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='one'))
+    console.window._display.take_event(event(1, 'it ends', kind=EventKind.ENDED))
+    console.settle(1.1)
+    assert console.find('danger_title').whole == texts.ENDED
+    assert texts.USE_MSR not in console.find('danger_advice').whole
+
+    console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='two'))
+    console.settle(1.1)
+    assert console.find('danger_title').whole == texts.GONE
+    assert console.find('danger_advice').whole == texts.USE_MSR
+
+
+def test_while_there_is_no_kart_the_window_says_how_to_begin(opened: Any) -> None:
+    console = opened()
+    lines = console.window.how_to_begin
+    assert [line.whole for line in lines] == list(texts.HOW_TO_BEGIN)
+    assert all(line.isVisible() and not line.cut for line in lines)
+    assert not [*overlaps(console.window)]
+
+    console.tell(race_of(1))
+
+    assert not any(line.isVisible() for line in lines)
+
+
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
     console = opened()
     console.press('F8')
@@ -778,7 +823,7 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
         race, karts=(kart,), alerts=(lost,), track=TrackAccess(True, True, 'the MSR', True)
     )
     console.tell(race)
-    assert 'ALLOWED BY THE MSR' in console.find('humans').whole
+    assert 'TRACK OPEN, MSR IN USE' in console.find('humans').whole
     assert 'Only the MSR stops kart 1' in console.find('humans_reason').whole
     assert 'only the MSR stops it' in console.find('kart_1').whole
     assert 'USE THE MSR' not in console.find('banner').whole
@@ -787,6 +832,16 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
 
     assert 'USE THE MSR' in console.find('banner').whole
     assert console.find('humans').property('tone') == 'bad'
+
+
+def test_of_many_karts_that_need_the_msr_each_is_named_without_a_cut(opened: Any) -> None:
+    console = opened()
+    karts = tuple(range(1, 17))
+    console.tell(race_of(16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, karts))))
+    console.settle()
+
+    named = f'USE THE MSR: karts {", ".join(map(str, karts))}'
+    assert named in [drawn.shown for drawn in console.find('strip').drawn]
 
 
 def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
@@ -939,7 +994,27 @@ def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question
     assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
     console.press('A', 'N', 'N')
     assert not console.find('question').isVisible()
-    assert not console.commands
+    assert console.commands == [(CommandKind.KART_FINISH, 1)]  # a crossing waits for no answer
+
+
+@pytest.mark.parametrize('how', ['pressed', 'refused by race control'])
+def test_a_refusal_is_said_until_it_no_longer_holds(opened: Any, how: str) -> None:
+    console = opened()
+    barred = race_of(2, RaceState.GRID_ACTIVE, WHY)
+    console.tell(barred)
+    if how == 'pressed':
+        console.press('F3')
+    else:
+        given = Given(CommandKind.GREEN_GREEN)
+        console.inbox.on_answer(given, Answer(False, f'GREEN GREEN refused: {WHY}'))
+    console.tell(barred)
+    assert 'no GRID ACTIVE yet' in console.find('status').whole
+    console.tell(replace(barred, stamp=barred.stamp + 1))
+    assert 'no GRID ACTIVE yet' in console.find('status').whole
+
+    console.tell(race_of(2, RaceState.GRID_ACTIVE))
+
+    assert not console.find('status').whole
 
 
 @pytest.mark.parametrize('change', ['another kart', 'no link', 'by hand', 'against it'])
@@ -1071,6 +1146,24 @@ def test_the_letters_that_answer_a_question_finish_no_kart(opened: Any) -> None:
     assert not console.commands
     console.press('A')
     assert console.commands == [(CommandKind.KART_FINISH, 1)]
+
+
+def test_the_second_one_of_two_slow_clicks_on_finish_does_not_ask_to_undo_it(opened: Any) -> None:
+    console, race = opened(), race_of(3)
+    console.tell(race)
+    console.click('kart_finish_1')
+    finished = replace(race.karts[0], place=1)
+    console.tell(replace(race, karts=(finished, *race.karts[1:])))
+    console.settle(AIM)
+
+    console.click('kart_undo_finish_1')
+
+    assert console.commands == [(CommandKind.KART_FINISH, 1)]
+    assert not console.find('question').isVisible()
+    assert 'WAS NOT SENT' in console.find('status').whole
+    console.settle(UNDO_AFTER)
+    console.click('kart_undo_finish_1')
+    assert console.find('question').isVisible()
 
 
 def test_a_name_is_letters_while_it_is_typed_and_every_other_key_does_what_it_does(

@@ -1159,7 +1159,7 @@ class Race:
         allowed, reason = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
             allowed = False
-            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+            reason = f'{NOT_STATED} that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
         return TrackAccess(self.track_open, allowed, reason, self.msr_used, self.opening)
 
     # ----- what a kart is sent ------------------------------------------------------------
@@ -1731,10 +1731,7 @@ class Race:
         if unsafe:
             return False, _cut(unsafe)
         if self.past_unknown:
-            return False, (
-                'race control does not know what happened: look at every kart, then send '
-                'IN_GARAGE; or use the MSR and record it'
-            )
+            return False, (f'{PAST_UNKNOWN}: look at every kart, then send IN_GARAGE')
         if not any(kart.connected for kart in self.karts.values()):
             return True, 'no kart is connected: race control does not know what the karts do'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
@@ -1911,7 +1908,9 @@ class Race:
                 yield AlertKind.TWO_PROGRAMS, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
-                due = kart.sent_since + limit
+                # A kart that comes without a doubt is not late yet; one lost in motion is.
+                is_new = kart.sent.is_red and kart.lost_since is None
+                due = (kart.ordered_at if is_new else kart.sent_since) + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue
                 if self._covered_by_statement(kart):
@@ -2029,6 +2028,10 @@ lost `send_timeout` after its last answer."""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
 """What an official states once where race control does not know what happened before."""
+
+PAST_UNKNOWN = 'race control does not know what happened'
+NOT_STATED = 'nobody has stated yet'
+"""The first words of why no humans are allowed until IN_GARAGE, or until OPEN_TRACK."""
 
 BEGAN = 'race control began, and does not know what happened before'
 """Why the race is in RED_RED after a start without proof."""

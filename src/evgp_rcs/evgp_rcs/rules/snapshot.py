@@ -22,7 +22,16 @@ from typing import NamedTuple
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
-from evgp_rcs.rules.race import Alert, Availability, called, Heat, Kart, Race, TrackAccess
+from evgp_rcs.rules.race import (
+    Alert,
+    Availability,
+    called,
+    Heat,
+    Kart,
+    NOT_STATED,
+    Race,
+    TrackAccess,
+)
 
 _TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
 _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
@@ -132,6 +141,13 @@ class Snapshot(NamedTuple):
         """Return whether humans are allowed on the track only because no kart is connected."""
         connected = any(kart.connected for kart in self.karts)
         return self.track.allowed and not self.track.msr_used and not connected
+
+    @property
+    def no_kart_in_doubt(self) -> bool:
+        """Return whether no kart may be moving where it must not, as far as anybody knows."""
+        is_known = self.track.allowed or self.track.reason.startswith(NOT_STATED)
+        doubted = any(kart.may_be_moving for kart in self.karts)
+        return is_known and not doubted and not any(alert.use_msr for alert in self.alerts)
 
     def kart(self, number: int) -> KartSnapshot | None:
         """Return the kart with this number, if the roster has it."""

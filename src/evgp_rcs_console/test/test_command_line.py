@@ -1,0 +1,70 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a line of the terminal client asks for, and what it says if it asks for nothing."""
+
+from __future__ import annotations
+
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs_console.command_line import (
+    broken_off,
+    COMMANDS,
+    Exit,
+    NO_STOP_SENT,
+    NOTHING_SENT,
+    parse,
+)
+import pytest
+
+
+@pytest.mark.parametrize(
+    'line',
+    ['all-kill', 'ALL-KILL', 'All_Kill', 'all-kill 7', 'ALL-KILL now --hard', '--wait=2 ALL-KILL'],
+)
+def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
+    for before in ([], ['--official', 'Join']):
+        assert COMMANDS[parse([*before, *line.split()]).command] is CommandKind.ALL_KILL
+
+
+@pytest.mark.parametrize(
+    ('line', 'said'),
+    [
+        ('kart-red-red 1 2', NO_STOP_SENT),
+        ('kart-red-red', NO_STOP_SENT),
+        ('kart-red-red seven', NO_STOP_SENT),
+        ('red-flag 7', NO_STOP_SENT),
+        ('all-kill --wait nan', NO_STOP_SENT),
+        ('red-flag --wait -1', NO_STOP_SENT),
+        ('stop', NO_STOP_SENT),
+        ('', NO_STOP_SENT),
+        ('leave 3 4', NOTHING_SENT),
+        ('leave', NOTHING_SENT),
+        ('watch --wait inf', NOTHING_SENT),
+        ('results 7', NOTHING_SENT),
+    ],
+)
+def test_a_wrong_line_says_that_nothing_was_sent_and_of_what_may_be_a_stop_that_none_was(
+    line: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        parse(line.split())
+
+    assert ended.value.code == Exit.USAGE
+    assert capsys.readouterr().err.splitlines()[-1] == said
+
+
+def test_a_name_keeps_its_letters() -> None:
+    assert parse(['HEAT', 'Heat A']).heat == 'Heat A'
+    assert parse(['--official', 'Watch', 'join', '7']).official == 'Watch'
+
+
+@pytest.mark.parametrize('command', [CommandKind.ALL_KILL, CommandKind.RACE_OVER])
+def test_a_command_that_is_broken_off_says_what_is_known(command: CommandKind) -> None:
+    unheard = broken_off(command, 1.24, 3, '')
+    heard = broken_off(command, 1.24, 3, 'the record fails.')
+
+    assert '1.2 s' in unheard
+    assert '3 times' in unheard
+    assert 'the record fails.' in heard
+    for said in (unheard, heard):
+        assert ('USE THE MSR' in said) is (command is CommandKind.ALL_KILL)
