@@ -20,20 +20,32 @@ import wave
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs import words
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.style import look, SMALL, TEXT
-from evgp_rcs_console.widgets import Card, Painted, Pen, Push, Text, TOP
+from evgp_rcs_console.style import look
+from evgp_rcs_console.widgets import (
+    fixed,
+    lay,
+    mark,
+    needed_height,
+    Panel,
+    Push,
+    rescale,
+    RIGHT,
+    Text,
+    TOP,
+)
 
-PLACES = 3
-"""Number of alerts that are shown at once; of the others, the number and the karts are shown."""
+PLACES = 5
+"""Maximum number of alerts that are shown at once; of the others, number and karts are shown."""
 
-HEAD, EACH = 30, 62
-"""Heights of the heading and of each alert."""
+MANY = 4
+"""Maximum number of karts beyond those that are named in the largest type."""
 
 SOUND_AGAIN = 4.0
 """Time between two sounds while an alert is not seen, in seconds."""
@@ -46,67 +58,57 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 """Frequency (Hz) and length (s) of each tone."""
 
 
-class AlertPlace(Painted):
-    """One alert: what to do, the kart, the sentence, and SEEN."""
+class AlertPlace(Panel):
+    """One alert: what to do, the kart, since when, and the sentence."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(f'alert_{number}')
-        self._notice: Notice | None = None
-        self.seen = self.put(Push(f'seen_{number}'), -82, 4, -4, 26)
-        self.seen.hide()
+        super().__init__(f'alert_{number}', '')
+        self._heading = Text('', 'bold', flows=True)
+        self._kart = Text('', 'number bold')
+        self._since = Text('', 'bold', RIGHT, flows=True)
+        self._text = Text('', 'small', TOP, wrap=True, flows=True)
+        head = self._heading, self._kart, self._since
+        grid = lay(self, head, gap=4, margins=(8, 3, 8, 5), columns=(0, 1, 0), heights=(0, 1))
+        grid.addWidget(self._text, 1, 0, 1, 3)
 
     @property
     def whole(self) -> str:
         """Return all that it says."""
-        notice = self._notice
-        return '\n'.join((notice.heading, self._kart, notice.text)) if notice else ''
+        said = self._heading.whole, self._kart.whole, self._text.whole
+        return '\n'.join(filter(None, said)) if not self.isHidden() else ''
 
     @property
-    def _kart(self) -> str:
-        kart = self._notice.kart if self._notice else 0
-        return texts.FIELD_KART.format(number=kart) if kart else ''
+    def cut(self) -> bool:
+        """Return whether not all of it is shown."""
+        return any(each.cut for each in (self._heading, self._kart, self._since, self._text))
 
-    def show_notice(self, notice: Notice | None, key: str) -> None:
-        """Show an alert, or none, and the key that presses its SEEN."""
-        self._notice = notice
-        self.seen.setVisible(notice is not None and not notice.seen)
-        self.seen.show_words(texts.SEEN, key)
-        self.show_it(notice)
+    def show_notice(self, notice: Notice, at: float, brief: bool) -> None:
+        """
+        Show an alert: filled until it is seen, then framed; of one that has ended its name.
 
-    def paint(self, pen: Pen) -> None:
-        """Draw it: filled until it is seen, then framed; of one that has ended the text only."""
-        notice = self._notice
-        if notice is None:
-            return
-        ink, fill = look.fill(Tone.BAD if notice.use_msr else Tone.WAIT)
-        if not notice.standing:
-            line = QtCore.QRect(0, 0, self.width(), look.px(34))
-            pen.box(line, look.palette.raised)
-            line.setRight(self.seen.geometry().left() - look.px(4))
-            text = texts.ENDED_LINE.format(heading=notice.heading, text=notice.text)
-            pen.text(line.adjusted(look.px(10), 0, 0, 0), text, look.palette.ink, SMALL, wrap=True)
-            return
-        if notice.seen:
-            pen.box(self.rect(), '', fill, 2)
-            ink = look.palette.ink
-        else:
-            pen.box(self.rect(), fill)
-        inner = self.rect().adjusted(look.px(10), look.px(4), -look.px(8), -look.px(2))
-        upper = inner.adjusted(0, 0, 0, look.px(22) - inner.height())
-        if not notice.seen:
-            upper.setRight(self.seen.geometry().left() - look.px(4))
-        heading = ' · '.join(filter(None, (notice.heading, self._kart)))
-        size = TEXT + 2 if notice.use_msr else TEXT
-        pen.text(upper, heading, ink, size, True)
-        lower = inner.adjusted(0, upper.height() + look.px(1), 0, 0)
-        pen.text(lower, notice.text, ink, SMALL, align=TOP, wrap=True)
+        :param brief: there is no room for the sentence.
+        """
+        tone = (Tone.BAD if notice.use_msr else Tone.WAIT).value
+        unseen = notice.standing and not notice.seen
+        mark(self, ground=tone if unseen else '', frame=tone if notice.standing else '')
+        large = bool(notice.kart and notice.standing)
+        for part in (self._heading, self._kart, self._since):
+            fixed(part, height=34 if large else 22)
+        self._heading.show_text(notice.heading)
+        self._kart.show_text(str(notice.kart) if large else '')
+        age = at - notice.alert.since if notice.alert and notice.standing else None
+        self._since.show_text(words.clock(max(0.0, age)) if age is not None else '')
+        self._text.show_text(notice.text)
+        self._text.setVisible(not (brief and large))
+        rescale(self)
 
 
-class AlertsArea(Card):
+class AlertsArea(Panel):
     """
     The alerts that are not marked as seen, and those whose cause still exists.
 
-    If SEEN is pressed just after another alert has come to its line, it marks nothing.
+    SEEN is for the first one. If it is pressed just after another alert has come there, it marks
+    nothing.
     """
 
     seen = Signal(int)
@@ -120,20 +122,27 @@ class AlertsArea(Card):
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._down = 0
-        self._summary = self.put(Text('standing', SMALL, True, wrap=True), 12, 2, -164, 28)
-        self._see_all = self.put(Push('seen_all', texts.SEEN_ALL), -162, 4, -86, 27)
-        self._mute = self.put(Push('mute'), -82, 4, -6, 27)
-        for button, pressed in ((self._see_all, self._press_all), (self._mute, self.mute.emit)):
-            button.quiet = True
-            button.clicked.connect(pressed)
-        tops = [HEAD + number * EACH for number in range(PLACES)]
-        self._places = [
-            self.put(AlertPlace(number), 6, top, -6, top + EACH - 4)
-            for number, top in enumerate(tops)
-        ]
-        for number, each in enumerate(self._places):
-            each.seen.pressed.connect(lambda number=number: self._go_down(number))
-            each.seen.clicked.connect(lambda _=False, number=number: self._let_go(number))
+        self._summary = Text('standing', 'small bold', wrap=True)
+        self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
+        self._see_all = Push('seen_all', texts.SEEN_ALL, kind='quiet small')
+        self._mute = Push('mute', kind='quiet small')
+        self._see.pressed.connect(self._go_down)
+        self._see.clicked.connect(self._let_go)
+        self._see_all.clicked.connect(self._press_all)
+        self._mute.clicked.connect(self.mute)
+        fixed(self._summary, height=30)
+        buttons = self._see, self._see_all, self._mute
+        for button in buttons:
+            fixed(button, height=24)
+        self._body = QtWidgets.QWidget()
+        grid = lay(
+            self, buttons, gap=3, margins=(3, 3, 3, 3), columns=(1, 1, 1), heights=(0, 0, 1)
+        )
+        grid.addWidget(self._summary, 1, 0, 1, 3)
+        grid.addWidget(self._body, 2, 0, 1, 3)
+        self._places = [AlertPlace(number) for number in range(PLACES)]
+        for place in self._places:
+            place.setParent(self._body)
 
     @property
     def whole(self) -> str:
@@ -145,71 +154,89 @@ class AlertsArea(Card):
         self._mute.show_words(texts.SOUND_OFF if muted else texts.SOUND_ON, 'F11')
 
     def show_notices(
-        self, notices: Sequence[Notice], own: bool = False, known: bool = True
+        self, notices: Sequence[Notice], at: float, own: bool = False, known: bool = True
     ) -> None:
         """
         Show alerts, the most important first.
 
+        :param at: race control's time now.
         :param own: the official has just marked some as seen, so nothing moved by itself.
         :param known: race control is heard; otherwise no alerts does not mean that all is well.
         """
-        before = self._unseen()
+        before = self._unseen
         self._notices = list(notices)
-        if before != self._unseen() and before and not own:
+        if before != self._unseen and before and not own:
             self._aim.change(before, clock.now())
-        first = next((notice.number for notice in notices if not notice.seen), 0)
-        for number, each in enumerate(self._places):
-            notice = notices[number] if number < len(notices) else None
-            f10 = notice is not None and notice.number == first
-            each.show_notice(notice, 'F10' if f10 else '')
-            each.setVisible(notice is not None)
-            # Below the last one its text has all the room that there is.
-            last = number + 1 in (len(notices), PLACES)
-            end = EACH * (PLACES if last else number + 1)
-            self.put(each, 6, HEAD + number * EACH, -6, HEAD + end - 4)
+        shown = self._place(at)
         tone = Tone.GOOD
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
-        told = summary(notices, PLACES)
+        told = summary(notices, shown)
         if not notices and not known:
             told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
+        others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
+        if others:
+            told = texts.ALSO_MSR.format(karts=', '.join(map(str, others)))
         self._summary.show_cell(Cell(told, tone))
-        self._see_all.bar(not first)
+        mark(self._summary, kind='large bold' if 0 < len(others) <= MANY else 'small bold')
+        for button in (self._see, self._see_all):
+            button.bar(not self._unseen)
 
-    def press_first(self) -> None:
-        """Mark the first alert that is not seen as seen, if it could be read long enough."""
-        unseen = next((n for n, each in enumerate(self._notices) if not each.seen), None)
-        if unseen is not None:
-            self._press(unseen)
+    def _place(self, at: float) -> int:
+        """
+        Put alerts below each other, as high as their texts; return how many there is room for.
 
+        If there is no room for all sentences, the first alert has its own, and of the others each
+        that names a kart does without.
+        """
+        room, gap = self._body.size(), look.px(4)
+        notices = list(zip(self._places, self._notices, strict=False))
+        for brief in (False, True):
+            for number, (place, notice) in enumerate(notices):
+                place.setVisible(True)  # what is hidden has no height
+                place.show_notice(notice, at, brief and number > 0)
+            heights = [needed_height(place, room.width()) for place, _ in notices]
+            if sum(heights) + gap * len(heights) <= room.height():
+                break
+        top = shown = 0
+        for place, high in zip(self._places, [*heights, *[0] * PLACES], strict=False):
+            is_seen = high > 0 and (not shown or top + high <= room.height())
+            place.setGeometry(0, top, room.width(), high)
+            place.setVisible(is_seen)
+            top += high + gap
+            shown += is_seen
+        return shown
+
+    @property
     def _unseen(self) -> list[int]:
-        """Return the number of the unseen notice in each line, 0 for a line without one."""
-        return [0 if notice.seen else notice.number for notice in self._notices]
+        """Return the numbers of the unseen notices, in their order."""
+        return [notice.number for notice in self._notices if not notice.seen]
 
-    def _go_down(self, line: int) -> None:
-        numbers = self._unseen()
-        self._down = numbers[line] if line < len(numbers) else 0
+    @property
+    def _first(self) -> int:
+        return next(iter(self._unseen), 0)
 
-    def _let_go(self, line: int) -> None:
-        numbers = self._unseen()
-        if line < len(numbers) and numbers[line] == self._down:
-            self._press(line)
+    def _go_down(self) -> None:
+        self._down = self._first
+
+    def _let_go(self) -> None:
+        if self._first == self._down:
+            self.press_first()
         else:
             self.changed.emit()
 
-    def _press(self, line: int) -> None:
+    def press_first(self) -> None:
+        """Mark the first alert that is not seen as seen, if it could be read long enough."""
         stood = self._aim.seen(clock.now())
-        numbers = self._unseen()
-        number = numbers[line] if line < len(numbers) else 0
-        if stood is not None and (line >= len(stood) or stood[line] != number):
+        if stood is not None and self._first != next(iter(stood), 0):
             self.changed.emit()
-        elif number:
-            self.seen.emit(number)
+        elif self._first:
+            self.seen.emit(self._first)
 
     def _press_all(self) -> None:
         stood = self._aim.seen(clock.now())
-        if stood is not None and set(self._unseen()) - set(stood) - {0}:
+        if stood is not None and set(self._unseen) - set(stood):
             self.changed.emit()
         else:
             self.all_seen.emit()
@@ -226,6 +253,7 @@ class Alarm:
         self._area = area
         self._book = AlertBook()
         self._known = False
+        self._at = 0.0
         self._sound = Sound()
         self._muted = False
         self._sounded_at = 0.0
@@ -245,15 +273,16 @@ class Alarm:
         self._book.add_own(text)
         self.sound_soon()
 
-    def show(self, known: bool) -> None:
+    def show(self, at: float, known: bool) -> None:
         """
         Show the alerts.
 
+        :param at: race control's time now.
         :param known: race control is heard; if it is not, it may have alerts of which we do not
             know.
         """
-        self._known = known
-        self._area.show_notices(self._book.shown, known=known)
+        self._at, self._known = at, known
+        self._area.show_notices(self._book.shown, at, known=known)
 
     def see(self, number: int) -> None:
         """Mark an alert as seen."""
@@ -266,7 +295,7 @@ class Alarm:
         self._show_own()
 
     def _show_own(self) -> None:
-        self._area.show_notices(self._book.shown, own=True, known=self._known)
+        self._area.show_notices(self._book.shown, self._at, own=True, known=self._known)
 
     def toggle_sound(self) -> None:
         """Turn the sound off or on."""

@@ -249,9 +249,9 @@ COLUMNS = (
     Column('Kart', 46, lambda row: Cell(str(row.number))),
     Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
     Column('Sent, for', 150, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer', 84, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
-    Column('Link', 76, lambda row: row.link, lambda row: Cell(row.link_time)),
-    Column('Place, lap', 50, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
+    Column('Answer', 104, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
+    Column('Link', 78, lambda row: row.link, lambda row: Cell(row.link_time)),
+    Column('Place, lap', 56, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
 )
 
 
