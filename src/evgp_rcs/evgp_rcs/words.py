@@ -99,7 +99,8 @@ def headline(race: Snapshot) -> Cell:
     if sent:
         if len(sent) == 1 and race.state in (RED_FLAG, RED_RED):
             return STATE_CELLS[sent.pop()]
-        return Cell(OTHERWISE[race.state], Tone.WAIT)
+        is_as_it_should_be = all(kart.place for kart in karts)
+        return Cell(OTHERWISE[race.state], Tone.PLAIN if is_as_it_should_be else Tone.WAIT)
     if race.state is GRID_ACTIVE:
         return NONE_CONNECTED
     return ALL_LOST if race.state in (GREEN_GREEN, RED_FLAG) else STATE_CELLS[race.state]

@@ -621,7 +621,7 @@ class Display(QtCore.QObject):
             age = clock.duration(now - stop.since)
             hint = Cell(texts.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
         elif self.areas.isActiveWindow():
-            hint = Cell(texts.KILL_HINT)
+            hint = Cell(texts.kill_hint(self._race.karts if self._race else ()))
         else:
             hint = Cell(texts.KEYS_OFF, Tone.BAD)
         self.chosen.changed()

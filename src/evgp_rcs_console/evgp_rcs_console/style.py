@@ -184,6 +184,7 @@ QTableView QPushButton {{ font-size: {px(SMALL - 1)}px; }}
 QPushButton[look="stop"][ground=""], QPushButton[look="stop"] QLabel[kind~="bold"] {{
   color: {colours.bad}; border-color: {colours.bad};
 }}
+QPushButton[look="flag"][ground=""] {{ border: {px(3)}px solid {FILLS[Tone.FLAG][1]}; }}
 QPushButton[barred="true"], QPushButton:disabled {{
   background: transparent; border-color: transparent; font-weight: normal;
 }}

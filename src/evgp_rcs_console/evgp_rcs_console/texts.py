@@ -159,7 +159,7 @@ TWO_REASON = 'two race controls are running: shut one down'
 STATE_CAUSE = '{since} · {cause}'
 STATE_AT = '{since}, {clock}'
 STATE_OF_RACE = 'race in {state} {since}'
-KILL_HINT = 'SPACE BAR or F12'
+KILL_HINT = 'all {karts} · SPACE BAR or F12'
 KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
 KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
 KILL_NOTE_NOT_YET = (
@@ -539,6 +539,11 @@ def step_does(does: str, karts: Sequence[int]) -> str:
     :param karts: the karts that it would start or release.
     """
     return does.format(karts=_count(karts))
+
+
+def kill_hint(karts: Sequence[object]) -> str:
+    """Return what ALL KILL is sent to, and its keys."""
+    return KILL_HINT.format(karts=_count(karts) if karts else 'karts')
 
 
 def _count(karts: Sequence[object]) -> str:

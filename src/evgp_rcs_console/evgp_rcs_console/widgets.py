@@ -338,10 +338,14 @@ class CommandButton(Push):
         self.show_words(label if button.kart else button.label, key, button.phrase)
         self.setToolTip(button.explanation)
         self.setAccessibleDescription(button.explanation)
-        looks = 'stop' if button.is_stop else ''
+        # To record the use of the MSR is no stop to reach for.
+        is_stop = button.is_stop and button.command is not CommandKind.RECORD_MSR
+        is_flag = button.command in (CommandKind.RED_FLAG, CommandKind.KART_RED_FLAG)
+        looks = ('flag' if is_flag else 'stop') if is_stop else ''
+        if button.is_next:
+            looks = 'go' if button.command is CommandKind.GREEN_GREEN else 'next'
         ground = current = ''
         if button.is_stop and button.kart:
-            is_flag = button.command is CommandKind.KART_RED_FLAG
             ground = (Tone.FLAG if is_flag else Tone.RED).value
         if button.current and isinstance(button.command, CommandKind):
             current = STATE_CELLS[STEP_STATES[button.command]].tone.value

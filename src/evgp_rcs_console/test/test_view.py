@@ -282,6 +282,18 @@ def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_con
     assert ('so it is' in screen.humans_reason) is not unknown
 
 
+def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
+    track = TrackAccess(False, False, 'the race is under way', False)
+    for place, sent in ((0, RaceState.GREEN_GREEN), (1, RaceState.RED_FLAG)):
+        kart = replace(KART, sent=sent, reported=sent, acknowledged=True, place=place)
+        race = replace(RACE, state=RaceState.GREEN_GREEN, karts=(kart,), track=track)
+        screen = show(race, 0.0, {})
+        assert Tone.WAIT not in (screen.humans.tone, screen.state.tone)
+        assert any(each.is_next for each in screen.race) is bool(place)
+    lost = show(replace(race, karts=(replace(kart, place=0),)), 0.0, {}).state
+    assert lost.tone is Tone.WAIT
+
+
 # ----- heats and places ---------------------------------------------------------------------
 
 

@@ -52,7 +52,7 @@ from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import BARS, FINISH_KEYS
-from evgp_rcs_console.widgets import Panel, Push, Text
+from evgp_rcs_console.widgets import CommandButton, Panel, Push, Text
 from evgp_rcs_console.window import ConsoleWindow, LOOK
 from example_race import EVERYTHING, KART, offers, RACE, replace
 import pytest
@@ -125,6 +125,11 @@ class Console:
         found = self.window.findChild(QtWidgets.QWidget, name)
         assert found is not None, name
         return found
+
+    @property
+    def buttons(self) -> list[Any]:
+        """Return every button of a command."""
+        return list(self.window.findChildren(CommandButton))
 
     def row(self, number: int) -> QtCore.QRect:
         """Return where a kart's row is in the window: its upper left corner, unless it is cut."""
@@ -611,7 +616,38 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
             )
             assert not stop.barred
             assert stop.isEnabled()
-            assert stop.property('look') == 'stop'
+            is_flag = kind in (CommandKind.RED_FLAG, CommandKind.KART_RED_FLAG)
+            look = '' if kind is CommandKind.RECORD_MSR else 'flag' if is_flag else 'stop'
+            assert stop.property('look') == look
+
+
+@pytest.mark.parametrize(
+    ('state', 'step', 'look'),
+    [
+        (RaceState.IN_GARAGE, 'grid_active', 'next'),
+        (RaceState.GRID_ACTIVE, 'green_green', 'go'),
+        (RaceState.RED_RED, 'in_garage', 'next'),
+        (RaceState.GREEN_GREEN, '', ''),
+    ],
+)
+def test_the_next_step_is_the_one_filled_button(
+    opened: Any, state: RaceState, step: str, look: str
+) -> None:
+    console = opened()
+    console.tell(race_of(4, state))
+    buttons = {each.objectName(): each.property('look') for each in console.buttons}
+    filled = {name: look for name, look in buttons.items() if look in ('next', 'go')}
+    assert filled == ({step: look} if step else {})
+    console.tell(race_of(4, state, alerts=(alert(1),)))
+    assert not {each.property('look') for each in console.buttons} & {'next', 'go'}
+
+
+def test_all_kill_says_to_how_many_karts(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+
+    assert 'all 8 karts' in console.find('kill_hint').whole
+    assert '2 karts in the race' in console.find('grid_active').whole
 
 
 # ----- nothing moves, and a press is for what the official saw ------------------------------
