@@ -573,7 +573,7 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     assert (tmp_path / 'alarm.wav').read_bytes()[:4] == b'RIFF'
     kart.say(RED_RED)
     # It stays, and nothing of it still says to use the MSR.
-    ended = console.wait_for('banner', text='ENDED\nRED UNACKNOWLEDGED, kart 1')
+    ended = console.wait_for('banner', text='ENDED\n1\nRED UNACKNOWLEDGED, kart 1')
     assert 'MSR' not in ended['text']
     console.press('F11', see='mute', text='OFF')
     ends = time.monotonic() + PATIENCE

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
+import html
 import math
 import pathlib
 import shutil
@@ -27,19 +28,8 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.style import look
-from evgp_rcs_console.widgets import (
-    fixed,
-    lay,
-    mark,
-    needed_height,
-    Panel,
-    Push,
-    rescale,
-    RIGHT,
-    Text,
-    TOP,
-)
+from evgp_rcs_console.style import look, NUMBER, SMALL
+from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
 """Maximum number of alerts that are shown at once; of the others, number and karts are shown."""
@@ -58,49 +48,35 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 """Frequency (Hz) and length (s) of each tone."""
 
 
-class AlertPlace(Panel):
-    """One alert: what to do, the kart, since when, and the sentence."""
+def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
+    """
+    Return alerts as HTML, filled until they are seen.
 
-    def __init__(self, number: int) -> None:
-        super().__init__(f'alert_{number}', '')
-        self._heading = Text('', 'bold', flows=True)
-        self._kart = Text('', 'number bold')
-        self._since = Text('', 'bold', RIGHT, flows=True)
-        self._text = Text('', 'small', TOP, wrap=True, flows=True)
-        head = self._heading, self._kart, self._since
-        grid = lay(self, head, gap=4, margins=(8, 3, 8, 5), columns=(0, 1, 0), heights=(0, 1))
-        grid.addWidget(self._text, 1, 0, 1, 3)
-
-    @property
-    def whole(self) -> str:
-        """Return all that it says."""
-        said = self._heading.whole, self._kart.whole, self._text.whole
-        return '\n'.join(filter(None, said)) if not self.isHidden() else ''
-
-    @property
-    def cut(self) -> bool:
-        """Return whether not all of it is shown."""
-        return any(each.cut for each in (self._heading, self._kart, self._since, self._text))
-
-    def show_notice(self, notice: Notice, at: float, brief: bool) -> None:
-        """
-        Show an alert: filled until it is seen, then framed; of one that has ended its name.
-
-        :param brief: there is no room for the sentence.
-        """
-        tone = (Tone.BAD if notice.use_msr else Tone.WAIT).value
+    :param at: race control's time now.
+    :param sentences: how many have their sentence; those without a kart always have it.
+    """
+    tables = []
+    for number, notice in enumerate(notices):
         unseen = notice.standing and not notice.seen
-        mark(self, ground=tone if unseen else '', frame=tone if notice.standing else '')
-        large = bool(notice.kart and notice.standing)
-        for part in (self._heading, self._kart, self._since):
-            fixed(part, height=34 if large else 22)
-        self._heading.show_text(notice.heading)
-        self._kart.show_text(str(notice.kart) if large else '')
-        age = at - notice.alert.since if notice.alert and notice.standing else None
-        self._since.show_text(words.clock(max(0.0, age)) if age is not None else '')
-        self._text.show_text(notice.text)
-        self._text.setVisible(not (brief and large))
-        rescale(self)
+        tone = Tone.BAD if notice.use_msr else Tone.WAIT
+        ink, fill = look.fill(tone if unseen else Tone.GARAGE)
+        head, kart, age = notice.heading, '', ''
+        if notice.alert is not None and notice.standing:
+            kart = f'&nbsp;<span style="font-size:{look.px(NUMBER)}px">{notice.kart or ""}</span>'
+            age = words.clock(max(0.0, at - notice.alert.since))
+        text = html.escape(notice.text)
+        if number >= sentences and kart and notice.kart:
+            text = ''
+        tables.append(
+            f'<table width="100%" cellpadding="{look.px(3)}" cellspacing="0" bgcolor="{fill}"'
+            f' style="color:{ink}; margin-bottom:{look.px(4)}px"><tr>'
+            f'<td style="white-space:nowrap; vertical-align:middle"><b>{head}{kart}</b></td>'
+            f'<td align="right" style="vertical-align:middle"><b>{age}</b></td></tr>'
+            + f'<tr><td colspan="2" style="font-size:{look.px(SMALL)}px">{text}</td></tr>'
+            * bool(text)
+            + '</table>'
+        )
+    return ''.join(tables)
 
 
 class AlertsArea(Panel):
@@ -134,20 +110,27 @@ class AlertsArea(Panel):
         buttons = self._see, self._see_all, self._mute
         for button in buttons:
             fixed(button, height=24)
-        self._body = QtWidgets.QWidget()
+        self._body = QtWidgets.QLabel()
+        self._body.setAlignment(TOP)
+        self._body.setWordWrap(True)
+        self._body.setSizePolicy(self.sizePolicy())
         grid = lay(
             self, buttons, gap=3, margins=(3, 3, 3, 3), columns=(1, 1, 1), heights=(0, 0, 1)
         )
         grid.addWidget(self._summary, 1, 0, 1, 3)
         grid.addWidget(self._body, 2, 0, 1, 3)
-        self._places = [AlertPlace(number) for number in range(PLACES)]
-        for place in self._places:
-            place.setParent(self._body)
+        self._shown = 0
 
     @property
     def whole(self) -> str:
         """Return all alerts that are shown."""
-        return '\n'.join(each.whole for each in self._places)
+        shown = self._notices[: self._shown]
+        return '\n'.join(f'{each.heading}\n{each.kart}\n{each.text}' for each in shown)
+
+    @property
+    def cut(self) -> bool:
+        """Return whether not all of what is shown has room."""
+        return self._body.heightForWidth(self._body.width()) > self._body.height()
 
     def show_sound(self, muted: bool) -> None:
         """Show whether the sound is off."""
@@ -190,23 +173,13 @@ class AlertsArea(Panel):
         If there is no room for all sentences, the first alert has its own, and of the others each
         that names a kart does without.
         """
-        room, gap = self._body.size(), look.px(4)
-        notices = list(zip(self._places, self._notices, strict=False))
-        for brief in (False, True):
-            for number, (place, notice) in enumerate(notices):
-                place.setVisible(True)  # what is hidden has no height
-                place.show_notice(notice, at, brief and number > 0)
-            heights = [needed_height(place, room.width()) for place, _ in notices]
-            if sum(heights) + gap * len(heights) <= room.height():
+        count = min(len(self._notices), PLACES)
+        for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
+            self._body.setText(page(self._notices[:shown], at, sentences))
+            if not self.cut:
                 break
-        top = shown = 0
-        for place, high in zip(self._places, [*heights, *[0] * PLACES], strict=False):
-            is_seen = high > 0 and (not shown or top + high <= room.height())
-            place.setGeometry(0, top, room.width(), high)
-            place.setVisible(is_seen)
-            top += high + gap
-            shown += is_seen
-        return shown
+        self._shown = min(shown, count)
+        return self._shown
 
     @property
     def _unseen(self) -> list[int]:

@@ -294,23 +294,24 @@ class Tiles(QtWidgets.QWidget):
         """Draw the tiles: the number above, the state's symbol and a mark below."""
         rows = self._model.rows
         wide = self.width() / max(1, len(rows))
-        with QtGui.QPainter(self) as painter:
-            for place, row in enumerate(rows):
-                left = round(place * wide)
-                room = QtCore.QRect(left, 1, round(wide) - 2, self.height() - 3)
-                lost = row.link.tone is Tone.BAD
-                tone = Tone.BAD if lost else row.sent.tone
-                ink, fill = look.fill(Tone.PLAIN if self._model.stale else tone)
-                is_chosen = row.number == self._model.chosen
-                frame = look.palette.chosen if is_chosen else look.palette.line
-                _box(painter, room, fill, frame, 3)
-                answers = {Tone.GOOD: texts.MARK_YES, Tone.WAIT: texts.MARK_WAIT}
-                answer = texts.MARK_LOST if lost else answers.get(row.answer.tone, '')
-                small = font(min(look.px(SMALL), round(wide) * 3 // 10), True)
-                upper = room.adjusted(0, 0, 0, -room.height() // 2)
-                lower = room.adjusted(0, room.height() // 2, 0, 0)
-                draw(painter, upper, str(row.number), small, ink, CENTER)
-                draw(painter, lower, row.sent.text[:1] + answer, small, ink, CENTER)
+        painter = QtGui.QPainter(self)
+        for place, row in enumerate(rows):
+            left = round(place * wide)
+            room = QtCore.QRect(left, 1, round(wide) - 2, self.height() - 3)
+            lost = row.link.tone is Tone.BAD
+            tone = Tone.BAD if lost else row.sent.tone
+            ink, fill = look.fill(Tone.PLAIN if self._model.stale else tone)
+            is_chosen = row.number == self._model.chosen
+            frame = look.palette.chosen if is_chosen else look.palette.line
+            _box(painter, room, fill, frame, 3)
+            answers = {Tone.GOOD: texts.MARK_YES, Tone.WAIT: texts.MARK_WAIT}
+            answer = texts.MARK_LOST if lost else answers.get(row.answer.tone, '')
+            small = font(min(look.px(SMALL), round(wide) * 3 // 10), True)
+            upper = room.adjusted(0, 0, 0, -room.height() // 2)
+            lower = room.adjusted(0, room.height() // 2, 0, 0)
+            draw(painter, upper, str(row.number), small, ink, CENTER)
+            draw(painter, lower, row.sent.text[:1] + answer, small, ink, CENTER)
+        painter.end()
 
 
 class KartTable(QtWidgets.QTableView):

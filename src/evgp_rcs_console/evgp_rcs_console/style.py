@@ -148,7 +148,6 @@ def sheet() -> str:
         ground = f'[ground="{tone.value}"]'
         rules.append(f'{ground}, {ground} QLabel {{ color: {ink}; border: 0; }}')
         rules.append(f'{ground} {{ background: {fill}; border-radius: {px(RADIUS)}px; }}')
-        rules.append(f'[frame="{tone.value}"] {{ border: {strong}px solid {fill}; }}')
         if tone is Tone.GARAGE:
             fill = colours.faint
         current = f'QPushButton[current="{tone.value}"]'

@@ -38,7 +38,7 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
     made.setBold(bold)
     if family == FAMILIES[-1]:
         made.setStretch(90)  # it is wide
-    if hasattr(QtGui.QFont, 'setFeature'):
+    if hasattr(QtGui.QFont, 'Tag'):
         made.setFeature(QtGui.QFont.Tag('tnum'), 1)
     return made
 
@@ -227,10 +227,10 @@ class Text(QtWidgets.QLabel):
         """Draw it."""
         QtWidgets.QFrame.paintEvent(self, event)
         if self.whole:
-            with QtGui.QPainter(self) as painter:
-                ink = self.palette().color(self.foregroundRole())
-                align, wrap = self.alignment(), self.wordWrap()
-                draw(painter, self.contentsRect(), self.whole, self.font(), ink, align, wrap)
+            painter, ink = QtGui.QPainter(self), self.palette().color(self.foregroundRole())
+            align, wrap = self.alignment(), self.wordWrap()
+            draw(painter, self.contentsRect(), self.whole, self.font(), ink, align, wrap)
+            painter.end()
 
 
 class Panel(QtWidgets.QFrame):

@@ -41,7 +41,7 @@ from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import STATE_CELLS
 from evgp_rcs.words import STATES as NAMES
 from evgp_rcs_console import style, texts
-from evgp_rcs_console.alerts import Sound
+from evgp_rcs_console.alerts import AlertsArea, Sound
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
@@ -334,7 +334,7 @@ STATES = {
 def misfits(window: Any) -> Iterator[str]:
     """Yield every text that is cut."""
     for widget in window.findChildren(QtWidgets.QWidget):
-        if isinstance(widget, (Text, Push)) and not widget.visibleRegion().isEmpty():
+        if isinstance(widget, (Text, Push, AlertsArea)) and not widget.visibleRegion().isEmpty():
             name = widget.objectName()
             sentence = name in SENTENCES or ' ' in widget.whole[24:]
             if widget.cut and not sentence:
@@ -580,14 +580,14 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
 def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8, alerts=(alert(1), alert(2))))
-    assert 'USE THE MSR' in console.find('alert_0').whole
+    assert 'USE THE MSR' in console.find('banner').whole
     assert texts.USE_MSR in console.says(1)
     console.tell(race_of(8))
 
-    assert '2 alerts: karts 1, 2' in console.find('alert_0').whole
-    assert not console.find('alert_1').whole
+    assert '2 alerts: karts 1, 2' in console.find('banner').whole
+    assert console.find('banner').whole.count('ENDED') == 1
     console.tell(race_of(8, RaceState.GRID_ACTIVE))
-    assert not console.find('alert_0').whole
+    assert not console.find('banner').whole
 
 
 @pytest.mark.parametrize(
@@ -880,7 +880,7 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
     console.settle()
 
     assert not shown
-    assert 'kart 1' in console.find('alert_0').whole
+    assert 'kart 1' in console.find('banner').whole
 
 
 def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
@@ -1114,7 +1114,7 @@ def test_what_an_alert_says_to_do_is_not_cut(opened: Any) -> None:
         )
         console.tell(race)
         console.settle(0.05)
-        assert not console.find('alert_0').cut
+        assert not console.find('banner').cut
 
 
 def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
