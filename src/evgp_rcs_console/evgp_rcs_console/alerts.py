@@ -120,6 +120,7 @@ class AlertsArea(Panel):
         grid.addWidget(self._summary, 1, 0, 1, 3)
         grid.addWidget(self._body, 2, 0, 1, 3)
         self._shown = 0
+        self._looks: object = None
 
     @property
     def whole(self) -> str:
@@ -150,15 +151,19 @@ class AlertsArea(Panel):
         self._notices = list(notices)
         if before != self._unseen and before and not own:
             self._aim.change(before, clock.now())
-        shown = self._place(at)
+        looks = self._notices, int(at), self._body.size(), look.palette
+        if looks != self._looks:
+            self._looks, self._shown = looks, self._place(at)
         tone = Tone.GOOD
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
-        told = summary(notices, shown)
+        told = summary(notices, self._shown)
         if not notices and not known:
             told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
-        others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
+        others = sorted(
+            {each.kart for each in notices[self._shown :] if each.use_msr and each.kart}
+        )
         if others:
             told = texts.ALSO_MSR.format(karts=', '.join(map(str, others)))
         self._summary.show_cell(Cell(told, tone))
@@ -178,8 +183,7 @@ class AlertsArea(Panel):
             self._body.setText(page(self._notices[:shown], at, sentences))
             if not self.cut:
                 break
-        self._shown = min(shown, count)
-        return self._shown
+        return shown
 
     @property
     def _unseen(self) -> list[int]:

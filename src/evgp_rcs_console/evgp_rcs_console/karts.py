@@ -40,6 +40,9 @@ HEADING, TILES = 22, 36
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
 """Minimum and maximum height of a row while all fit, and its height if they do not."""
 
+SINCE = 2
+"""The column in which a time goes on; no tile shows it."""
+
 _ROLE = QtCore.Qt.ItemDataRole
 
 
@@ -56,8 +59,8 @@ class KartModel(QtCore.QAbstractTableModel):
         self.chosen = 0
         self.stale = False
 
-    def show(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
-        """Take the karts; those that have not changed are not drawn again."""
+    def show(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> bool:
+        """Take the karts; cells that have not changed are not drawn again. Return if any has."""
         none, before = QtCore.QModelIndex(), self.rows
         all_changed = (chosen, stale) != (self.chosen, self.stale)
         self.chosen, self.stale = chosen, stale
@@ -70,9 +73,16 @@ class KartModel(QtCore.QAbstractTableModel):
             self.rows = rows
             self.endRemoveRows()
         self.rows = rows
+        changed = 0
         for place, (old, new) in enumerate(zip(before, rows, strict=False)):
-            if all_changed or old != new:
-                self.dataChanged.emit(self.index(place, 0), self.index(place, len(COLUMNS)))
+            is_other = all_changed or _looks(old) != _looks(new)
+            for number, column in enumerate(COLUMNS):
+                shown = [(column.cell(row), column.below(row)) for row in (old, new)]
+                if is_other or shown[0] != shown[1]:
+                    cell = self.index(place, number)
+                    self.dataChanged.emit(cell, cell)
+                    changed += number != SINCE
+        return bool(changed) or len(before) != len(rows)
 
     def rowCount(self, parent: QtCore.QModelIndex | None = None) -> int:  # noqa: N802 - Qt's name
         """Return the number of karts."""
@@ -100,6 +110,11 @@ class KartModel(QtCore.QAbstractTableModel):
             return None
         headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING]
         return headings[section] if section < len(headings) else ''
+
+
+def _looks(row: Row) -> tuple[object, ...]:
+    """Return what more than one cell of a row goes by."""
+    return row.in_race, row.use_msr, row.waits, row.bars
 
 
 class Words(NamedTuple):
@@ -414,7 +429,8 @@ class KartList(Panel):
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         """Show the karts."""
         count = len(self._model.rows)
-        self._model.show(rows, chosen, stale)
+        if self._model.show(rows, chosen, stale):
+            self._tiles.update()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
             self._buttons.append(buttons)
@@ -424,7 +440,6 @@ class KartList(Panel):
         for widgets, row in zip(self._buttons, rows, strict=True):
             for widget, command in zip(widgets, row.buttons, strict=True):
                 widget.show_button(command)
-        self._tiles.update()
         if count != len(rows):
             self.fit()
 

@@ -64,6 +64,11 @@ def draw(
 ) -> None:
     """Draw a text as Qt draws an item of a list: where it does not fit, it ends with dots."""
     metrics = QtGui.QFontMetrics(of)
+    if '\n' not in text and metrics.horizontalAdvance(text) <= room.width():
+        painter.setFont(of)
+        painter.setPen(QtGui.QColor(colour))
+        painter.drawText(room, align.value, text)
+        return
     if wrap and room.height() > metrics.height():  # whole lines only
         over = room.height() % metrics.lineSpacing()
         room = room.adjusted(0, 0 if align & _FLAGS.AlignTop else over // 2, 0, 0)
