@@ -97,13 +97,11 @@ class AlertsArea(Panel):
         super().__init__('banner')
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
-        self._down = 0
         self._summary = Text('standing', 'small bold', wrap=True)
         self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
         self._see_all = Push('seen_all', texts.SEEN_ALL, kind='quiet small')
         self._mute = Push('mute', kind='quiet small')
-        self._see.pressed.connect(self._go_down)
-        self._see.clicked.connect(self._let_go)
+        self._see.pressed.connect(self.press_first)
         self._see_all.clicked.connect(self._press_all)
         self._mute.clicked.connect(self.mute)
         fixed(self._summary, height=30)
@@ -131,7 +129,7 @@ class AlertsArea(Panel):
     @property
     def cut(self) -> bool:
         """Return whether not all of what is shown has room."""
-        return self._body.heightForWidth(self._body.width()) > self._body.height()
+        return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
         """Show whether the sound is off."""
@@ -190,26 +188,13 @@ class AlertsArea(Panel):
         """Return the numbers of the unseen notices, in their order."""
         return [notice.number for notice in self._notices if not notice.seen]
 
-    @property
-    def _first(self) -> int:
-        return next(iter(self._unseen), 0)
-
-    def _go_down(self) -> None:
-        self._down = self._first
-
-    def _let_go(self) -> None:
-        if self._first == self._down:
-            self.press_first()
-        else:
-            self.changed.emit()
-
     def press_first(self) -> None:
         """Mark the first alert that is not seen as seen, if it could be read long enough."""
         stood = self._aim.seen(clock.now())
-        if stood is not None and self._first != next(iter(stood), 0):
+        if stood is not None and self._unseen[:1] != stood[:1]:
             self.changed.emit()
-        elif self._first:
-            self.seen.emit(self._first)
+        elif self._unseen:
+            self.seen.emit(self._unseen[0])
 
     def _press_all(self) -> None:
         stood = self._aim.seen(clock.now())

@@ -73,12 +73,15 @@ class KartModel(QtCore.QAbstractTableModel):
             self.rows = rows
             self.endRemoveRows()
         self.rows = rows
-        changed = 0
+        changed = int(all_changed)
         for place, (old, new) in enumerate(zip(before, rows, strict=False)):
             is_other = all_changed or _looks(old) != _looks(new)
+            if is_other:
+                end = self.index(place, self.columnCount() - 1)
+                self.dataChanged.emit(self.index(place, 0), end)
             for number, column in enumerate(COLUMNS):
                 shown = [(column.cell(row), column.below(row)) for row in (old, new)]
-                if is_other or shown[0] != shown[1]:
+                if shown[0] != shown[1]:
                     cell = self.index(place, number)
                     self.dataChanged.emit(cell, cell)
                     changed += number != SINCE

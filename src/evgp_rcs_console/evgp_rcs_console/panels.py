@@ -44,7 +44,7 @@ class StatePanel(Panel):
         self._title = Text('state', 'huge bold')
         self._since = Text('state_since', wrap=True)
         parts = [self._title], [self._since]
-        fixed(self._title, height=46)
+        fixed(self._title, height=42)
         lay(self, *parts, margins=(10, 2, 2, 4), heights=(0, 1))
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
@@ -151,7 +151,7 @@ class Strip(Panel):
         fixed(self.heat, 128)
         self.heat.hide()
         parts = self._tally, self._reminder, self._rest, self._officials, self.heat
-        lay(self, parts, gap=10, margins=(10, 1, 1, 1), columns=(0, 0, 1, 0, 0))
+        lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 1, 0, 0))
 
     @property
     def whole(self) -> str:

@@ -29,9 +29,6 @@ NUMBER = 28
 HUGE = 35
 """Sizes of type; the last one is for the state of the race, ALL KILL and what is as urgent."""
 
-LEAST = 10
-"""Minimum size of type; a text that does not fit in it ends with dots."""
-
 
 @dataclass(frozen=True)
 class Palette:

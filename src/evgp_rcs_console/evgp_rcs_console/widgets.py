@@ -24,6 +24,7 @@ RIGHT = _FLAGS.AlignRight | _FLAGS.AlignVCenter
 CENTER = _FLAGS.AlignHCenter | _FLAGS.AlignVCenter
 TOP = _FLAGS.AlignLeft | _FLAGS.AlignTop
 BOTTOM = _FLAGS.AlignLeft | _FLAGS.AlignBottom
+_WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
 _Policy = QtWidgets.QSizePolicy.Policy
 
@@ -46,8 +47,7 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
 def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
     """Return whether all of a text is seen in a room."""
     metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
-    flags = QtCore.Qt.TextFlag.TextWordWrap.value if wrap else 0
-    needed = metrics.boundingRect(endless, flags, text)
+    needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
     # Of the last line the room below its letters may be cut.
     high = needed.height() - metrics.height() + metrics.ascent()
     return needed.width() <= room.width() and high <= room.height() + 1
@@ -64,10 +64,10 @@ def draw(
 ) -> None:
     """Draw a text as Qt draws an item of a list: where it does not fit, it ends with dots."""
     metrics = QtGui.QFontMetrics(of)
-    if '\n' not in text and metrics.horizontalAdvance(text) <= room.width():
+    if fits(text, room, of, wrap):
         painter.setFont(of)
         painter.setPen(QtGui.QColor(colour))
-        painter.drawText(room, align.value, text)
+        painter.drawText(room, align.value | (_WRAP if wrap else 0), text)
         return
     if wrap and room.height() > metrics.height():  # whole lines only
         over = room.height() % metrics.lineSpacing()
@@ -282,13 +282,6 @@ class Push(QtWidgets.QPushButton):
         return (
             '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
         )
-
-    @property
-    def cut(self) -> bool:
-        """Return whether not all of it is shown."""
-        if self._labels:
-            return any(each.cut for each in self._labels)
-        return self.fontMetrics().horizontalAdvance(self.whole) > self.width() - look.px(6)
 
     @property
     def barred(self) -> bool:

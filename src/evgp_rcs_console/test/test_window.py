@@ -336,8 +336,12 @@ def misfits(window: Any) -> Iterator[str]:
     for widget in window.findChildren(QtWidgets.QWidget):
         if isinstance(widget, (Text, Push, AlertsArea)) and not widget.visibleRegion().isEmpty():
             name = widget.objectName()
+            cut = getattr(widget, 'cut', False)
+            if isinstance(widget, Push):
+                wide = widget.fontMetrics().horizontalAdvance(widget.text())
+                cut = wide > widget.width() - style.look.px(6)
             sentence = name in SENTENCES or ' ' in widget.whole[24:]
-            if widget.cut and not sentence:
+            if cut and not sentence:
                 yield f'{name}: {widget.whole!r} is cut'
     karts = window.karts
     for place, number in enumerate(karts.numbers):
@@ -1069,6 +1073,25 @@ def test_a_kart_that_was_typed_for_a_question_is_still_chosen_after_no(opened: A
     console.press('2', 'Ctrl+G', 'N', 'Ctrl+R')
 
     assert console.commands == [(CommandKind.KART_RED_RED, 2)]
+
+
+@pytest.mark.parametrize('size', SIZES, ids=str)
+def test_all_of_a_sheet_is_read(opened: Any, size: tuple[int, int]) -> None:
+    console = opened(*size)
+    console.tell(race_of(8, RaceState.IN_GARAGE))
+    for sheet, opens in (
+        ('question', 'F2'),
+        ('question', 'F9'),
+        ('heats', 'Ctrl+H'),
+        ('help', 'F1'),
+        ('your_name', ''),
+    ):
+        console.press(opens) if opens else console.click('official')
+        console.settle(0.05)
+        shown = [each for each in console.find(sheet).findChildren(Text) if each.isVisible()]
+        assert shown
+        assert not [each.whole for each in shown if each.cut]
+        console.press('N' if sheet == 'question' else 'Esc')
 
 
 def test_without_heats_the_key_of_heats_says_that_there_are_none(opened: Any) -> None:
