@@ -258,12 +258,11 @@ def probe(window: Any, address: str) -> None:
             return None
         model, place = table.model(), window.karts.numbers.index(number)
         cells = [model.index(place, column) for column in range(model.columnCount())]
-        rect, row = table.visualRect(cells[0]), cells[0].data(QtCore.Qt.ItemDataRole.UserRole)
+        rect, row = table.visualRect(cells[0]), table.rows[place]
         corner = table.viewport().mapToGlobal(rect.topLeft())
         return describe(table) | {
             'text': '\n'.join(filter(None, (each.data() for each in cells))),
             'linked': 'true' if row.connected else 'false',
-            'chosen': 'true' if model.chosen == number else 'false',
             'x': corner.x(),
             'y': corner.y(),
             'width': table.columnViewportPosition(6),

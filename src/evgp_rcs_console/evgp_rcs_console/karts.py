@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
@@ -40,85 +40,6 @@ HEADING, TILES = 22, 36
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
 """Minimum and maximum height of a row while all fit, and its height if they do not."""
 
-SINCE = 2
-"""The column in which a time goes on; no tile shows it."""
-
-_ROLE = QtCore.Qt.ItemDataRole
-
-
-class KartModel(QtCore.QAbstractTableModel):
-    """
-    The karts as a table.
-
-    :ivar chosen: the kart that commands by key act on; ``stale``: it is out of date.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.rows: tuple[Row, ...] = ()
-        self.chosen = 0
-        self.stale = False
-
-    def show(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> bool:
-        """Take the karts; cells that have not changed are not drawn again. Return if any has."""
-        none, before = QtCore.QModelIndex(), self.rows
-        all_changed = (chosen, stale) != (self.chosen, self.stale)
-        self.chosen, self.stale = chosen, stale
-        if len(rows) > len(before):
-            self.beginInsertRows(none, len(before), len(rows) - 1)
-            self.rows = rows
-            self.endInsertRows()
-        elif len(rows) < len(before):
-            self.beginRemoveRows(none, len(rows), len(before) - 1)
-            self.rows = rows
-            self.endRemoveRows()
-        self.rows = rows
-        changed = int(all_changed)
-        for place, (old, new) in enumerate(zip(before, rows, strict=False)):
-            is_other = all_changed or _looks(old) != _looks(new)
-            if is_other:
-                end = self.index(place, self.columnCount() - 1)
-                self.dataChanged.emit(self.index(place, 0), end)
-            for number, column in enumerate(COLUMNS):
-                shown = [(column.cell(row), column.below(row)) for row in (old, new)]
-                if shown[0] != shown[1]:
-                    cell = self.index(place, number)
-                    self.dataChanged.emit(cell, cell)
-                    changed += number != SINCE
-        return bool(changed) or len(before) != len(rows)
-
-    def rowCount(self, parent: QtCore.QModelIndex | None = None) -> int:  # noqa: N802 - Qt's name
-        """Return the number of karts."""
-        return len(self.rows)
-
-    def columnCount(self, parent: QtCore.QModelIndex | None = None) -> int:  # noqa: N802 - Qt's name
-        """Return the number of columns, those of the commands among them."""
-        return len(COLUMNS) + len(KART_COMMANDS)
-
-    def data(self, index: QtCore.QModelIndex, role: int = _ROLE.DisplayRole) -> Any:
-        """Return what a cell says."""
-        row, column = self.rows[index.row()], index.column()
-        if role == _ROLE.DisplayRole and column < len(COLUMNS):
-            said = COLUMNS[column].cell(row).text, COLUMNS[column].below(row).text
-            return '\n'.join(filter(None, said))
-        return row if role == _ROLE.UserRole else None
-
-    def headerData(  # noqa: N802 - Qt's name
-        self, section: int, orientation: QtCore.Qt.Orientation, role: int = _ROLE.DisplayRole
-    ) -> Any:
-        """Return what stands above a column."""
-        if role == _ROLE.TextAlignmentRole:
-            return LEFT if section else CENTER
-        if role != _ROLE.DisplayRole or orientation != QtCore.Qt.Orientation.Horizontal:
-            return None
-        headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING]
-        return headings[section] if section < len(headings) else ''
-
-
-def _looks(row: Row) -> tuple[object, ...]:
-    """Return what more than one cell of a row goes by."""
-    return row.in_race, row.use_msr, row.waits, row.bars
-
 
 class Words(NamedTuple):
     """A text in a cell."""
@@ -134,9 +55,9 @@ class Words(NamedTuple):
 class KartDelegate(QtWidgets.QStyledItemDelegate):
     """Draws a cell: its pictures by hand, its texts as Qt does."""
 
-    def __init__(self, model: KartModel) -> None:
+    def __init__(self, table: KartTable) -> None:
         super().__init__()
-        self._model = model
+        self._table = table
 
     def paint(
         self,
@@ -145,8 +66,8 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         index: QtCore.QModelIndex,
     ) -> None:
         """Draw a cell."""
-        row, room, colours = self._model.rows[index.row()], option.rect, look.palette
-        is_chosen = row.number == self._model.chosen
+        row, room, colours = self._table.rows[index.row()], option.rect, look.palette
+        is_chosen = row.number == self._table.chosen
         painter.save()
         painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
         if is_chosen:
@@ -170,7 +91,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     ) -> Iterator[Words]:
         """Yield what stands in a cell; with a painter, draw the pictures below it."""
         room = cell.adjusted(look.px(BESIDE if not column else 0), 0, -look.px(BESIDE), -1)
-        strong = row.in_race and not self._model.stale
+        strong = row.in_race and not self._table.stale
         ink = look.palette.ink if strong else look.palette.faint
         high = cell.height()
         upper, lower = _halves(room)
@@ -188,7 +109,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             yield from self._sent(row, room, small, painter)
         elif column == 3:
             below = Words(lower if row.answer.text else room, row.says, small, look.palette.faint)
-            tone = Tone.FAINT if self._model.stale else row.answer.tone
+            tone = Tone.FAINT if self._table.stale else row.answer.tone
             type_ = font(min(look.px(TEXT), high * 13 // 28), tone is not Tone.FAINT)
             text = row.answer.text
             yield Words(upper if row.says else room, text, type_, look.text(tone))
@@ -202,7 +123,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     def _team(
         self, row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
     ) -> Iterator[Words]:
-        tone = Tone.FAINT if self._model.stale else row.note.tone
+        tone = Tone.FAINT if self._table.stale else row.note.tone
         bad, high = tone is Tone.BAD, room.height()
         small = font(min(look.px(SMALL), high * 10 // 27), bad)
         metrics = QtGui.QFontMetrics(small)
@@ -221,7 +142,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
     ) -> Iterator[Words]:
         chip = _centred(room, 30)
-        known = not self._model.stale and row.sent.tone is not Tone.FAINT
+        known = not self._table.stale and row.sent.tone is not Tone.FAINT
         faint = look.palette.faint, look.palette.raised
         ink, fill = look.fill(row.sent.tone) if known else faint
         _box(painter, chip, fill)
@@ -239,7 +160,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
     ) -> Iterator[Words]:
         """Yield how good its link is: bars, a word and a time; a poor one on a ground."""
-        tone = Tone.FAINT if self._model.stale else row.link.tone
+        tone = Tone.FAINT if self._table.stale else row.link.tone
         ink = look.text(tone)
         if tone is Tone.WAIT:
             ink, fill = look.fill(Tone.WAIT)
@@ -296,21 +217,21 @@ class Tiles(QtWidgets.QWidget):
 
     chosen = Signal(int)
 
-    def __init__(self, model: KartModel) -> None:
+    def __init__(self, table: KartTable) -> None:
         super().__init__()
         self.setObjectName('overview')
-        self._model = model
+        self._table = table
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         """Choose the kart that was clicked."""
-        rows = self._model.rows
+        rows = self._table.rows
         if rows:
             place = int(event.position().x() / (self.width() / len(rows)))
             self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw the tiles: the number above, the state's symbol and a mark below."""
-        rows = self._model.rows
+        rows = self._table.rows
         wide = self.width() / max(1, len(rows))
         painter = QtGui.QPainter(self)
         for place, row in enumerate(rows):
@@ -318,8 +239,8 @@ class Tiles(QtWidgets.QWidget):
             room = QtCore.QRect(left, 1, round(wide) - 2, self.height() - 3)
             lost = row.link.tone is Tone.BAD
             tone = Tone.BAD if lost else row.sent.tone
-            ink, fill = look.fill(Tone.PLAIN if self._model.stale else tone)
-            is_chosen = row.number == self._model.chosen
+            ink, fill = look.fill(Tone.PLAIN if self._table.stale else tone)
+            is_chosen = row.number == self._table.chosen
             frame = look.palette.chosen if is_chosen else look.palette.line
             _box(painter, room, fill, frame, 3)
             answers = {Tone.GOOD: texts.MARK_YES, Tone.WAIT: texts.MARK_WAIT}
@@ -332,45 +253,68 @@ class Tiles(QtWidgets.QWidget):
         painter.end()
 
 
-class KartTable(QtWidgets.QTableView):
+class KartTable(QtWidgets.QTableWidget):
     """
     The rows of the karts.
 
     :param scrolling: is entered around every scrolling that the official's hand does not do.
+    :ivar chosen: the kart that commands by key act on; ``stale``: the rows are out of date.
     """
 
-    def __init__(self, model: KartModel, scrolling: Scrolling) -> None:
-        super().__init__()
+    def __init__(self, scrolling: Scrolling) -> None:
+        super().__init__(0, len(COLUMNS) + len(KART_COMMANDS))
+        self.rows: tuple[Row, ...] = ()
+        self.chosen = 0
+        self.stale = False
+        self._shown: dict[tuple[int, int], object] = {}
         self._scrolling = scrolling
         self.setObjectName('karts')
-        self.setModel(model)
         self.setShowGrid(False)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
         self.setSelectionMode(self.SelectionMode.NoSelection)
+        self.setEditTriggers(self.EditTrigger.NoEditTriggers)
         self.setAutoScroll(False)  # nothing moves because of a click
         self.setTabKeyNavigation(False)
         self.setMouseTracking(True)
         self.setVerticalScrollMode(self.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        fixed_size = QtWidgets.QHeaderView.ResizeMode.Fixed
+        headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING, *[''] * 9]
+        self.setHorizontalHeaderLabels(headings[: self.columnCount()])
         for header in (self.horizontalHeader(), self.verticalHeader()):
-            header.setSectionResizeMode(fixed_size)
+            header.setSectionResizeMode(QtWidgets.QHeaderView.ResizeMode.Fixed)
             header.setMinimumSectionSize(1)
             header.setHighlightSections(False)
+        self.horizontalHeader().setDefaultAlignment(LEFT)
         self.verticalHeader().hide()
+
+    def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
+        """Take the karts; cells that have not changed are not drawn again."""
+        if (chosen, stale) != (self.chosen, self.stale):
+            self.viewport().update()
+        self.rows, self.chosen, self.stale = rows, chosen, stale
+        self.setRowCount(len(rows))
+        self._shown = {cell: shown for cell, shown in self._shown.items() if cell[0] < len(rows)}
+        for place, row in enumerate(rows):
+            looks = row.in_race, row.use_msr, row.waits, row.bars
+            for number, column in enumerate(COLUMNS):
+                cells = column.cell(row), column.below(row)
+                if self._shown.get((place, number)) != (cells, looks):
+                    self._shown[place, number] = cells, looks
+                    text = '\n'.join(each.text for each in cells if each.text)
+                    self.setItem(place, number, QtWidgets.QTableWidgetItem(text))
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
         """Move the focus, and scroll to where it is."""
         moved = bool(super().focusNextPrevChild(following))
         focused = QtWidgets.QApplication.focusWidget()
         if focused is not None and focused.parentWidget() is self.viewport():
-            self.bring_into_view(self.indexAt(focused.geometry().center()))
+            self.bring_into_view(self.indexAt(focused.geometry().center()).row())
         return moved
 
-    def bring_into_view(self, index: QtCore.QModelIndex) -> None:
+    def bring_into_view(self, place: int) -> None:
         """Scroll to a row."""
         with self._scrolling(self.verticalScrollBar()):
-            self.scrollTo(index)
+            self.scrollTo(self.model().index(place, 0))
 
 
 class KartList(Panel):
@@ -391,14 +335,13 @@ class KartList(Panel):
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
         self._pressed = pressed
-        self._model = KartModel()
-        self._delegate = KartDelegate(self._model)
+        self.table = KartTable(scrolling)
+        self._delegate = KartDelegate(self.table)
         self._buttons: list[list[CommandButton]] = []
-        self._tiles = Tiles(self._model)
+        self._tiles = Tiles(self.table)
         self._tiles.chosen.connect(self.wanted)
         self._tiles.hide()
         fixed(self._tiles, height=TILES)
-        self.table = KartTable(self._model, scrolling)
         self.table.setItemDelegate(self._delegate)
         self.table.pressed.connect(lambda index: self.chosen.emit(self.numbers[index.row()]))
         self.table.entered.connect(lambda index: self.pointed.emit(self.cut(index.row())))
@@ -408,7 +351,7 @@ class KartList(Panel):
     @property
     def numbers(self) -> list[int]:
         """Return the numbers of the karts, in their order."""
-        return [row.number for row in self._model.rows]
+        return [row.number for row in self.table.rows]
 
     @property
     def room_of_sheets(self) -> QtCore.QRect:
@@ -419,26 +362,27 @@ class KartList(Panel):
 
     def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
         """Return all that some columns of a row say; empty if all of it is shown."""
-        said = [self._model.index(place, column) for column in columns]
+        said = [self.table.model().index(place, column) for column in columns]
         shows_all = all(
             fits(each.text, each.room, each.of, each.wrap)
             for index in said
             for each in self._delegate.words(
-                self._model.rows[place], index.column(), self.table.visualRect(index)
+                self.table.rows[place], index.column(), self.table.visualRect(index)
             )
         )
         return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         """Show the karts."""
-        count = len(self._model.rows)
-        if self._model.show(rows, chosen, stale):
+        count = len(self.table.rows)
+        self.table.show_rows(rows, chosen, stale)
+        if not self._tiles.isHidden():
             self._tiles.update()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
             self._buttons.append(buttons)
             for column, button in enumerate(buttons, len(COLUMNS)):
-                self.table.setIndexWidget(self._model.index(place, column), button)
+                self.table.setCellWidget(place, column, button)
         del self._buttons[len(rows) :]
         for widgets, row in zip(self._buttons, rows, strict=True):
             for widget, command in zip(widgets, row.buttons, strict=True):
@@ -449,7 +393,7 @@ class KartList(Panel):
     def bring_into_view(self, number: int) -> None:
         """Scroll to a kart."""
         if number in self.numbers:
-            self.table.bring_into_view(self._model.index(self.numbers.index(number), 0))
+            self.table.bring_into_view(self.numbers.index(number))
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Have the rows use the room."""
@@ -458,7 +402,7 @@ class KartList(Panel):
 
     def fit(self) -> None:
         """Take the size of the window: rows as high as there is room for, or tiles and a bar."""
-        count, table = len(self._model.rows), self.table
+        count, table = len(self.table.rows), self.table
         room = self.contentsRect().height() - look.px(HEADING) - 4
         all_fit = count * look.px(LOWEST) <= room
         self._tiles.setVisible(not all_fit)

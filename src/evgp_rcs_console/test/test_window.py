@@ -452,6 +452,17 @@ def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) 
             assert console.row(1000 + count if count > 20 else count).isEmpty() is tiles
 
 
+def test_a_row_that_comes_back_says_what_it_said(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+    said = console.says(8)
+    console.tell(race_of(7))
+    console.tell(race_of(8))
+
+    assert console.says(8) == said
+    assert console.find('kart_red_red_8').isVisible()
+
+
 def test_a_link_is_told_by_the_number_of_its_bars(opened: Any) -> None:
     console, race = opened(1920, 1080), race_of(4)
     rows = race.karts
