@@ -144,8 +144,8 @@ class Strip(Panel):
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
-        self._tally, self._rest = Text('', 'bold', flows=True), Text('rest')
-        self._reminder = Text('', 'bold', fills=True, flows=True)
+        self._tally, self._rest = Text('tally', 'bold', flows=True), Text('rest')
+        self._reminder = Text('reminder', 'bold', fills=True, flows=True)
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
         self.heat = CommandButton(pressed, kind='quiet')
         fixed(self.heat, 128)
@@ -170,6 +170,7 @@ class Strip(Panel):
         self._tally.show_cell(Cell(screen.tally or texts.NOBODY_RACES), stale)
         self._reminder.show_cell(Cell(screen.reminder, Tone.WAIT))
         self._reminder.setVisible(bool(screen.reminder))
+        self._reminder.setMinimumWidth(self._reminder.sizeHint().width())  # it is never cut
         # There are heats or there are none, as long as the roster is the same.
         self.heat.setVisible(screen.heat_button is not None)
         if screen.heat_button is not None:

@@ -71,13 +71,8 @@ LINKS = [
     NOT_MEASURED._replace(grade=grade, worst_answer=0.9994, round_trip=0.1996) for grade in Grade
 ]
 SENTENCES = (
-    'status',
-    'rest',
-    'officials',
-    'humans_reason',
-    'danger_detail',
-    'state_since',
-    'number_detail',
+    *('status', 'tally', 'rest', 'officials', 'humans_reason'),
+    *('danger_detail', 'state_since', 'number_detail'),
 )
 """Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
 
@@ -452,6 +447,16 @@ def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) 
             assert console.row(1000 + count if count > 20 else count).isEmpty() is tiles
 
 
+@pytest.mark.parametrize('size', SIZES, ids=str)
+def test_the_reminder_of_the_rules_is_never_cut(opened: Any, size: tuple[int, int]) -> None:
+    console = opened(*size)
+    race = race_of(30)
+    console.tell(replace(race, stamp=race.state_since + 35.0))
+
+    assert 'every kart must have begun' in console.find('reminder').whole
+    assert not console.find('reminder').cut
+
+
 def test_a_row_that_comes_back_says_what_it_said(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8))
@@ -683,15 +688,8 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
 
 
 MOVES = (
-    'number',
-    'standing',
-    'question_',
-    'top_line',
-    'danger',
-    'help_',
-    'battery',
-    'alert_',
-    'rest',
+    *('number', 'standing', 'tally', 'reminder', 'rest', 'officials', 'battery'),
+    *('question_', 'help_', 'top_line', 'danger'),
 )
 """What is no control, and shares a place with something else."""
 
@@ -720,7 +718,7 @@ def test_no_control_moves_whatever_is_shown(
         assert not {name for name in moved if not name.startswith(MOVES)}, during
         missing = set(first) - set(now) - {'open_track', 'state', 'humans'}
         # On a slow computer race control may have counted as gone at the first look.
-        shown_at_times = ('state', 'humans', 'track', 'seen_', 'number', 'danger')
+        shown_at_times = ('state', 'humans', 'track', 'seen_', 'reminder', 'number', 'danger')
         assert not {name for name in missing if not name.startswith(shown_at_times)}, during
 
     for number, race in enumerate(shown):
