@@ -232,9 +232,10 @@ def probe(window: Any, address: str) -> None:
     def describe(widget: Any) -> dict[str, Any]:
         corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
         text = getattr(widget, 'whole', None)
-        for name in ('text', 'toPlainText'):
-            if text is None and hasattr(widget, name):
-                text = getattr(widget, name)()
+        if isinstance(widget, QtWidgets.QListWidget):
+            text = '\n'.join(widget.item(place).text() for place in range(widget.count()))
+        elif text is None and hasattr(widget, 'text'):
+            text = widget.text()
         return {
             'visible': widget.isVisible(),
             'text': text or '',
@@ -247,13 +248,30 @@ def probe(window: Any, address: str) -> None:
             'y': corner.y(),
             'width': widget.width(),
             'height': widget.height(),
-            **{
-                name: widget.property(name)
-                for name in ('barred', 'tone', 'pressing', 'chosen', 'linked')
-            },
+            **{name: widget.property(name) for name in ('barred', 'tone', 'pressing')},
+        }
+
+    def describe_row(number: int) -> dict[str, Any] | None:
+        """Return a kart's row as if it were a widget: it is a row of a table."""
+        table = window.karts.table
+        if number not in window.karts.numbers:
+            return None
+        model, place = table.model(), window.karts.numbers.index(number)
+        cells = [model.index(place, column) for column in range(model.columnCount())]
+        rect, row = table.visualRect(cells[0]), table.rows[place]
+        corner = table.viewport().mapToGlobal(rect.topLeft())
+        return describe(table) | {
+            'text': '\n'.join(filter(None, (each.data() for each in cells))),
+            'linked': 'true' if row.connected else 'false',
+            'x': corner.x(),
+            'y': corner.y(),
+            'width': table.columnViewportPosition(6),
+            'height': rect.height(),
         }
 
     def find(name: str) -> dict[str, Any] | None:
+        if name.startswith('kart_') and name[5:].isdecimal():
+            return describe_row(int(name[5:]))
         widget = window.findChild(QtWidgets.QWidget, name)
         return describe(widget) if widget is not None else None
 
@@ -292,7 +310,8 @@ def probe(window: Any, address: str) -> None:
     def take(question: dict[str, Any]) -> None:
         if question['do'] == 'widgets':
             named = [each for each in window.findChildren(QtWidgets.QWidget) if each.isVisible()]
-            answer({each.objectName(): describe(each) for each in named if each.objectName()})
+            found = {each.objectName(): describe(each) for each in named if each.objectName()}
+            answer(found | {f'kart_{each}': describe_row(each) for each in window.karts.numbers})
         elif question['do'] == 'wait':
             until = time.monotonic() + question['seconds']
             wait(question['name'], question['wanted'], until)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import array
 from collections.abc import Sequence
+import html
 import math
 import pathlib
 import shutil
@@ -20,20 +21,21 @@ import wave
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs import words
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.style import look, SMALL, TEXT
-from evgp_rcs_console.widgets import Card, Painted, Pen, Push, Text, TOP
+from evgp_rcs_console.style import look, NUMBER, SMALL
+from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
-PLACES = 3
-"""Number of alerts that are shown at once; of the others, the number and the karts are shown."""
+PLACES = 5
+"""Maximum number of alerts that are shown at once; of the others, number and karts are shown."""
 
-HEAD, EACH = 30, 62
-"""Heights of the heading and of each alert."""
+MANY = 4
+"""Maximum number of karts beyond those that are named in the largest type."""
 
 SOUND_AGAIN = 4.0
 """Time between two sounds while an alert is not seen, in seconds."""
@@ -46,67 +48,43 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 """Frequency (Hz) and length (s) of each tone."""
 
 
-class AlertPlace(Painted):
-    """One alert: what to do, the kart, the sentence, and SEEN."""
+def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
+    """
+    Return alerts as HTML, filled until they are seen.
 
-    def __init__(self, number: int) -> None:
-        super().__init__(f'alert_{number}')
-        self._notice: Notice | None = None
-        self.seen = self.put(Push(f'seen_{number}'), -82, 4, -4, 26)
-        self.seen.hide()
-
-    @property
-    def whole(self) -> str:
-        """Return all that it says."""
-        notice = self._notice
-        return '\n'.join((notice.heading, self._kart, notice.text)) if notice else ''
-
-    @property
-    def _kart(self) -> str:
-        kart = self._notice.kart if self._notice else 0
-        return texts.FIELD_KART.format(number=kart) if kart else ''
-
-    def show_notice(self, notice: Notice | None, key: str) -> None:
-        """Show an alert, or none, and the key that presses its SEEN."""
-        self._notice = notice
-        self.seen.setVisible(notice is not None and not notice.seen)
-        self.seen.show_words(texts.SEEN, key)
-        self.show_it(notice)
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it: filled until it is seen, then framed; of one that has ended the text only."""
-        notice = self._notice
-        if notice is None:
-            return
-        ink, fill = look.fill(Tone.BAD if notice.use_msr else Tone.WAIT)
-        if not notice.standing:
-            line = QtCore.QRect(0, 0, self.width(), look.px(34))
-            pen.box(line, look.palette.raised)
-            line.setRight(self.seen.geometry().left() - look.px(4))
-            text = texts.ENDED_LINE.format(heading=notice.heading, text=notice.text)
-            pen.text(line.adjusted(look.px(10), 0, 0, 0), text, look.palette.ink, SMALL, wrap=True)
-            return
-        if notice.seen:
-            pen.box(self.rect(), '', fill, 2)
-            ink = look.palette.ink
-        else:
-            pen.box(self.rect(), fill)
-        inner = self.rect().adjusted(look.px(10), look.px(4), -look.px(8), -look.px(2))
-        upper = inner.adjusted(0, 0, 0, look.px(22) - inner.height())
-        if not notice.seen:
-            upper.setRight(self.seen.geometry().left() - look.px(4))
-        heading = ' · '.join(filter(None, (notice.heading, self._kart)))
-        size = TEXT + 2 if notice.use_msr else TEXT
-        pen.text(upper, heading, ink, size, True)
-        lower = inner.adjusted(0, upper.height() + look.px(1), 0, 0)
-        pen.text(lower, notice.text, ink, SMALL, align=TOP, wrap=True)
+    :param at: race control's time now.
+    :param sentences: how many have their sentence; those without a kart always have it.
+    """
+    tables = []
+    for number, notice in enumerate(notices):
+        unseen = notice.standing and not notice.seen
+        tone = Tone.BAD if notice.use_msr else Tone.WAIT
+        ink, fill = look.fill(tone if unseen else Tone.GARAGE)
+        head, kart, age = notice.heading, '', ''
+        if notice.alert is not None and notice.standing:
+            kart = f'&nbsp;<span style="font-size:{look.px(NUMBER)}px">{notice.kart or ""}</span>'
+            age = words.clock(max(0.0, at - notice.alert.since))
+        text = html.escape(notice.text)
+        if number >= sentences and kart and notice.kart:
+            text = ''
+        tables.append(
+            f'<table width="100%" cellpadding="{look.px(3)}" cellspacing="0" bgcolor="{fill}"'
+            f' style="color:{ink}; margin-bottom:{look.px(4)}px"><tr>'
+            f'<td style="white-space:nowrap; vertical-align:middle"><b>{head}{kart}</b></td>'
+            f'<td align="right" style="vertical-align:middle"><b>{age}</b></td></tr>'
+            + f'<tr><td colspan="2" style="font-size:{look.px(SMALL)}px">{text}</td></tr>'
+            * bool(text)
+            + '</table>'
+        )
+    return ''.join(tables)
 
 
-class AlertsArea(Card):
+class AlertsArea(Panel):
     """
     The alerts that are not marked as seen, and those whose cause still exists.
 
-    If SEEN is pressed just after another alert has come to its line, it marks nothing.
+    SEEN is for the first one. If it is pressed just after another alert has come there, it marks
+    nothing.
     """
 
     seen = Signal(int)
@@ -119,97 +97,108 @@ class AlertsArea(Card):
         super().__init__('banner')
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
-        self._down = 0
-        self._summary = self.put(Text('standing', SMALL, True, wrap=True), 12, 2, -164, 28)
-        self._see_all = self.put(Push('seen_all', texts.SEEN_ALL), -162, 4, -86, 27)
-        self._mute = self.put(Push('mute'), -82, 4, -6, 27)
-        for button, pressed in ((self._see_all, self._press_all), (self._mute, self.mute.emit)):
-            button.quiet = True
-            button.clicked.connect(pressed)
-        tops = [HEAD + number * EACH for number in range(PLACES)]
-        self._places = [
-            self.put(AlertPlace(number), 6, top, -6, top + EACH - 4)
-            for number, top in enumerate(tops)
-        ]
-        for number, each in enumerate(self._places):
-            each.seen.pressed.connect(lambda number=number: self._go_down(number))
-            each.seen.clicked.connect(lambda _=False, number=number: self._let_go(number))
+        self._summary = Text('standing', 'small bold', wrap=True)
+        self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
+        self._see_all = Push('seen_all', texts.SEEN_ALL, kind='quiet small')
+        self._mute = Push('mute', kind='quiet small')
+        self._see.pressed.connect(self.press_first)
+        self._see_all.clicked.connect(self._press_all)
+        self._mute.clicked.connect(self.mute)
+        fixed(self._summary, height=30)
+        buttons = self._see, self._see_all, self._mute
+        for button in buttons:
+            fixed(button, height=24)
+        self._body = QtWidgets.QLabel()
+        self._body.setAlignment(TOP)
+        self._body.setWordWrap(True)
+        self._body.setSizePolicy(self.sizePolicy())
+        grid = lay(
+            self, buttons, gap=3, margins=(3, 3, 3, 3), columns=(1, 1, 1), heights=(0, 0, 1)
+        )
+        grid.addWidget(self._summary, 1, 0, 1, 3)
+        grid.addWidget(self._body, 2, 0, 1, 3)
+        self._shown = 0
+        self._looks: object = None
 
     @property
     def whole(self) -> str:
         """Return all alerts that are shown."""
-        return '\n'.join(each.whole for each in self._places)
+        shown = self._notices[: self._shown]
+        return '\n'.join(f'{each.heading}\n{each.kart}\n{each.text}' for each in shown)
+
+    @property
+    def cut(self) -> bool:
+        """Return whether not all of what is shown has room."""
+        return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
         """Show whether the sound is off."""
         self._mute.show_words(texts.SOUND_OFF if muted else texts.SOUND_ON, 'F11')
 
     def show_notices(
-        self, notices: Sequence[Notice], own: bool = False, known: bool = True
+        self, notices: Sequence[Notice], at: float, own: bool = False, known: bool = True
     ) -> None:
         """
         Show alerts, the most important first.
 
+        :param at: race control's time now.
         :param own: the official has just marked some as seen, so nothing moved by itself.
         :param known: race control is heard; otherwise no alerts does not mean that all is well.
         """
-        before = self._unseen()
+        before = self._unseen
         self._notices = list(notices)
-        if before != self._unseen() and before and not own:
+        if before != self._unseen and before and not own:
             self._aim.change(before, clock.now())
-        first = next((notice.number for notice in notices if not notice.seen), 0)
-        for number, each in enumerate(self._places):
-            notice = notices[number] if number < len(notices) else None
-            f10 = notice is not None and notice.number == first
-            each.show_notice(notice, 'F10' if f10 else '')
-            each.setVisible(notice is not None)
-            # Below the last one its text has all the room that there is.
-            last = number + 1 in (len(notices), PLACES)
-            end = EACH * (PLACES if last else number + 1)
-            self.put(each, 6, HEAD + number * EACH, -6, HEAD + end - 4)
+        looks = self._notices, int(at), self._body.size(), look.palette
+        if looks != self._looks:
+            self._looks, self._shown = looks, self._place(at)
         tone = Tone.GOOD
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
-        told = summary(notices, PLACES)
+        told = summary(notices, self._shown)
         if not notices and not known:
             told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
+        others = sorted(
+            {each.kart for each in notices[self._shown :] if each.use_msr and each.kart}
+        )
+        if others:
+            told = texts.ALSO_MSR.format(karts=', '.join(map(str, others)))
         self._summary.show_cell(Cell(told, tone))
-        self._see_all.bar(not first)
+        mark(self._summary, kind='large bold' if 0 < len(others) <= MANY else 'small bold')
+        for button in (self._see, self._see_all):
+            button.bar(not self._unseen)
+
+    def _place(self, at: float) -> int:
+        """
+        Put alerts below each other, as high as their texts; return how many there is room for.
+
+        If there is no room for all sentences, the first alert has its own, and of the others each
+        that names a kart does without.
+        """
+        count = min(len(self._notices), PLACES)
+        for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
+            self._body.setText(page(self._notices[:shown], at, sentences))
+            if not self.cut:
+                break
+        return shown
+
+    @property
+    def _unseen(self) -> list[int]:
+        """Return the numbers of the unseen notices, in their order."""
+        return [notice.number for notice in self._notices if not notice.seen]
 
     def press_first(self) -> None:
         """Mark the first alert that is not seen as seen, if it could be read long enough."""
-        unseen = next((n for n, each in enumerate(self._notices) if not each.seen), None)
-        if unseen is not None:
-            self._press(unseen)
-
-    def _unseen(self) -> list[int]:
-        """Return the number of the unseen notice in each line, 0 for a line without one."""
-        return [0 if notice.seen else notice.number for notice in self._notices]
-
-    def _go_down(self, line: int) -> None:
-        numbers = self._unseen()
-        self._down = numbers[line] if line < len(numbers) else 0
-
-    def _let_go(self, line: int) -> None:
-        numbers = self._unseen()
-        if line < len(numbers) and numbers[line] == self._down:
-            self._press(line)
-        else:
-            self.changed.emit()
-
-    def _press(self, line: int) -> None:
         stood = self._aim.seen(clock.now())
-        numbers = self._unseen()
-        number = numbers[line] if line < len(numbers) else 0
-        if stood is not None and (line >= len(stood) or stood[line] != number):
+        if stood is not None and self._unseen[:1] != stood[:1]:
             self.changed.emit()
-        elif number:
-            self.seen.emit(number)
+        elif self._unseen:
+            self.seen.emit(self._unseen[0])
 
     def _press_all(self) -> None:
         stood = self._aim.seen(clock.now())
-        if stood is not None and set(self._unseen()) - set(stood) - {0}:
+        if stood is not None and set(self._unseen) - set(stood):
             self.changed.emit()
         else:
             self.all_seen.emit()
@@ -226,6 +215,7 @@ class Alarm:
         self._area = area
         self._book = AlertBook()
         self._known = False
+        self._at = 0.0
         self._sound = Sound()
         self._muted = False
         self._sounded_at = 0.0
@@ -245,15 +235,16 @@ class Alarm:
         self._book.add_own(text)
         self.sound_soon()
 
-    def show(self, known: bool) -> None:
+    def show(self, at: float, known: bool) -> None:
         """
         Show the alerts.
 
+        :param at: race control's time now.
         :param known: race control is heard; if it is not, it may have alerts of which we do not
             know.
         """
-        self._known = known
-        self._area.show_notices(self._book.shown, known=known)
+        self._at, self._known = at, known
+        self._area.show_notices(self._book.shown, at, known=known)
 
     def see(self, number: int) -> None:
         """Mark an alert as seen."""
@@ -266,7 +257,7 @@ class Alarm:
         self._show_own()
 
     def _show_own(self) -> None:
-        self._area.show_notices(self._book.shown, own=True, known=self._known)
+        self._area.show_notices(self._book.shown, self._at, own=True, known=self._known)
 
     def toggle_sound(self) -> None:
         """Turn the sound off or on."""

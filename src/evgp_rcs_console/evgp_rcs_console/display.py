@@ -24,7 +24,7 @@ from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
-from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
+from evgp_rcs_console.alerts import Alarm, AlertsArea
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
@@ -38,15 +38,13 @@ from evgp_rcs_console.panels import (
     KillBox,
     NumberField,
     StatePanel,
-    STEPS,
     Steps,
     Strip,
-    TOP,
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
-from evgp_rcs_console.style import GAP, look, TEXT
+from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -57,15 +55,10 @@ from evgp_rcs_console.view import (
     show,
     silence,
 )
-from evgp_rcs_console.widgets import Area, Card, CENTER, CommandButton, Painted, Text
+from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
 
-MARGIN = 10
-SIDE = 272
-"""Width of the column with ALL KILL, alerts and events."""
-STATE, CLOCK = 316, 150
-"""Widths of the state of the race, and of the clock."""
-BANNER, STRIP, NUMBER, FOOT = 24, 28, 48, 32
-"""Heights of the line at the top, the strip, the field below ALL KILL, and the bottom line."""
+MARGINS = 10, 10, 10, 6
+"""Around everything: left, top, right, bottom."""
 
 
 @dataclass(frozen=True)
@@ -144,17 +137,19 @@ def _commands(screen: Screen) -> list[tuple[Kind, int]]:
     return [(button.command, button.kart) for button in buttons]
 
 
-class Areas(Area):
+class Areas(QtWidgets.QWidget):
     """Everything that the official sees, in its place."""
 
     commanded = Signal(object, object)
     """A button was pressed: its command when it went down, and when it was let go."""
 
     def __init__(self) -> None:
-        super().__init__('window')
+        super().__init__()
+        self.setObjectName('window')
+        self.setAttribute(QtCore.Qt.WidgetAttribute.WA_StyledBackground)
         press = self.commanded.emit
         self.seen = SeenCommands(self)
-        self._banner = Text('top_line', style.TEXT, True, CENTER, fills=True)
+        self._banner = Text('top_line', 'bold', CENTER, fills=True)
         self.state = StatePanel()
         self.track = TrackPanel(press)
         self.danger = DangerPanel()
@@ -162,17 +157,14 @@ class Areas(Area):
         self.kill = KillBox()
         self.steps = Steps(press)
         self.strip = Strip(press)
-        self._ground = Card()
         self.karts = KartList(press, self.seen.scrolling)
-        self.how_to_begin = [Text('how_to_begin', TEXT + 4, wrap=True) for _ in texts.HOW_TO_BEGIN]
-        for line, text in zip(self.how_to_begin, texts.HOW_TO_BEGIN, strict=True):
-            line.show_text(text)
+        how = '\n\n'.join(texts.HOW_TO_BEGIN)
+        self.how_to_begin = Text('how_to_begin', 'large', CENTER, wrap=True, text=how)
         self.number_field = NumberField()
         self.alerts = AlertsArea()
         self.events = EventPanel()
         self.foot = Foot()
-        self._banner.hide()
-        self._arrange(MARGIN)
+        self._arrange()
         self.question = Question(self)
         self.help = Help(self)
         self.heats = Heats(self, press)
@@ -185,43 +177,47 @@ class Areas(Area):
         )
         self._style: object = None
 
-    def _arrange(self, top: float) -> None:
-        """Put everything in its place, from a line on."""
-        side, left, last = -MARGIN - SIDE, -MARGIN - SIDE - GAP, -FOOT - 12
-        steps = top + TOP + GAP
-        strip = steps + STEPS + GAP
-        begin = strip + STRIP + GAP
-        alerts = strip + NUMBER + GAP
-        events = alerts + HEAD + PLACES * EACH + 2 + GAP
-        self.put(self.kill, side, top, -MARGIN, steps + STEPS)
-        self.put(self._banner, 0, 0, 0, BANNER)
-        self.put(self.state, MARGIN, top, MARGIN + STATE, top + TOP)
-        self.put(self.track, MARGIN + STATE + GAP, top, left - CLOCK - GAP, top + TOP)
-        self.put(self.danger, MARGIN, top, left - CLOCK - GAP, top + TOP)
-        self.put(self.clock, left - CLOCK, top, left, top + TOP)
-        self.put(self.steps, MARGIN, steps, left, steps + STEPS)
-        self.put(self.strip, MARGIN, strip, left, strip + STRIP)
-        self.put(self._ground, MARGIN, begin, left, last)
-        self.put(self.karts, MARGIN + 1, begin + 1, left - 1, last - 1)
-        for place, line in enumerate(self.how_to_begin):
-            upper = begin + 60 + 50 * place
-            self.put(line, MARGIN + 40, upper, left - 40, upper + 44)
-        self.put(self.number_field, side, strip, -MARGIN, strip + NUMBER)
-        self.put(self.alerts, side, alerts, -MARGIN, events - GAP)
-        self.put(self.events, side, events, -MARGIN, last)
-        self.put(self.foot, MARGIN, -FOOT - 6, -MARGIN, -6)
+    def _arrange(self) -> None:
+        """Put everything in its place."""
+        sizes: tuple[tuple[QtWidgets.QWidget, int, int], ...] = (
+            (self._banner, 0, 24),
+            (self.state, 316, 0),
+            (self.clock, 138, 0),
+            (self.kill, 272, 0),
+            (self.steps, 0, 60),
+            (self.strip, 0, 28),
+            (self.number_field, 0, 48),
+            (self.alerts, 0, 230),
+            (self.foot, 0, 32),
+        )
+        for part, width, height in sizes:
+            fixed(part, width, height)
+        top, side = QtWidgets.QWidget(), QtWidgets.QWidget()
+        fixed(top, height=78)
+        grid = lay(top, (self.state, self.track, self.clock), gap=GAP, columns=(0, 1, 0))
+        grid.addWidget(self.danger, 0, 0, 1, 2)
+        lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
+        grid = lay(self, gap=GAP, margins=MARGINS, columns=(1, 0), heights=(0, 0, 0, 0, 1))
+        self._banner.hide()
+        grid.addWidget(self._banner, 0, 0, 1, 2)
+        for row, part in enumerate((top, self.steps, self.strip, self.karts), 1):
+            grid.addWidget(part, row, 0)
+        grid.addWidget(self.how_to_begin, 4, 0)
+        grid.addWidget(self.kill, 1, 1, 2, 1)
+        grid.addWidget(side, 3, 1, 2, 1)
+        grid.addWidget(self.foot, 5, 0, 1, 2)
 
     def fit(self) -> None:
         """Take the size of the window, and the palette."""
         look.by = style.scale(self.width(), self.height())
         if self._style != (look.by, look.palette):
             self._style = look.by, look.palette
+            QtWidgets.QApplication.setFont(font(look.px(style.TEXT)))
             self.setStyleSheet(style.sheet())
+            rescale(self)
             self.events.restyle()
-        self.lay_parts()
+        self.layout().activate()
         self.karts.fit()
-        for each in self.findChildren(QtWidgets.QWidget):
-            each.update()
         self.place_sheets()
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
@@ -234,7 +230,6 @@ class Areas(Area):
             self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
             self.setWindowTitle(f'{banner}: {texts.TITLE}' if banner else texts.TITLE)
-            self._arrange(BANNER + GAP if banner else MARGIN)
             self.fit()
 
     def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
@@ -251,15 +246,11 @@ class Areas(Area):
                 sheet.close_sheet()
 
     def place_sheets(self) -> None:
-        """Put the sheets that are open over the karts, clear of their stops."""
+        """Put the sheets that are open over the karts, clear of their numbers and their stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
-                # The question leaves the strip in sight: it says what the karts do.
-                top = self._ground if sheet is self.question else self.strip
-                first, last = top.geometry(), self.karts.geometry()
-                end = last.left() + self.karts.stops_begin - look.px(GAP)
-                room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
-                sheet.lay_out(room)
+                room = self.karts.room_of_sheets
+                sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
         """Return whether a widget is part of a sheet, which lies over what was there before."""
@@ -396,7 +387,7 @@ class BottomLine:
         self._refused: tuple[Kind, int, bool] | None = None  # whether by the letter of the kart
         self._holds = False
         self._changed: tuple[Given, str] | None = None
-        self._pointed: CommandButton | Painted | None = None
+        self._pointed: object = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Say, with the time, what has just happened, in place of what was said before."""
@@ -448,12 +439,12 @@ class BottomLine:
             if what != said:
                 self._say_changed(given, what)
 
-    def point_at(self, widget: CommandButton | Painted) -> None:
+    def point_at(self, widget: object) -> None:
         """Explain what the pointer or the focus is on."""
         self._pointed = widget
         self.show()
 
-    def leave(self, widget: CommandButton | Painted) -> None:
+    def leave(self, widget: object) -> None:
         """Take that the pointer or the focus has left something."""
         if self._pointed is widget:
             self._pointed = None
@@ -491,11 +482,13 @@ class BottomLine:
         return self._message
 
 
-def _explanation(pointed: CommandButton | Painted | None) -> str:
+def _explanation(pointed: object) -> str:
     """Return why a command is not possible, or the whole of a text that is cut."""
-    if isinstance(pointed, Painted):
+    if isinstance(pointed, Text):
         return pointed.whole.replace('\n', ', ') if pointed.cut else ''
-    return pointed.button.explanation if pointed is not None and pointed.button else ''
+    if isinstance(pointed, CommandButton) and pointed.button is not None:
+        return pointed.button.explanation
+    return pointed if isinstance(pointed, str) else ''
 
 
 AGES = 1.0
@@ -601,8 +594,7 @@ class Display(QtCore.QObject):
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)
-        for line in areas.how_to_begin:
-            line.setVisible(not screen.rows)
+        areas.how_to_begin.setVisible(not screen.rows)
         areas.danger.setVisible(danger_now is not None)
         for area in (areas.state, areas.track):
             area.setVisible(danger_now is None)
@@ -616,7 +608,7 @@ class Display(QtCore.QObject):
         areas.heats.show_heats(screen.heats)
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)
-        self.alarm.show(known=not stale)
+        self.alarm.show(race.stamp + now - self._heard_at, known=not stale)
         asked = areas.question.button
         if areas.question.isVisible() and asked is not None:
             areas.question.update_button(screen.button(asked.command, asked.kart))
@@ -659,7 +651,7 @@ class Display(QtCore.QObject):
             age = clock.duration(now - stop.since)
             hint = Cell(texts.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
         elif self.areas.isActiveWindow():
-            hint = Cell(texts.KILL_HINT)
+            hint = Cell(texts.kill_hint(self._race.karts if self._race else ()))
         else:
             hint = Cell(texts.KEYS_OFF, Tone.BAD)
         self.chosen.changed()

@@ -5,21 +5,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from typing import NamedTuple
 
-from evgp_rcs.words import Cell, Tone
+from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
+from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
+    draw,
+    fits,
+    fixed,
     font,
+    lay,
     LEFT,
-    Painted,
-    Pen,
+    Panel,
     Pressed,
     RIGHT,
 )
@@ -27,288 +31,293 @@ from evgp_rcs_console.widgets import (
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 """Is entered while the window itself scrolls, with the bar that moves."""
 
-BUTTONS = 320
-"""Width of a kart's commands together; each has the same share."""
+COMMAND, BESIDE = 72, 10
+"""Width of the column of a command, and room beside what is in the other columns."""
 
-HEADING, TILES, BAR = 22, 36, 16
-"""Heights of the heading and of the tiles, and width of the scroll bar."""
+HEADING, TILES = 22, 36
+"""Heights of the heading and of the tiles."""
 
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
 """Minimum and maximum height of a row while all fit, and its height if they do not."""
 
 
-def columns(width: int, bar: int) -> list[QtCore.QRect]:
-    """
-    Return where each column and then each command is, in a row of a width (pixels).
+class Words(NamedTuple):
+    """A text in a cell."""
 
-    :param bar: width of a scroll bar beside it.
-    """
-    gap, margin = look.px(GAP), look.px(10)
-    fixed = [look.px(column.width) for column in COLUMNS]
-    buttons = [look.px(BUTTONS / len(KART_COMMANDS)) for _ in KART_COMMANDS]
-    used = sum(fixed) + sum(buttons) + gap * (len(fixed) + len(buttons) - 1)
-    left = margin
-    found = []
-    for wide in (*fixed, *buttons):
-        wide = wide or max(0, width - bar - 2 * margin - used)
-        found.append(QtCore.QRect(left, 0, wide, 0))
-        left += wide + gap
-    return found
+    room: QtCore.QRect
+    text: str
+    of: QtGui.QFont
+    colour: str
+    align: QtCore.Qt.AlignmentFlag = LEFT
+    wrap: bool = False
 
 
-class KartRow(Painted):
-    """A kart, with its commands beside it."""
+class KartDelegate(QtWidgets.QStyledItemDelegate):
+    """Draws a cell: its pictures by hand, its texts as Qt does."""
 
-    chosen = Signal(int)
-
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self, table: KartTable) -> None:
         super().__init__()
-        self.number = 0
-        self._row: Row | None = None
-        self._chosen = self._stale = False
-        self._buttons = [CommandButton(pressed) for _ in KART_COMMANDS]
-        for button in self._buttons:
-            button.setParent(self)
+        self._table = table
 
-    @property
-    def whole(self) -> str:
-        """Return all that it says."""
-        cells = [each for column in COLUMNS for each in (column.cell, column.below)]
-        row = self._row
-        return '\n'.join(text for each in cells if row and (text := each(row).text))
-
-    def show_row(self, row: Row, chosen: bool, stale: bool) -> None:
-        """Show a kart."""
-        if row.number != self.number:
-            self.number = row.number
-            self.setObjectName(f'kart_{row.number}')
-        self._row, self._chosen, self._stale = row, chosen, stale
-        self.setProperty('chosen', 'true' if chosen else 'false')
-        self.setProperty('linked', 'true' if row.connected else 'false')
-        self.show_it(row, chosen, stale)
-        for widget, button in zip(self._buttons, row.buttons, strict=True):
-            widget.show_button(button)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Put the commands where they belong."""
-        super().resizeEvent(event)
-        margin = look.px(3 if self.height() < look.px(40) else 8)
-        first = len(COLUMNS)
-        rooms = columns(self.width(), 0)[first:]
-        for button, room in zip(self._buttons, rooms, strict=True):
-            high = min(self.height() - 2 * margin, look.px(34))
-            top = (self.height() - high) // 2
-            button.setGeometry(room.left(), top, room.width(), high)
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        row, colours = self._row, look.palette
-        if row is None:
-            return
-        urgent = row.use_msr
-        if self._chosen:
-            pen.box(self.rect(), colours.raised, radius=0)
-        edge = FILLS[Tone.BAD][1] if urgent else colours.chosen if self._chosen else ''
-        if edge:
-            pen.box(QtCore.QRect(0, 0, look.px(5), self.height()), edge, radius=0)
-        line = self.rect().adjusted(0, self.height() - 1, 0, 0)
-        pen.box(line, colours.line, radius=0)
-        number, team, sent, answer, link, place = self._rooms()
-        strong = row.in_race and not self._stale
-        self._paint_number(pen, number, row, strong)
-        tone = Tone.FAINT if self._stale else row.note.tone
-        metrics = QtGui.QFontMetrics(font(look.px(SMALL), tone is Tone.BAD))
-        long = urgent or metrics.horizontalAdvance(row.note.text) > team.width()
-        upper, lower = _halves(team, bool(row.note.text), long)
-        ink = colours.ink if strong else colours.faint
-        pen.text(upper, row.team, ink, TEXT + 1, True, wrap=upper.height() > look.px(30))
-        if urgent:
-            pen.box(lower, FILLS[Tone.BAD][1], radius=3)
-            lower = lower.adjusted(look.px(4), 0, -look.px(2), 0)
-        note = FILLS[Tone.BAD][0] if urgent else look.text(tone)
-        pen.text(lower, row.note.text, note, SMALL, tone is Tone.BAD, wrap=True)
-        self._paint_sent(pen, sent, row)
-        self._paint_cell(pen, answer, row.answer, row.says)
-        self._paint_link(pen, link, row)
-        upper, lower = _halves(place, bool(row.gap))
-        pen.text(upper, row.place, ink, LARGE - 2, True, CENTER)
-        pen.text(lower, row.gap, ink, SMALL, align=CENTER)
-
-    def _rooms(self) -> list[QtCore.QRect]:
-        rooms = columns(self.width(), 0)[: len(COLUMNS)]
-        return [QtCore.QRect(each.left(), 0, each.width(), self.height() - 1) for each in rooms]
-
-    def _paint_number(self, pen: Pen, room: QtCore.QRect, row: Row, strong: bool) -> None:
-        colours = look.palette
-        plate = _centred(room, min(room.height() - look.px(4), look.px(32)))
-        pen.box(plate, colours.ink if strong else '', '' if strong else colours.faint, 1.5)
-        ink = colours.card if strong else colours.faint
-        room = plate.adjusted(look.px(3), 0, -look.px(3), 0)
-        pen.text(room, str(row.number), ink, LARGE - 2, True, CENTER)
-
-    def _paint_sent(self, pen: Pen, room: QtCore.QRect, row: Row) -> None:
-        colours = look.palette
-        chip = _centred(room, min(room.height() - look.px(4), look.px(30)))
-        tone = row.sent.tone
-        known = not self._stale and tone is not Tone.FAINT
-        ink, fill = look.fill(tone) if known else (colours.faint, colours.raised)
-        pen.box(chip, fill, '' if known else colours.line)
-        if row.waits and known:
-            pen.stripes(chip)
-        inside = chip.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
-        wide = look.px(44 if len(row.since) > len('00:00') else 36)
-        pen.text(inside.adjusted(0, 0, -wide - look.px(4), 0), row.sent.text, ink, TEXT, True)
-        pen.text(
-            inside.adjusted(inside.width() - wide, 0, 0, 0), row.since, ink, SMALL, align=RIGHT
-        )
-
-    def _paint_cell(
-        self, pen: Pen, room: QtCore.QRect, cell: Cell, below: str, ink: str = ''
+    def paint(
+        self,
+        painter: QtGui.QPainter,
+        option: QtWidgets.QStyleOptionViewItem,
+        index: QtCore.QModelIndex,
     ) -> None:
-        """Draw a text in its tone, and a small one below it, or in its place."""
-        upper, lower = _halves(room, bool(cell.text and below))
-        tone = Tone.FAINT if self._stale else cell.tone
-        bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
-        pen.text(upper, cell.text, ink or look.text(tone), TEXT, bold)
-        pen.text(lower if cell.text else room, below, ink or look.palette.faint, SMALL)
+        """Draw a cell."""
+        row, room, colours = self._table.rows[index.row()], option.rect, look.palette
+        is_chosen = row.number == self._table.chosen
+        painter.save()
+        painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
+        if is_chosen:
+            painter.fillRect(room, QtGui.QColor(colours.raised))
+        line = QtCore.QRect(room.left(), room.bottom(), room.width(), 1)
+        painter.fillRect(line, QtGui.QColor(colours.line))
+        if not index.column() and (row.use_msr or is_chosen):
+            edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
+            painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
+        for each in self.words(row, index.column(), room, painter):
+            if each.text:
+                draw(painter, *each)
+        painter.restore()
 
-    def _paint_link(self, pen: Pen, room: QtCore.QRect, row: Row) -> None:
-        """Draw how good its link is: bars, a word and a time; a poor one on a ground."""
-        ink = ''
-        if row.link.tone is Tone.WAIT and not self._stale:
+    def words(
+        self,
+        row: Row,
+        column: int,
+        cell: QtCore.QRect,
+        painter: QtGui.QPainter | None = None,
+    ) -> Iterator[Words]:
+        """Yield what stands in a cell; with a painter, draw the pictures below it."""
+        room = cell.adjusted(look.px(BESIDE if not column else 0), 0, -look.px(BESIDE), -1)
+        strong = row.in_race and not self._table.stale
+        ink = look.palette.ink if strong else look.palette.faint
+        high = cell.height()
+        upper, lower = _halves(room)
+        small = font(min(look.px(SMALL - 1), high * 10 // 27))
+        if column == 0:
+            plate = _centred(room, 32)
+            _box(painter, plate, ink if strong else '', '' if strong else look.palette.line)
+            number = str(row.number)
+            size = min(look.px(LARGE - 2), high * 6 // 10, plate.width() * 3 // (2 * len(number)))
+            large = font(size, True)
+            yield Words(plate, number, large, look.palette.card if strong else ink, CENTER)
+        elif column == 1:
+            yield from self._team(row, room, ink, painter)
+        elif column == 2:
+            yield from self._sent(row, room, small, painter)
+        elif column == 3:
+            below = Words(lower if row.answer.text else room, row.says, small, look.palette.faint)
+            tone = Tone.FAINT if self._table.stale else row.answer.tone
+            type_ = font(min(look.px(TEXT), high * 13 // 28), tone is not Tone.FAINT)
+            text = row.answer.text
+            yield Words(upper if row.says else room, text, type_, look.text(tone))
+            yield below
+        elif column == 4:
+            yield from self._link(row, room, small, painter)
+        elif column == 5:
+            yield Words(upper if row.gap else room, row.place, _bold(high), ink)
+            yield Words(lower, row.gap, small, look.palette.faint)
+
+    def _team(
+        self, row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
+    ) -> Iterator[Words]:
+        tone = Tone.FAINT if self._table.stale else row.note.tone
+        bad, high = tone is Tone.BAD, room.height()
+        small = font(min(look.px(SMALL), high * 10 // 27), bad)
+        metrics = QtGui.QFontMetrics(small)
+        is_long = metrics.horizontalAdvance(row.note.text) > room.width() - look.px(6)
+        upper, lower = _halves(room, is_long)
+        note = look.text(tone)
+        if row.note.text and row.use_msr:
+            ground = lower if is_long else lower.adjusted(0, 0, 0, look.px(2))
+            _box(painter, ground, FILLS[Tone.BAD][1], radius=3)
+            note = FILLS[Tone.BAD][0]
+            lower = lower.adjusted(look.px(4), 0, 0, 0)
+        yield Words(upper if row.note.text else room, row.team, _bold(high), ink, LEFT, high > 40)
+        yield Words(lower, row.note.text, small, note, LEFT, is_long)
+
+    def _sent(
+        self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
+    ) -> Iterator[Words]:
+        chip = _centred(room, 30)
+        known = not self._table.stale and row.sent.tone is not Tone.FAINT
+        faint = look.palette.faint, look.palette.raised
+        ink, fill = look.fill(row.sent.tone) if known else faint
+        _box(painter, chip, fill)
+        if painter is not None and row.waits and known:
+            stripes = QtGui.QColor(255, 255, 255, 70)
+            brush = QtGui.QBrush(stripes, QtCore.Qt.BrushStyle.BDiagPattern)
+            painter.fillRect(chip, brush)
+        inside = chip.adjusted(look.px(6), 0, -look.px(6), 0)
+        since = QtGui.QFontMetrics(small).horizontalAdvance(row.since) + look.px(2)
+        bold = font(small.pixelSize(), True)
+        yield Words(inside.adjusted(0, 0, -since - look.px(4), 0), row.sent.text, bold, ink)
+        yield Words(inside.adjusted(inside.width() - since, 0, 0, 0), row.since, small, ink, RIGHT)
+
+    def _link(
+        self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
+    ) -> Iterator[Words]:
+        """Yield how good its link is: bars, a word and a time; a poor one on a ground."""
+        tone = Tone.FAINT if self._table.stale else row.link.tone
+        ink = look.text(tone)
+        if tone is Tone.WAIT:
             ink, fill = look.fill(Tone.WAIT)
-            pen.box(_centred(room, min(room.height() - look.px(4), look.px(38))), fill, radius=3)
+            _box(painter, _centred(room, 40), fill, radius=3)
         if row.bars:
-            high, wide, gap = min(room.height() - look.px(10), look.px(18)), look.px(4), look.px(2)
+            high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
             foot = room.top() + (room.height() + high) // 2
-            colour = ink or look.text(Tone.FAINT if self._stale else Tone.PLAIN)
-            left = room.left() + look.px(4)
             for bar in range(1, MOST_BARS + 1):
                 tall = high * bar // MOST_BARS
-                shade = colour if bar <= row.bars else f'#30{colour[1:]}'
-                pen.box(QtCore.QRect(left, foot - tall, wide, tall), shade, radius=1)
-                left += wide + gap
-            room = room.adjusted(left + look.px(3) - room.left(), 0, -look.px(2), 0)
-        self._paint_cell(pen, room, row.link, row.link_time, ink)
+                shade = ink if bar <= row.bars else f'#30{ink[1:]}'
+                _box(painter, QtCore.QRect(left, foot - tall, look.px(4), tall), shade, radius=1)
+                left += look.px(6)
+            room = room.adjusted(left + look.px(3) - room.left(), 0, 0, 0)
+        upper, lower = _halves(room)
+        bold = font(small.pixelSize() + look.px(1), tone is Tone.BAD)
+        yield Words(upper if row.link_time else room, row.link.text, bold, ink)
+        yield Words(lower, row.link_time, small, ink if tone is Tone.WAIT else look.palette.faint)
 
-    def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
-        """Choose this kart."""
-        self.chosen.emit(self.number)
-        super().mousePressEvent(event)
+
+def _bold(high: int) -> QtGui.QFont:
+    return font(min(look.px(TEXT + 1), high * 12 // 28), True)
+
+
+def _box(
+    painter: QtGui.QPainter | None,
+    room: QtCore.QRect,
+    fill: str,
+    frame: str = '',
+    radius: float = RADIUS,
+) -> None:
+    """Draw a rounded box."""
+    if painter is None:
+        return
+    pen = QtGui.QPen(QtGui.QColor(frame), look.px(1.5)) if frame else QtCore.Qt.PenStyle.NoPen
+    painter.setPen(pen)
+    painter.setBrush(QtGui.QColor(fill) if fill else QtCore.Qt.BrushStyle.NoBrush)
+    painter.drawRoundedRect(QtCore.QRectF(room), look.px(radius), look.px(radius))
 
 
 def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
-    return QtCore.QRect(
-        room.left(), room.top() + (room.height() - height) // 2, room.width(), height
-    )
+    high = min(room.height() - look.px(4), look.px(height))
+    return QtCore.QRect(room.left(), room.top() + (room.height() - high) // 2, room.width(), high)
 
 
-def _halves(
-    room: QtCore.QRect, both: bool, long: bool = False
-) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """
-    Return the room of a text and of a small one below it; all for the first if it is alone.
-
-    :param long: the small one gets as much room as there is.
-    """
-    if not both:
-        return room, QtCore.QRect()
-    margin = max(0, (room.height() - look.px(56 if long else 38)) // 2)
-    inner = room.adjusted(0, margin, 0, -margin)
-    high = min(inner.height() * 11 // 20, look.px(21))
-    return (
-        QtCore.QRect(inner.left(), inner.top(), inner.width(), high),
-        QtCore.QRect(inner.left(), inner.top() + high, inner.width(), inner.height() - high),
-    )
+def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, QtCore.QRect]:
+    """Return the room of a text and of a small one below it, which may have two lines."""
+    inner = _centred(room, 56 if is_long else 38)
+    upper = min(inner.height() * 11 // 20, look.px(21)) - inner.height()
+    return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
-class Heading(Painted):
-    """What stands above the columns of the karts."""
-
-    bar = 0
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        names = [column.heading for column in COLUMNS]
-        rooms = columns(self.width(), self.bar)
-        rooms = [*rooms[: len(names)], rooms[len(names)].united(rooms[-1])]
-        for room, name in zip(rooms, [*names, texts.COMMANDS_HEADING], strict=True):
-            room = QtCore.QRect(room.left(), 0, room.width(), self.height())
-            pen.text(room, name, look.palette.faint, SMALL, align=LEFT)
-        pen.box(self.rect().adjusted(0, self.height() - 1, 0, 0), look.palette.line, radius=0)
-
-
-class Tiles(Painted):
+class Tiles(QtWidgets.QWidget):
     """Every kart as a tile, for when there are more than fit: number, state, and what is amiss."""
 
     chosen = Signal(int)
 
-    def __init__(self) -> None:
-        super().__init__('overview')
-        self._rows: tuple[Row, ...] = ()
-        self._chosen = 0
-        self._stale = False
-
-    def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
-        """Show the karts."""
-        self._rows, self._chosen, self._stale = rows, chosen, stale
-        self.show_it([(row.number, row.sent, row.answer, row.link) for row in rows], chosen, stale)
+    def __init__(self, table: KartTable) -> None:
+        super().__init__()
+        self.setObjectName('overview')
+        self._table = table
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         """Choose the kart that was clicked."""
-        if self._rows:
-            place = int(event.position().x() / (self.width() / len(self._rows)))
-            self.chosen.emit(self._rows[min(place, len(self._rows) - 1)].number)
+        rows = self._table.rows
+        if rows:
+            place = int(event.position().x() / (self.width() / len(rows)))
+            self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
-    def paint(self, pen: Pen) -> None:
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw the tiles: the number above, the state's symbol and a mark below."""
-        wide = self.width() / max(1, len(self._rows))
-        for place, row in enumerate(self._rows):
+        rows = self._table.rows
+        wide = self.width() / max(1, len(rows))
+        painter = QtGui.QPainter(self)
+        for place, row in enumerate(rows):
             left = round(place * wide)
-            room = QtCore.QRect(left, 1, round((place + 1) * wide) - left - 2, self.height() - 3)
-            tone = row.link.tone if row.link.tone is Tone.BAD else row.sent.tone
-            ink, fill = look.fill(Tone.PLAIN if self._stale else tone)
-            is_chosen = row.number == self._chosen
+            room = QtCore.QRect(left, 1, round(wide) - 2, self.height() - 3)
+            lost = row.link.tone is Tone.BAD
+            tone = Tone.BAD if lost else row.sent.tone
+            ink, fill = look.fill(Tone.PLAIN if self._table.stale else tone)
+            is_chosen = row.number == self._table.chosen
             frame = look.palette.chosen if is_chosen else look.palette.line
-            pen.box(room, fill, frame, 3 if is_chosen else 1, 3)
-            marks = row.sent.text[:1]
-            if row.link.tone is Tone.BAD:
-                marks += texts.MARK_LOST
-            elif row.answer.tone is Tone.GOOD:
-                marks += texts.MARK_YES
-            elif row.answer.tone is Tone.WAIT:
-                marks += texts.MARK_WAIT
-            middle = room.top() + room.height() // 2
-            upper, lower = room.adjusted(1, 1, -1, 0), room.adjusted(1, 0, -1, -1)
-            upper.setBottom(middle)
-            lower.setTop(middle)
-            pen.text(upper, str(row.number), ink, SMALL, True, CENTER, 7)
-            pen.text(lower, marks, ink, SMALL, False, CENTER, 7)
+            _box(painter, room, fill, frame, 3)
+            answers = {Tone.GOOD: texts.MARK_YES, Tone.WAIT: texts.MARK_WAIT}
+            answer = texts.MARK_LOST if lost else answers.get(row.answer.tone, '')
+            small = font(min(look.px(SMALL), round(wide) * 3 // 10), True)
+            upper = room.adjusted(0, 0, 0, -room.height() // 2)
+            lower = room.adjusted(0, room.height() // 2, 0, 0)
+            draw(painter, upper, str(row.number), small, ink, CENTER)
+            draw(painter, lower, row.sent.text[:1] + answer, small, ink, CENTER)
+        painter.end()
 
 
-class Rows(QtWidgets.QScrollArea):
+class KartTable(QtWidgets.QTableWidget):
     """
-    What the rows are scrolled in.
+    The rows of the karts.
 
     :param scrolling: is entered around every scrolling that the official's hand does not do.
+    :ivar chosen: the kart that commands by key act on; ``stale``: the rows are out of date.
     """
 
     def __init__(self, scrolling: Scrolling) -> None:
-        super().__init__()
+        super().__init__(0, len(COLUMNS) + len(KART_COMMANDS))
+        self.rows: tuple[Row, ...] = ()
+        self.chosen = 0
+        self.stale = False
+        self._shown: dict[tuple[int, int], object] = {}
         self._scrolling = scrolling
+        self.setObjectName('karts')
+        self.setShowGrid(False)
+        self.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
+        self.setSelectionMode(self.SelectionMode.NoSelection)
+        self.setEditTriggers(self.EditTrigger.NoEditTriggers)
+        self.setAutoScroll(False)  # nothing moves because of a click
+        self.setTabKeyNavigation(False)
+        self.setMouseTracking(True)
+        self.setVerticalScrollMode(self.ScrollMode.ScrollPerPixel)
+        self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING, *[''] * 9]
+        self.setHorizontalHeaderLabels(headings[: self.columnCount()])
+        for header in (self.horizontalHeader(), self.verticalHeader()):
+            header.setSectionResizeMode(QtWidgets.QHeaderView.ResizeMode.Fixed)
+            header.setMinimumSectionSize(1)
+            header.setHighlightSections(False)
+        self.horizontalHeader().setDefaultAlignment(LEFT)
+        self.verticalHeader().hide()
+
+    def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
+        """Take the karts; cells that have not changed are not drawn again."""
+        if (chosen, stale) != (self.chosen, self.stale):
+            self.viewport().update()
+        self.rows, self.chosen, self.stale = rows, chosen, stale
+        self.setRowCount(len(rows))
+        self._shown = {cell: shown for cell, shown in self._shown.items() if cell[0] < len(rows)}
+        for place, row in enumerate(rows):
+            looks = row.in_race, row.use_msr, row.waits, row.bars
+            for number, column in enumerate(COLUMNS):
+                cells = column.cell(row), column.below(row)
+                if self._shown.get((place, number)) != (cells, looks):
+                    self._shown[place, number] = cells, looks
+                    text = '\n'.join(each.text for each in cells if each.text)
+                    self.setItem(place, number, QtWidgets.QTableWidgetItem(text))
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
         """Move the focus, and scroll to where it is."""
-        with self._scrolling(self.verticalScrollBar()):
-            return bool(super().focusNextPrevChild(following))
+        moved = bool(super().focusNextPrevChild(following))
+        focused = QtWidgets.QApplication.focusWidget()
+        if focused is not None and focused.parentWidget() is self.viewport():
+            self.bring_into_view(self.indexAt(focused.geometry().center()).row())
+        return moved
 
-    def bring_into_view(self, row: QtWidgets.QWidget) -> None:
+    def bring_into_view(self, place: int) -> None:
         """Scroll to a row."""
         with self._scrolling(self.verticalScrollBar()):
-            self.ensureWidgetVisible(row, 0, 0)
+            self.scrollTo(self.model().index(place, 0))
 
 
-class KartList(QtWidgets.QWidget):
+class KartList(Panel):
     """
     Every kart of the roster, in the order of their numbers.
 
@@ -320,104 +329,104 @@ class KartList(QtWidgets.QWidget):
     """By a click in its row."""
     wanted = Signal(int)
     """By a click on its tile: its row may be out of sight."""
+    pointed = Signal(str)
+    """The pointer is on a row of which not all is shown: this is all. Empty: it no longer is."""
 
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
         self._pressed = pressed
-        self.rows: list[KartRow] = []
-        self._tiles = Tiles()
+        self.table = KartTable(scrolling)
+        self._delegate = KartDelegate(self.table)
+        self._buttons: list[list[CommandButton]] = []
+        self._tiles = Tiles(self.table)
         self._tiles.chosen.connect(self.wanted)
         self._tiles.hide()
-        self._heading = Heading()
-        self._inside = QtWidgets.QWidget()
-        self._inside.setObjectName('rows')
-        self.scroll = Rows(scrolling)
-        self.scroll.setObjectName('karts')
-        self.scroll.setWidget(self._inside)
-        self.scroll.setFrameShape(QtWidgets.QFrame.Shape.NoFrame)
-        self.scroll.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
-        self.scroll.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        for part in (self._tiles, self._heading, self.scroll):
-            part.setParent(self)
+        fixed(self._tiles, height=TILES)
+        self.table.setItemDelegate(self._delegate)
+        self.table.pressed.connect(lambda index: self.chosen.emit(self.numbers[index.row()]))
+        self.table.entered.connect(lambda index: self.pointed.emit(self.cut(index.row())))
+        self.table.viewportEntered.connect(lambda: self.pointed.emit(''))
+        lay(self, [self._tiles], [self.table], margins=(1, 1, 1, 1), heights=(0, 1))
 
     @property
     def numbers(self) -> list[int]:
         """Return the numbers of the karts, in their order."""
-        return [row.number for row in self.rows]
+        return [row.number for row in self.table.rows]
 
     @property
-    def stops_begin(self) -> int:
-        """Return from where on the stops of the karts are, in pixels from the left."""
-        return columns(self.width(), self._bar)[len(COLUMNS)].left()
+    def room_of_sheets(self) -> QtCore.QRect:
+        """Return where nothing but what the karts do is covered: no number, and no stop."""
+        header, table = self.table.horizontalHeader(), self.table.geometry()
+        first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
+        return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
 
-    @property
-    def _all_fit(self) -> bool:
-        return len(self.rows) * look.px(LOWEST) <= self.height() - look.px(HEADING)
-
-    @property
-    def _bar(self) -> int:
-        return 0 if self._all_fit else look.px(BAR)
+    def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
+        """Return all that some columns of a row say; empty if all of it is shown."""
+        said = [self.table.model().index(place, column) for column in columns]
+        shows_all = all(
+            fits(each.text, each.room, each.of, each.wrap)
+            for index in said
+            for each in self._delegate.words(
+                self.table.rows[place], index.column(), self.table.visualRect(index)
+            )
+        )
+        return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         """Show the karts."""
-        if len(rows) != len(self.rows):
-            self._have(len(rows))
-        for widget, row in zip(self.rows, rows, strict=True):
-            widget.show_row(row, row.number == chosen, stale)
-        self._tiles.show_rows(rows, chosen, stale)
+        count = len(self.table.rows)
+        self.table.show_rows(rows, chosen, stale)
+        if not self._tiles.isHidden():
+            self._tiles.update()
+        for place in range(count, len(rows)):
+            buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
+            self._buttons.append(buttons)
+            for column, button in enumerate(buttons, len(COLUMNS)):
+                self.table.setCellWidget(place, column, button)
+        del self._buttons[len(rows) :]
+        for widgets, row in zip(self._buttons, rows, strict=True):
+            for widget, command in zip(widgets, row.buttons, strict=True):
+                widget.show_button(command)
+        if count != len(rows):
+            self.fit()
 
     def bring_into_view(self, number: int) -> None:
         """Scroll to a kart."""
-        for row in self.rows:
-            if row.number == number:
-                self.scroll.bring_into_view(row)
+        if number in self.numbers:
+            self.table.bring_into_view(self.numbers.index(number))
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Have the rows use the room."""
         super().resizeEvent(event)
         self.fit()
 
-    def _have(self, count: int) -> None:
-        for row in self.rows[count:]:
-            row.hide()
-            row.deleteLater()
-        del self.rows[count:]
-        for _ in range(len(self.rows), count):
-            row = KartRow(self._pressed)
-            row.setParent(self._inside)
-            row.chosen.connect(self.chosen)
-            row.show()
-            self.rows.append(row)
-        self.fit()
-
     def fit(self) -> None:
         """Take the size of the window: rows as high as there is room for, or tiles and a bar."""
-        heading, count = look.px(HEADING), len(self.rows)
-        top = 0 if self._all_fit else look.px(TILES)
-        self._tiles.setVisible(not self._all_fit)
-        self._tiles.setGeometry(0, 0, self.width(), top)
-        self._heading.bar = self._bar
-        self._heading.setGeometry(0, top, self.width(), heading)
-        self._heading.update()
-        room = self.height() - top - heading
-        self.scroll.setGeometry(0, top + heading, self.width(), room)
+        count, table = len(self.table.rows), self.table
+        room = self.contentsRect().height() - look.px(HEADING) - 4
+        all_fit = count * look.px(LOWEST) <= room
+        self._tiles.setVisible(not all_fit)
         policy = QtCore.Qt.ScrollBarPolicy
-        self.scroll.setVerticalScrollBarPolicy(
-            policy.ScrollBarAlwaysOff if self._all_fit else policy.ScrollBarAlwaysOn
+        table.setVerticalScrollBarPolicy(
+            policy.ScrollBarAlwaysOff if all_fit else policy.ScrollBarAlwaysOn
         )
-        height = look.px(SCROLLED)
-        if self._all_fit:
-            height = min(look.px(HIGHEST), room // max(1, count))
-        width = self.width() - self._bar
-        self._inside.resize(width, height * count)
-        for place, row in enumerate(self.rows):
-            row.setGeometry(0, place * height, width, height)
+        self.layout().activate()
+        high = min(look.px(HIGHEST), room // max(1, count)) if all_fit else look.px(SCROLLED)
+        table.horizontalHeader().setFixedHeight(look.px(HEADING))
+        table.verticalHeader().setDefaultSectionSize(high)
+        widths = [look.px(column.width + BESIDE) * bool(column.width) for column in COLUMNS]
+        widths[0] += look.px(BESIDE)
+        widths += [look.px(COMMAND)] * len(KART_COMMANDS)
+        widths[widths.index(0)] = max(1, table.viewport().width() - sum(widths))
+        for column, width in enumerate(widths):
+            table.setColumnWidth(column, width)
+        beside = max(look.px(2), (high - look.px(34)) // 2)
+        table.setStyleSheet(f'QPushButton {{ margin: {beside}px {look.px(3)}px; }}')
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:
     """Return whether a press there only chooses a kart: a stop for it may be next."""
-    while widget is not None and not isinstance(widget, QtWidgets.QAbstractButton):
-        if isinstance(widget, (KartRow, Tiles)):
-            return True
-        widget = widget.parentWidget()
-    return False
+    is_table = widget is not None and isinstance(widget.parentWidget(), KartTable)
+    return isinstance(widget, Tiles) or (
+        is_table and not isinstance(widget, (QtWidgets.QScrollBar, QtWidgets.QHeaderView))
+    )

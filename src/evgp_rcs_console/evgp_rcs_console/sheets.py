@@ -10,6 +10,7 @@ They end before the stops of the karts begin, so they cover no stop.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import itertools
 import time
 
 from evgp_node.official import MOST_OF_NAME
@@ -19,53 +20,56 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.style import LARGE, LEAST, look, SMALL, TEXT
+from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.style import look
 from evgp_rcs_console.view import Button
 from evgp_rcs_console.widgets import (
     CommandButton,
-    font,
-    Painted,
-    Pen,
+    fixed,
+    lay,
+    mark,
+    needed_height,
+    Panel,
     Pressed,
     Push,
+    rescale,
     Text,
     TOP,
 )
 
-SHEET_MARGIN = 20
 
-
-class Sheet(Painted):
+class Sheet(Panel):
     """
     A sheet over the karts.
 
     It is not a window of its own, so it blocks nothing beside it.
 
-    :ivar parts: what is below each other in it, with the least height of each.
+    :ivar parts: what is below each other in it.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
-        super().__init__(name)
+        super().__init__(name, 'sheet')
         self.setParent(parent)
         self.hide()
-        self.title = Text(f'{name}_title', LARGE + 4, True)
-        self.title.show_text(title)
-        self.parts: list[tuple[QtWidgets.QWidget, int]] = []
-        self.add(self.title, 40)
+        self.parts: list[QtWidgets.QWidget] = []
+        self._column = QtWidgets.QVBoxLayout(self)
+        self._column.setProperty('design', [10, 18, 14, 18, 16])
+        self.title = Text(f'{name}_title', 'large bold', text=title)
+        self.add(self.title, 36)
 
     def add(self, *parts: QtWidgets.QWidget | int) -> None:
         """Put parts below those that there are: each with its height, 0 for that of its text."""
         for part, height in zip(parts[::2], parts[1::2], strict=True):
             assert isinstance(part, QtWidgets.QWidget)
             assert isinstance(height, int)
-            part.setParent(self)
-            self.parts.append((part, height))
+            fixed(part, height=height)
+            self._column.addWidget(part)
+            self.parts.append(part)
 
     @property
     def whole(self) -> str:
         """Return all that it says."""
-        said = (getattr(part, 'whole', '') for part, _ in self.parts if not part.isHidden())
+        said = (getattr(part, 'whole', '') for part in self.parts if not part.isHidden())
         return '\n'.join(filter(None, said))
 
     def has(self, widget: QtWidgets.QWidget | None) -> bool:
@@ -74,42 +78,20 @@ class Sheet(Painted):
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """Take a room: as wide as that, and as high as the texts need, the type smaller for it."""
-        margin, gap = look.px(SHEET_MARGIN), look.px(10)
-        width = room.width() - 2 * margin
-        there = [(part, least) for part, least in self.parts if self._keeps_room(part)]
-        for size in (TEXT + 3, TEXT + 1, TEXT - 1, SMALL - 1, LEAST):
-            heights = [self._height(part, least, width, size) for part, least in there]
-            total = sum(heights) + gap * (len(heights) - 1) + 2 * margin
-            if total <= room.height():
+        rescale(self)
+        for kind in ('sheet', 'sheet tight'):
+            mark(self, kind=kind)
+            high = needed_height(self, room.width())
+            if high <= room.height():
                 break
-        self.setGeometry(room.left(), room.top(), room.width(), min(total, room.height()))
-        top = margin
-        for (part, _), height in zip(there, heights, strict=True):
-            part.setGeometry(margin, top, width, height)
-            top += height + gap
+        self.setGeometry(room.left(), room.top(), room.width(), min(high, room.height()))
         self.raise_()
-
-    def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
-        return not part.isHidden()
-
-    def _height(self, part: QtWidgets.QWidget, least: int, width: int, size: int) -> int:
-        if least or not isinstance(part, Text):
-            return look.px(least)
-        part.resize_type(size)
-        metrics = QtGui.QFontMetrics(font(look.px(size), part.bold))
-        high = QtCore.QRect(0, 0, width, 10_000)
-        flags = QtCore.Qt.TextFlag.TextWordWrap.value
-        return metrics.boundingRect(high, flags, part.whole).height() + look.px(2)
 
     def close_sheet(self) -> None:
         """Hide it; nothing that could be pressed by Enter gets the focus."""
         if not self.isHidden():
             self.hide()
             self.window().setFocus()
-
-    def paint(self, pen: Pen) -> None:
-        """Draw its ground."""
-        pen.box(self.rect(), look.palette.card, look.palette.ink, 3, 10)
 
 
 class Question(Sheet):
@@ -127,26 +109,24 @@ class Question(Sheet):
         self._settling = QtCore.QTimer(self)
         self._settling.setSingleShot(True)
         self._settling.timeout.connect(self._show_problem)
-        self._consequence = Text('question_consequence', align=TOP, wrap=True)
-        self._warning = Text('question_warning', TEXT, True, wrap=True, fills=True)
-        self._caution = Text('question_caution', TEXT, True, wrap=True, fills=True)
-        self._statement = Text('question_statement', TEXT, True, TOP, True)
+        self._consequence = Text('question_consequence', '', TOP, wrap=True, flows=True)
+        self._warning = Text('question_warning', 'bold', wrap=True, fills=True, flows=True)
+        self._caution = Text('question_caution', 'bold', wrap=True, fills=True, flows=True)
+        self._statement = Text('question_statement', 'bold', TOP, wrap=True, flows=True)
         self._texts = (self._consequence, self._warning, self._caution, self._statement)
         # It lies where they are, so that YES and NO never move.
-        self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
+        self._problem = Text('question_problem', 'bold', wrap=True, fills=True)
         self._problem.setParent(self)
-        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO, 'N')
-        self.also = Push('yes_and_more')
+        self.yes, self.no = Push('yes', tall=True), Push('no', texts.ASK_NO, 'N')
+        self.also = Push('yes_and_more', tall=True)
         self.no.clicked.connect(lambda: self.answered.emit(False, False))
         self.yes.clicked.connect(lambda: self.answered.emit(True, False))
         self.also.clicked.connect(lambda: self.answered.emit(True, True))
         for text in self._texts:
             self.add(text, 0)
-        self.add(self.also, 44, self.no, 40, self.yes, 52)
-
-    def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
-        # A text that is hidden for a problem keeps its room.
-        return bool(part.whole) if isinstance(part, Text) else not part.isHidden()
+        answers = QtWidgets.QWidget()
+        lay(answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
+        self.add(answers, 60)
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """
@@ -156,11 +136,11 @@ class Question(Sheet):
         """
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
-        top = self._consequence.geometry()
-        first = self.no if self.also.isHidden() else self.also
-        bottom = first.geometry().top() - look.px(10)
-        high = max(bottom - top.top(), look.px(46))
-        self._problem.setGeometry(top.left(), top.top(), top.width(), min(high, look.px(90)))
+        self._column.activate()
+        top, bottom = self.title.geometry().bottom(), self.parts[-1].geometry().top()
+        there = self._column.contentsRect()
+        high = max(bottom - top - look.px(10), look.px(46))
+        self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
         """Take the command that is to be confirmed; it is shown after that."""
@@ -176,10 +156,11 @@ class Question(Sheet):
         condition = button.condition[:1].upper() + button.condition[1:]
         self._statement.show_text(texts.ASK_STATE.format(condition=button.condition))
         self._show_texts(button)
-        self.yes.show_words(texts.ASK_YES.format(condition=condition), 'Y')
+        self.yes.show_words(texts.ASK_YES, 'Y', condition)
         self.also.setVisible(bool(button.also))
         if button.also:
-            self.also.show_words(texts.also(button.also), CATALOGUE[button.also[0].command].key)
+            key = CATALOGUE[button.also[0].command].key
+            self.also.show_words(texts.ASK_YES_AND, key, texts.also(button.also))
         self.update_button(button)
 
     def update_button(self, button: Button | None) -> None:
@@ -203,6 +184,10 @@ class Question(Sheet):
         warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
         self._caution.show_cell(Cell(button.caution, Tone.WAIT))
+        for text in self._texts:  # one that is hidden for a problem keeps its room
+            policy = text.sizePolicy()
+            policy.setRetainSizeWhenHidden(bool(text.whole))
+            text.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
@@ -229,8 +214,7 @@ class Heats(Sheet):
         super().__init__(parent, 'heats', texts.HEATS_TITLE)
         self._pressed = pressed
         self._heats: list[CommandButton] = []
-        does = Text('', wrap=True)
-        does.show_text(texts.HEATS_CONSEQUENCE)
+        does = Text('', wrap=True, flows=True, text=texts.HEATS_CONSEQUENCE)
         self._close = Push('close_heats', texts.HEATS_CLOSE, 'Esc')
         self._close.clicked.connect(self.close_sheet)
         self.add(does, 0, self._close, 36)
@@ -241,7 +225,7 @@ class Heats(Sheet):
             button = CommandButton(self._choose)
             self._heats.append(button)
             self.add(button, 34)
-            self.parts.append(self.parts.pop(-2))
+            self._column.addWidget(self._close)
         for number, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False), 1):
             widget.show_button(heat)
             widget.setObjectName(f'heat_{number}')
@@ -279,9 +263,8 @@ class YourName(Sheet):
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'your_name', texts.NAME_TITLE)
         self._name = ''
-        about = Text('', wrap=True)
-        about.show_text(texts.NAME_ABOUT)
-        self.field = NameField('name', LARGE, True)
+        about = Text('', wrap=True, flows=True, text=texts.NAME_ABOUT)
+        self.field = Text('name', 'large bold field')
         self.field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         keep = Push('keep_name', texts.NAME_KEEP, 'Enter')
         keep.clicked.connect(self.save)
@@ -313,33 +296,6 @@ class YourName(Sheet):
         self.field.show_text(texts.NAME_CARET.format(name=name))
 
 
-class NameField(Text):
-    """Shows the name that is typed."""
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it, framed."""
-        frame = look.palette.chosen if self.hasFocus() else look.palette.faint
-        pen.box(self.rect(), look.palette.card, frame, 3 if self.hasFocus() else 1.5)
-        room = self.rect().adjusted(look.px(10), look.px(4), -look.px(10), -look.px(4))
-        pen.text(room, self.whole, look.palette.ink, LARGE, True)
-
-
-class KeyTable(Painted):
-    """Every key, with what it does."""
-
-    def paint(self, pen: Pen) -> None:
-        """Draw two columns of them."""
-        table = key_help()
-        half = (len(table) + 1) // 2
-        high, wide = self.height() // half, self.width() // 2
-        for number, (key, meaning) in enumerate(table):
-            left, top = wide * (number // half), high * (number % half)
-            name = QtCore.QRect(left, top, wide * 2 // 5 - look.px(8), high)
-            does = QtCore.QRect(left + wide * 2 // 5, top, wide * 3 // 5 - look.px(8), high)
-            pen.text(name, key, look.palette.ink, TEXT, True)
-            pen.text(does, meaning, look.palette.ink, TEXT, wrap=True)
-
-
 class Help(Sheet):
     """Shows the keys."""
 
@@ -347,4 +303,12 @@ class Help(Sheet):
         super().__init__(parent, 'help', texts.HELP_TITLE)
         close = Push('close_help', texts.HELP_CLOSE, 'Esc')
         close.clicked.connect(self.close_sheet)
-        self.add(KeyTable(), 330, close, 36)
+        table, keys = QtWidgets.QWidget(), key_help()
+        half = (len(keys) + 1) // 2
+        parts = [
+            [Text('', 'bold small', text=key), Text('', 'small', wrap=True, text=meaning)]
+            for key, meaning in keys
+        ]
+        rows = [[*itertools.chain(*parts[row::half])] for row in range(half)]
+        lay(table, *rows, gap=4, columns=(3, 4, 3, 4), heights=[1] * half)
+        self.add(table, 400, close, 36)

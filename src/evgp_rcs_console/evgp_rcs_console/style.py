@@ -25,11 +25,9 @@ RADIUS = 6
 SMALL = 12
 TEXT = 14
 LARGE = 22
-HUGE = 38
+NUMBER = 28
+HUGE = 35
 """Sizes of type; the last one is for the state of the race, ALL KILL and what is as urgent."""
-
-LEAST = 10
-"""Minimum size of type; a text that does not fit in it ends with dots."""
 
 
 @dataclass(frozen=True)
@@ -129,22 +127,102 @@ def scale(width: int, height: int) -> float:
     """
     Return how much larger than on a 1366 by 768 screen everything is.
 
-    A little smaller is possible, too: a desktop's bars take their share of a small screen.
+    A screen whose desktop enlarges everything by 150 % is smaller for us, and its dots finer.
     """
-    return max(0.8, min(width / 1366, height / 768))
+    return max(0.6, min(width / 1366, height / 768))
 
 
 def sheet() -> str:
-    """Return the style sheet of what Qt draws itself: the events, and what scrolls."""
-    colours = look.palette
+    """Return the style sheet of the window: the type, and what each mark of a widget means."""
+    colours, px = look.palette, look.px
+    line, strong = px(1), px(2)
+    tones = {Tone.FAINT: colours.faint, Tone.GOOD: colours.good, Tone.BAD: colours.bad}
+    rules = [f'[tone="{tone.value}"] {{ color: {ink}; }}' for tone, ink in tones.items()]
+    rules.append(f'[tone="stale"] {{ color: {colours.faint}; }}')
+    fills = {**FILLS, Tone.GARAGE: (colours.ink, colours.raised)}
+    fills |= dict.fromkeys((Tone.FAINT, Tone.PLAIN), (colours.faint, colours.raised))
+    for tone, (ink, fill) in fills.items():
+        ground = f'[ground="{tone.value}"]'
+        rules.append(f'{ground}, {ground} QLabel {{ color: {ink}; border: 0; }}')
+        rules.append(f'{ground} {{ background: {fill}; border-radius: {px(RADIUS)}px; }}')
+        if tone is Tone.GARAGE:
+            fill = colours.faint
+        current = f'QPushButton[current="{tone.value}"]'
+        rules.append(f'{current} {{ background: {colours.card}; border-color: {fill}; }}')
+        rules.append(
+            f'{current} QLabel[kind~="bold"] {{ color: {colours.ink}; font-weight: bold; }}'
+        )
+    for name, size in (('huge', HUGE), ('number', NUMBER), ('large', LARGE), ('small', SMALL)):
+        rules.append(f'[kind~="{name}"] {{ font-size: {px(size)}px; }}')
     return f"""
 QWidget#window {{ background: {colours.ground}; }}
-QScrollArea, QWidget#rows {{ border: none; background: {colours.card}; }}
-QTextEdit {{ border: none; background: {colours.card}; color: {colours.ink}; }}
-QScrollBar:vertical {{ width: {look.px(16)}px; background: {colours.raised}; }}
-QScrollBar::handle:vertical {{
-  background: {colours.faint}; min-height: {look.px(40)}px; border-radius: {look.px(4)}px;
+QLabel, QPushButton, QListWidget {{ color: {colours.ink}; font-size: {px(TEXT)}px; }}
+[kind~="bold"], QPushButton {{ font-weight: bold; }}
+[kind~="tight"] QLabel {{ font-size: {px(SMALL)}px; }}
+QLabel[kind~="field"] {{
+  border: {strong}px solid {colours.faint}; border-radius: {px(RADIUS)}px; padding: 0 {px(10)}px;
 }}
-QTextEdit QScrollBar:vertical {{ width: {look.px(10)}px; }}
+QLabel[kind~="field"]:focus {{ border-color: {colours.chosen}; }}
+[kind~="card"] {{
+  background: {colours.card}; border: {line}px solid {colours.line}; border-radius: {px(RADIUS)}px;
+}}
+[kind~="sheet"] {{
+  background: {colours.card}; border: {px(3)}px solid {colours.ink}; border-radius: {px(10)}px;
+}}
+QPushButton {{
+  background: {colours.card}; border: {strong}px solid {colours.ink};
+  border-radius: {px(RADIUS)}px; padding: 0;
+}}
+QPushButton:pressed {{ background: {colours.raised}; }}
+QPushButton[kind~="quiet"] {{ border: {line}px solid {colours.line}; }}
+[kind~="small"] {{ font-size: {px(SMALL)}px; }}
+QTableView QPushButton {{ font-size: {px(SMALL - 1)}px; }}
+QPushButton[look="stop"][ground=""], QPushButton[look="stop"] QLabel[kind~="bold"] {{
+  color: {colours.bad}; border-color: {colours.bad};
+}}
+QPushButton[look="flag"][ground=""] {{ border: {px(3)}px solid {FILLS[Tone.FLAG][1]}; }}
+QPushButton[look="recedes"] {{ background: transparent; border-color: transparent; }}
+QPushButton[barred="true"], QPushButton:disabled {{
+  background: transparent; border-color: transparent; font-weight: normal;
+}}
+QPushButton[barred="true"], QPushButton[barred="true"] QLabel, QPushButton:disabled,
+[kind~="faint"] {{ color: {colours.faint}; }}
+QPushButton[barred="true"] QLabel {{ font-weight: normal; }}
+{''.join(rules)}
+QPushButton[look="next"] {{ background: {colours.ink}; border-color: {colours.ink}; }}
+QPushButton[look="next"] QLabel {{ color: {colours.card}; }}
+QPushButton[look="go"] {{ background: {FILLS[Tone.GREEN][1]}; border: 0; }}
+QPushButton[look="go"] QLabel {{ color: {WHITE}; }}
+QPushButton:focus {{ border: {px(3)}px solid {colours.chosen}; }}
+[ground="off"] {{
+  background: #000000; border: {px(4)}px solid {YELLOW}; border-radius: {px(RADIUS)}px;
+}}
+[ground="off"] QLabel {{ color: {YELLOW}; border: 0; }}
+[ground="chosen"] {{ background: {colours.card}; border: {px(3)}px solid {colours.chosen}; }}
+#reminder {{ padding: 0 {px(6)}px; }}
+#danger {{
+  background: #000000; border: {px(4)}px solid {FILLS[Tone.BAD][1]}; border-radius: {px(RADIUS)}px;
+}}
+#danger QLabel {{ color: {WHITE}; border: 0; }}
+#danger QLabel#danger_advice {{ color: {YELLOW}; }}
+#kill_box {{ background: {BLACK}; border-radius: {px(10)}px; }}
+#kill_box QPushButton, #kill_box QLabel {{ color: {WHITE}; }}
+#kill_box QPushButton {{
+  background: {FILLS[Tone.RED][1]}; border: {px(6)}px solid {YELLOW}; border-radius: {px(8)}px;
+  font-size: {px(HUGE + 4)}px; padding-bottom: {px(26)}px;
+}}
+#kill_box QPushButton:pressed {{ background: #6E0012; }}
+#kill_box QPushButton[pressing="true"] {{ background: {BLACK}; color: {YELLOW}; }}
+#kill_box QLabel[tone="bad"] {{ color: {YELLOW}; }}
+QTableView, QListWidget {{ border: 0; background: transparent; font-size: {px(SMALL)}px; }}
+QHeaderView::section {{
+  border: 0; border-bottom: {line}px solid {colours.line}; background: {colours.card};
+  color: {colours.faint}; font-size: {px(SMALL)}px; padding: 0;
+}}
+QScrollBar:vertical {{ width: {px(16)}px; background: {colours.raised}; }}
+QScrollBar::handle:vertical {{
+  background: {colours.faint}; min-height: {px(40)}px; border-radius: {px(4)}px;
+}}
+QListWidget QScrollBar:vertical {{ width: {px(10)}px; }}
 QScrollBar::add-line, QScrollBar::sub-line {{ height: 0; }}
 """

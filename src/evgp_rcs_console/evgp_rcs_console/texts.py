@@ -124,6 +124,7 @@ SEEN_ALL = 'ALL SEEN'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
+ALSO_MSR = '⚠ MSR {karts}'
 MORE_OTHER = 'not shown: {karts}'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
@@ -204,7 +205,7 @@ TWO_REASON = 'two race controls are running: shut one down'
 STATE_CAUSE = '{since} · {cause}'
 STATE_AT = '{since}, {clock}'
 STATE_OF_RACE = 'race in {state} {since}'
-KILL_HINT = 'SPACE BAR or F12'
+KILL_HINT = 'all {karts} · SPACE BAR or F12'
 KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
 KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
 KILL_NOTE_NOT_YET = (
@@ -247,10 +248,11 @@ AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
-ASK_YES = 'YES: {condition}'
-ASK_YES_AND_OPEN = 'YES, and teams may go onto the track'
-ASK_YES_AND_FIRST = f'{ASK_YES_AND_OPEN}: {NO_RACE_ANYWHERE}'
-ASK_YES_AND_SAFE = 'YES, and {karts} made safe by hand'
+ASK_YES = 'YES'
+ASK_YES_AND = 'YES, and also'
+ASK_AND_OPEN = 'Teams may go onto the track'
+ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
+ASK_AND_SAFE = '{karts} made safe by hand'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
@@ -483,9 +485,8 @@ def warning(command: Kind, race: Snapshot) -> str:
 def also(following: Sequence[Given]) -> str:
     """Return what is confirmed together with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
-        return ASK_YES_AND_FIRST if following[0].stated else ASK_YES_AND_OPEN
-    karts = ', '.join(str(each.kart) for each in following)
-    return ASK_YES_AND_SAFE.format(karts=f'kart{"s" * (len(following) > 1)} {karts}')
+        return ASK_AND_FIRST if following[0].stated else ASK_AND_OPEN
+    return ASK_AND_SAFE.format(karts=numbered(each.kart for each in following))
 
 
 def not_followed(given: Given) -> str:
@@ -633,6 +634,11 @@ def step_does(does: str, karts: Sequence[int]) -> str:
     :param karts: the karts that it would start or release.
     """
     return does.format(karts=_count(karts))
+
+
+def kill_hint(karts: Sequence[object]) -> str:
+    """Return what ALL KILL is sent to, and its keys."""
+    return KILL_HINT.format(karts=_count(karts) if karts else 'karts')
 
 
 def _count(karts: Sequence[object]) -> str:

@@ -51,6 +51,14 @@ It publishes one every 0.5 s at least, and an official must know within 1 s.
 
 STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
+NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
+    RaceState.IN_GARAGE: (CommandKind.GRID_ACTIVE,),
+    RaceState.GRID_ACTIVE: (CommandKind.GREEN_GREEN,),
+    RaceState.RED_FLAG: (CommandKind.IN_GARAGE, CommandKind.RACE_OVER),
+    RaceState.RED_RED: (CommandKind.IN_GARAGE,),
+}
+"""What usually follows in each state of the race, the likeliest first."""
+
 
 def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
     found = [kind for kind, entry in OF_RACE_CONTROL.items() if entry.place]
@@ -111,7 +119,8 @@ class Button:
     :param key: the key that presses it; empty if none does.
     :param phrase: for a command to the race: since when its result holds, what it would do, or
         what it waits for; for one to the track: to whom. In a few words.
-    :param current: for a command to the race: whether the race is in the state that it leads to.
+    :param current: for a command to the race: whether the race is in the state that it leads to;
+        ``is_next``: it is the usual next step.
     :param recedes: it is possible, but something else is to be done first.
     """
 
@@ -134,6 +143,7 @@ class Button:
     phrase: str = ''
     current: bool = False
     recedes: bool = False
+    is_next: bool = False
 
     def given(self, also: bool = False) -> Given:
         """
@@ -261,9 +271,9 @@ COLUMNS = (
     Column('Kart', 46, lambda row: Cell(str(row.number))),
     Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
     Column('Sent, for', 150, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer', 84, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
-    Column('Link', 76, lambda row: row.link, lambda row: Cell(row.link_time)),
-    Column('Place, lap', 50, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
+    Column('Answer', 104, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
+    Column('Link', 78, lambda row: row.link, lambda row: Cell(row.link_time)),
+    Column('Place, lap', 56, lambda row: Cell(row.place), lambda row: Cell(row.gap)),
 )
 
 
@@ -471,11 +481,24 @@ def show(
         can_stop=texts.can_stop(race),
         humans=humans,
         humans_reason=reason,
-        race=tuple(buttons.race(command) for command in RACE_COMMANDS),
+        race=_steps(race, buttons),
         all_karts=(buttons.race(CommandKind.RECORD_MSR),),
         track_button=replace(track_button, phrase=texts.TO_HUMANS),
         rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
     )
+
+
+def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
+    """Return the commands to the race; one at most is the next step, none while the MSR is due."""
+    steps = [buttons.race(command) for command in RACE_COMMANDS]
+    racing = [kart for kart in race.karts if kart.in_race]
+    is_done = race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing)
+    wanted = (CommandKind.RACE_OVER,) if is_done else NEXT.get(race.state, ())
+    possible = [step.command for step in steps if step.enabled]
+    found = next((each for each in wanted if each in possible), None)
+    if any(alert.use_msr for alert in race.alerts):
+        found = None
+    return tuple(replace(step, is_next=step.command is found) for step in steps)
 
 
 def _since(race: Snapshot, now: float) -> str:

@@ -1,22 +1,19 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the areas of the window are made of: texts that fit, cards, and buttons."""
+"""What the areas of the window are made of: texts, buttons, and the cells that they are in."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import functools
-from typing import NamedTuple, TypeVar
 
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.words import Cell, STATE_CELLS, Tone
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
+from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
-
-Part = TypeVar('Part', bound=QtWidgets.QWidget)
 
 Pressed = Callable[[Button, Button], None]
 """Takes the command that a button had when it went down, and the one it has when it is let go."""
@@ -26,7 +23,10 @@ LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
 RIGHT = _FLAGS.AlignRight | _FLAGS.AlignVCenter
 CENTER = _FLAGS.AlignHCenter | _FLAGS.AlignVCenter
 TOP = _FLAGS.AlignLeft | _FLAGS.AlignTop
+BOTTOM = _FLAGS.AlignLeft | _FLAGS.AlignBottom
 _WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
+
+_Policy = QtWidgets.QSizePolicy.Policy
 
 
 @functools.lru_cache(maxsize=200)
@@ -39,252 +39,181 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
     made.setBold(bold)
     if family == FAMILIES[-1]:
         made.setStretch(90)  # it is wide
-    if hasattr(QtGui.QFont, 'setFeature'):
+    if hasattr(QtGui.QFont, 'Tag'):
         made.setFeature(QtGui.QFont.Tag('tnum'), 1)
     return made
 
 
-class Drawn(NamedTuple):
-    """A text that a widget shows: all of it, what is shown of it, and the room that it has."""
+def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
+    """Return whether all of a text is seen in a room."""
+    metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
+    needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
+    # Of the last line the room below its letters may be cut.
+    high = needed.height() - metrics.height() + metrics.ascent()
+    return needed.width() <= room.width() and high <= room.height() + 1
 
-    whole: str
-    shown: str
-    room: QtCore.QRect
-    used: QtCore.QRect
+
+def draw(
+    painter: QtGui.QPainter,
+    room: QtCore.QRect,
+    text: str,
+    of: QtGui.QFont,
+    colour: QtGui.QColor | str,
+    align: QtCore.Qt.AlignmentFlag = LEFT,
+    wrap: bool = False,
+) -> None:
+    """Draw a text as Qt draws an item of a list: where it does not fit, it ends with dots."""
+    metrics = QtGui.QFontMetrics(of)
+    if fits(text, room, of, wrap):
+        painter.setFont(of)
+        painter.setPen(QtGui.QColor(colour))
+        painter.drawText(room, align.value | (_WRAP if wrap else 0), text)
+        return
+    if wrap and room.height() > metrics.height():  # whole lines only
+        over = room.height() % metrics.lineSpacing()
+        room = room.adjusted(0, 0 if align & _FLAGS.AlignTop else over // 2, 0, 0)
+        room.setHeight(room.height() - (over if align & _FLAGS.AlignTop else over - over // 2))
+    item = QtWidgets.QStyleOptionViewItem()
+    style = QtWidgets.QApplication.style()
+    margin = style.pixelMetric(QtWidgets.QStyle.PixelMetric.PM_FocusFrameHMargin) + 1
+    item.rect = room.adjusted(-margin, 0, margin, 0)
+    item.text = text.replace('\n', '\u2028')
+    item.textElideMode = QtCore.Qt.TextElideMode.ElideRight
+    item.font = of
+    item.fontMetrics = metrics
+    item.displayAlignment = align
+    item.palette.setColor(QtGui.QPalette.ColorRole.Text, QtGui.QColor(colour))
+    item.state = QtWidgets.QStyle.StateFlag.State_Enabled
+    feature = QtWidgets.QStyleOptionViewItem.ViewItemFeature
+    item.features = feature.HasDisplay | (feature.WrapText if wrap else feature.HasDisplay)
+    style.drawControl(QtWidgets.QStyle.ControlElement.CE_ItemViewItem, item, painter, None)
 
 
-@functools.lru_cache(maxsize=4000)
-def fitted(
-    text: str, width: int, height: int, size: int, least: int, bold: bool, wrap: bool
-) -> tuple[str, int]:
+def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
+    """Give a widget marks by which the style sheet draws it, and what is in it."""
+    changed = [name for name, value in marks.items() if widget.property(name) != value]
+    for name in changed:
+        widget.setProperty(name, marks[name])
+    if changed:
+        for each in (widget, *widget.findChildren(QtWidgets.QLabel)):
+            each.style().unpolish(each)
+            each.style().polish(each)
+            each.update()
+
+
+def lay(
+    owner: QtWidgets.QWidget,
+    *rows: Sequence[QtWidgets.QWidget | None],
+    gap: int = 0,
+    margins: Sequence[int] = (0, 0, 0, 0),
+    columns: Sequence[int] = (1,),
+    heights: Sequence[int] = (),
+) -> QtWidgets.QGridLayout:
     """
-    Return what is shown of a text in a room, and the size of its type; sizes in pixels.
+    Put parts into the cells of a grid.
 
-    It is shown in the largest type in which all of it fits. If it fits in none, it ends after a
-    word with dots.
+    :param margins: left, top, right, bottom; as ``gap`` in pixels on a 1366 by 768 screen.
+    :param columns: the share of each column, as ``heights`` of each row; 0: what it needs.
     """
-    for pixels in range(size, least - 1, -1):
-        if _fits(text, width, height, pixels, bold, wrap):
-            return text, pixels
-    words = text.split(' ')
-    few, many = 0, len(words)
-    while few < many:
-        middle = (few + many + 1) // 2
-        if _fits(' '.join(words[:middle]) + ' …', width, height, least, bold, wrap):
-            few = middle
-        else:
-            many = middle - 1
-    if few:
-        return ' '.join(words[:few]).rstrip(',;:') + ' …', least
-    metrics = QtGui.QFontMetrics(font(least, bold))
-    return metrics.elidedText(text, QtCore.Qt.TextElideMode.ElideRight, max(0, width)), least
+    grid = QtWidgets.QGridLayout(owner)
+    grid.setProperty('design', [gap, *margins])
+    for place, row in enumerate(rows):
+        for column, part in enumerate(row):
+            if part is not None:
+                grid.addWidget(part, place, column)
+    for column, share in enumerate(columns):
+        grid.setColumnStretch(column, share)
+    for place, share in enumerate(heights):
+        grid.setRowStretch(place, share)
+    return grid
 
 
-def _fits(text: str, width: int, height: int, size: int, bold: bool, wrap: bool) -> bool:
-    needed = _extent(text, width, size, bold, wrap)
-    return needed.width() <= width and needed.height() <= height
+def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
+    """Give a part a size, in pixels on a 1366 by 768 screen; 0: what there is."""
+    part.setProperty('design', [width, height])
+    policy = part.sizePolicy()
+    if width:
+        policy.setHorizontalPolicy(_Policy.Fixed)
+    if height:
+        policy.setVerticalPolicy(_Policy.Fixed)
+    part.setSizePolicy(policy)
 
 
-def _extent(text: str, width: int, size: int, bold: bool, wrap: bool) -> QtCore.QRect:
-    room = QtCore.QRect(0, 0, max(0, width), 10_000)
-    return QtGui.QFontMetrics(font(size, bold)).boundingRect(room, _WRAP if wrap else 0, text)
+def rescale(owner: QtWidgets.QWidget) -> None:
+    """Have every cell and gap take the size of this screen."""
+    for layout in owner.findChildren(QtWidgets.QLayout):
+        if layout.property('design'):
+            gap, *margins = map(look.px, layout.property('design'))
+            layout.setSpacing(gap)
+            layout.setContentsMargins(*margins)
+    for part in owner.findChildren(QtWidgets.QWidget):
+        width, height = map(look.px, part.property('design') or (0, 0))
+        if width:
+            part.setFixedWidth(width)
+        if height:
+            part.setFixedHeight(height)
 
 
-class Pen:
-    """
-    Draws a widget.
-
-    :ivar drawn: the texts that it has drawn.
-    """
-
-    def __init__(self, widget: QtWidgets.QWidget) -> None:
-        self.painter = QtGui.QPainter(widget)
-        self.painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
-        self.drawn: list[Drawn] = []
-
-    def __enter__(self) -> Pen:
-        """Draw."""
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Draw no more, whatever has happened."""
-        self.painter.end()
-
-    def box(
-        self,
-        room: QtCore.QRect,
-        fill: str = '',
-        frame: str = '',
-        width: float = 1.0,
-        radius: float = RADIUS,
-    ) -> None:
-        """Draw a rounded box."""
-        thick = max(1.0, width * look.by)
-        pen = QtGui.QPen(QtGui.QColor(frame), thick) if frame else QtCore.Qt.PenStyle.NoPen
-        self.painter.setPen(pen)
-        self.painter.setBrush(QtGui.QColor(fill) if fill else QtCore.Qt.BrushStyle.NoBrush)
-        half = thick / 2 if frame else 0.0
-        inner = QtCore.QRectF(room).adjusted(half, half, -half, -half)
-        self.painter.drawRoundedRect(inner, look.px(radius), look.px(radius))
-
-    def stripes(self, room: QtCore.QRect) -> None:
-        """Draw stripes over a box: it is not so yet."""
-        path = QtGui.QPainterPath()
-        path.addRoundedRect(QtCore.QRectF(room), look.px(RADIUS), look.px(RADIUS))
-        self.painter.save()
-        self.painter.setClipPath(path)
-        self.painter.setPen(QtGui.QPen(QtGui.QColor(255, 255, 255, 60), look.px(6)))
-        step = look.px(16)
-        for x in range(room.left() - room.height(), room.right() + step, step):
-            self.painter.drawLine(x, room.bottom(), x + room.height(), room.top())
-        self.painter.restore()
-
-    def text(
-        self,
-        room: QtCore.QRect,
-        text: str,
-        colour: str,
-        size: float = TEXT,
-        bold: bool = False,
-        align: QtCore.Qt.AlignmentFlag = LEFT,
-        least: float = LEAST,
-        wrap: bool = False,
-    ) -> None:
-        """Draw a text where it fits."""
-        if not text:
-            return
-        shown, pixels = fitted(
-            text,
-            room.width(),
-            room.height(),
-            look.px(size),
-            look.px(min(size, least)),
-            bold,
-            wrap,
-        )
-        self.painter.setFont(font(pixels, bold))
-        self.painter.setPen(QtGui.QColor(colour))
-        flags = align.value | (_WRAP if wrap else 0)
-        used = self.painter.boundingRect(room, flags, shown)
-        self.painter.drawText(room, flags, shown)
-        self.drawn.append(Drawn(text, shown, room, used))
+def needed_height(part: QtWidgets.QWidget, width: int) -> int:
+    """Return how high what is in a part is if it gets a width, in pixels."""
+    layout = part.layout()
+    layout.activate()
+    if layout.hasHeightForWidth():
+        return int(layout.totalHeightForWidth(width))
+    return int(layout.totalSizeHint().height())
 
 
-class Area(QtWidgets.QWidget):
-    """A widget whose parts keep their distances from its edges."""
-
-    def __init__(self, name: str = '') -> None:
-        super().__init__()
-        self.setObjectName(name)
-        self._parts: dict[QtWidgets.QWidget, tuple[float, float, float, float]] = {}
-
-    def put(self, part: Part, left: float, top: float, right: float, bottom: float) -> Part:
-        """
-        Put a part somewhere, or somewhere else, and return it.
-
-        Each number is where an edge of it is, on a 1366 by 768 screen: in pixels from the left or
-        the top; if it is negative, or 0 for the last two, from the right or the bottom.
-        """
-        if part not in self._parts:
-            part.setParent(self)
-        self._parts[part] = left, top, right, bottom
-        self._lay(part)
-        return part
-
-    def _lay(self, part: QtWidgets.QWidget) -> None:
-        left, top, right, bottom = self._parts[part]
-        x = look.px(left) + self.width() * (left < 0)
-        y = look.px(top) + self.height() * (top < 0)
-        wide = look.px(right) + self.width() * (right <= 0) - x
-        part.setGeometry(x, y, wide, look.px(bottom) + self.height() * (bottom <= 0) - y)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Put every part where it belongs."""
-        self.lay_parts()
-
-    def lay_parts(self) -> None:
-        """Put every part where it belongs."""
-        for part in self._parts:
-            self._lay(part)
-
-
-class Painted(Area):
-    """
-    A widget that draws itself.
-
-    :ivar drawn: its texts, as they were drawn last.
-    """
-
-    def __init__(self, name: str = '') -> None:
-        super().__init__(name)
-        self.drawn: list[Drawn] = []
-        self._shown: object = None
-
-    @property
-    def whole(self) -> str:
-        """Return all that it says, also what is cut."""
-        return '\n'.join(each.whole for each in self.drawn)
-
-    @property
-    def cut(self) -> bool:
-        """Return whether not all of it is shown."""
-        return any(each.whole != each.shown for each in self.drawn)
-
-    def show_it(self, *shown: object) -> None:
-        """Draw it again if what it is to show has changed."""
-        if shown != self._shown:
-            self._shown = shown
-            self.update()
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-
-    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw it."""
-        with Pen(self) as pen:
-            self.paint(pen)
-        self.drawn = pen.drawn
-
-
-class Text(Painted):
+class Text(QtWidgets.QLabel):
     """
     A text that takes the room it is given: no text moves what is beside it.
 
     If it does not fit, it ends with dots, and the bottom line shows all of it when it is pointed
     at.
 
+    :param kind: what the style sheet knows it by: its size, ``bold``, ``faint``.
     :param fills: its tone colours its ground, too.
+    :param flows: it takes the room that it needs: the width of a line, or the height of several.
     """
 
     def __init__(
         self,
-        name: str,
-        size: float = TEXT,
-        bold: bool = False,
+        name: str = '',
+        kind: str = '',
         align: QtCore.Qt.AlignmentFlag = LEFT,
         wrap: bool = False,
         fills: bool = False,
-        colour: Callable[[], str] | None = None,
+        flows: bool = False,
+        text: str = '',
     ) -> None:
-        super().__init__(name)
-        self.cell = Cell('')
-        self._size = size
-        self.bold = bold
-        self._align = align
-        self._wrap = wrap
+        self._flows = flows
+        super().__init__(text)
+        self.setObjectName(name)
+        self.setProperty('kind', kind)
+        self.setAlignment(align)
+        self.setTextFormat(QtCore.Qt.TextFormat.PlainText)
+        self.setWordWrap(wrap)
+        self.setMinimumSize(1, 1)
+        policy = self.sizePolicy()
+        policy.setHorizontalPolicy(_Policy.Maximum if flows and not wrap else _Policy.Ignored)
+        policy.setVerticalPolicy(_Policy.Minimum if flows and wrap else _Policy.Ignored)
+        self.setSizePolicy(policy)
+        self.cell = Cell(text)
         self._fills = fills
-        self._colour = colour
 
     @property
     def whole(self) -> str:
         """Return the text that is not cut."""
         return self.cell.text
 
-    def resize_type(self, size: float) -> None:
-        """Take another size of type."""
-        if size != self._size:
-            self._size = size
-            self.update()
+    @property
+    def cut(self) -> bool:
+        """Return whether not all of it is shown."""
+        room, of = self.contentsRect(), self.font()
+        return bool(self.whole) and not fits(self.whole, room, of, self.wordWrap())
+
+    def hasHeightForWidth(self) -> bool:  # noqa: N802 - Qt's name
+        """Return whether it takes the height that it needs."""
+        return self._flows and self.wordWrap()
 
     def show_text(self, text: str) -> None:
         """Show a text."""
@@ -293,51 +222,66 @@ class Text(Painted):
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
         """Show a text in its tone, or greyed."""
         self.cell = cell
-        self.setProperty('tone', 'stale' if stale else cell.tone.value)
-        self.setAccessibleName(cell.text)
-        self.show_it(cell, stale)
+        if cell.text != self.text():
+            self.setText(cell.text)
+        is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
+        ground = cell.tone.value if is_filled else ''
+        mark(self, tone='stale' if stale else cell.tone.value, ground=ground)
 
-    def paint(self, pen: Pen) -> None:
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw it."""
-        room, tone = self.rect(), self.cell.tone
-        if self.property('tone') == 'stale':
-            tone = Tone.FAINT
-        colour = self._colour() if self._colour else look.text(tone)
-        if self._fills and tone not in (Tone.PLAIN, Tone.FAINT, Tone.GOOD):
-            colour, fill = look.fill(tone)
-            pen.box(room, fill)
-        if self._fills:
-            room = room.adjusted(look.px(GAP), look.px(2), -look.px(GAP), -look.px(2))
-        pen.text(room, self.cell.text, colour, self._size, self.bold, self._align, wrap=self._wrap)
+        QtWidgets.QFrame.paintEvent(self, event)
+        if self.whole:
+            painter, ink = QtGui.QPainter(self), self.palette().color(self.foregroundRole())
+            align, wrap = self.alignment(), self.wordWrap()
+            draw(painter, self.contentsRect(), self.whole, self.font(), ink, align, wrap)
+            painter.end()
 
 
-class Card(Painted):
+class Panel(QtWidgets.QFrame):
     """The ground of an area."""
 
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        pen.box(self.rect(), look.palette.card, look.palette.line)
+    def __init__(self, name: str = '', kind: str = 'card') -> None:
+        super().__init__()
+        self.setObjectName(name)
+        self.setProperty('kind', kind)
+        self.setSizePolicy(_Policy.Ignored, _Policy.Ignored)
 
 
 class Push(QtWidgets.QPushButton):
     """
-    A button that draws itself.
+    A button.
 
-    :ivar drawn: its texts, as they were drawn last.
+    :param tall: it has its key at its right edge, and a phrase below its text.
     """
 
-    def __init__(self, name: str = '', text: str = '', key: str = '') -> None:
+    def __init__(
+        self, name: str = '', text: str = '', key: str = '', kind: str = '', tall: bool = False
+    ) -> None:
         super().__init__()
         self.setObjectName(name)
+        self.setProperty('kind', kind)
+        self.setSizePolicy(_Policy.Ignored, _Policy.Ignored)
+        self.setMinimumSize(1, 1)
+        self._labels: tuple[Text, ...] = ()
         self.words = self.key = ''
+        if tall:
+            name_, phrase = Text('', 'bold'), Text('', 'faint small', TOP, wrap=True)
+            key_ = Text('', 'faint small', RIGHT, flows=True)
+            self._labels = name_, key_, phrase
+            fixed(name_, height=20)
+            grid = lay(self, (name_, key_), margins=(10, 5, 8, 3), columns=(1, 0), heights=(0, 1))
+            grid.addWidget(phrase, 1, 0, 1, 2)
+            for label in self._labels:  # the button gets every click
+                label.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.show_words(text, key)
-        self.quiet = False
-        self.drawn: list[Drawn] = []
 
     @property
     def whole(self) -> str:
         """Return all that it says."""
-        return f'{self.words}  {self.key}'.strip()
+        return (
+            '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
+        )
 
     @property
     def barred(self) -> bool:
@@ -346,53 +290,19 @@ class Push(QtWidgets.QPushButton):
 
     def bar(self, barred: bool) -> None:
         """Take whether it does nothing now."""
-        self.setProperty('barred', 'true' if barred else 'false')
-        self.update()
+        mark(self, barred='true' if barred else 'false')
 
-    def show_words(self, text: str, key: str = '') -> None:
+    def show_words(self, text: str, key: str = '', phrase: str = '') -> None:
         """Show another text."""
-        if (text, key) != (self.words, self.key):
-            self.words, self.key = text, key
-            self.setText(text.replace('&', '&&'))  # no letter of a name is a shortcut
-
-    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw it."""
-        with Pen(self) as pen:
-            self.paint(pen)
-            if self.hasFocus():
-                pen.box(self.rect(), '', look.palette.chosen, 3)
-        self.drawn = pen.drawn
-
-    def colours(self) -> tuple[str, str, str]:
-        """Return the colours of its text, its ground and its frame; empty: it has none."""
-        colours = look.palette
-        if self.barred or not self.isEnabled():
-            return colours.faint, '', ''
-        if self.property('tone') == Tone.WAIT.value and not self.isDown():
-            return *look.fill(Tone.WAIT), look.fill(Tone.WAIT)[1]
-        ground = colours.raised if self.isDown() else colours.card
-        return colours.ink, ground, colours.line if self.quiet else colours.ink
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it: the text in the middle, the key after it."""
-        ink, ground, frame = self.colours()
-        if ground:
-            pen.box(self.rect(), ground, frame, 1.5)
-        margin = look.px(UNDER_TEXT if self.height() < look.px(36) else GAP + UNDER_TEXT)
-        room = self.rect().adjusted(margin, look.px(2), -margin, -look.px(2))
-        size = TEXT if self.height() > look.px(36) else SMALL
-        if self.key and not self.barred:
-            key = QtGui.QFontMetrics(font(look.px(SMALL))).horizontalAdvance(self.key)
-            wide = min(room.width() // 2, key + look.px(2))
-            beside = room.adjusted(room.width() - wide, 0, 0, 0)
-            pen.text(beside, self.key, look.palette.faint, SMALL, align=RIGHT)
-            room.setRight(beside.left() - look.px(3))
-        bold = not self.barred and self.isEnabled()
-        pen.text(room, self.words, ink, size, bold, CENTER, wrap=self.height() > look.px(38))
-
-
-UNDER_TEXT = 5
-"""Room between a button's frame and its text, at least."""
+        self.words, self.key = text, key
+        for label, said in zip(self._labels, (text, key, phrase), strict=False):
+            label.show_text(said)
+        if self._labels:
+            self.setAccessibleName(text)
+            return
+        said = f'{text}  {key}'.strip().replace('&', '&&')  # no letter of a name is a shortcut
+        if said != self.text():
+            self.setText(said)
 
 
 class CommandButton(Push):
@@ -405,8 +315,8 @@ class CommandButton(Push):
     the button is still there then, is no matter. Anything else acts when the button is let go.
     """
 
-    def __init__(self, pressed: Pressed) -> None:
-        super().__init__()
+    def __init__(self, pressed: Pressed, tall: bool = False, kind: str = '') -> None:
+        super().__init__(kind=kind, tall=tall)
         self.button: Button | None = None
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._give = pressed
@@ -422,22 +332,25 @@ class CommandButton(Push):
         name = button.command.name.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         label = CATALOGUE[button.command].short or button.label
-        self.show_words(label if button.kart else button.label, button.key)
+        key = button.key if self._labels or button.enabled else ''
+        self.show_words(label if button.kart else button.label, key, button.phrase)
         self.setToolTip(button.explanation)
         self.setAccessibleDescription(button.explanation)
-        self.bar(not button.enabled)
-
-    def colours(self) -> tuple[str, str, str]:
-        """Return the colours of its text, its ground and its frame; empty: it has none."""
-        ink, ground, frame = super().colours()
-        if self.button is None or not self.button.is_stop:
-            recedes = self.button is not None and self.button.recedes and not self.isDown()
-            return (ink, '', '') if recedes else (ink, ground, frame)
-        if self.button.kart and not self.isDown():
-            flag = self.button.command is CommandKind.KART_RED_FLAG
-            ink, fill = look.fill(Tone.FLAG if flag else Tone.RED)
-            return ink, fill, fill
-        return look.palette.bad, ground, look.palette.bad
+        # To record the use of the MSR is no stop to reach for.
+        is_stop = button.is_stop and button.command is not CommandKind.RECORD_MSR
+        is_flag = button.command in (CommandKind.RED_FLAG, CommandKind.KART_RED_FLAG)
+        looks = ('flag' if is_flag else 'stop') if is_stop else ''
+        if button.is_next:
+            looks = 'go' if button.command is CommandKind.GREEN_GREEN else 'next'
+        ground = current = ''
+        if button.is_stop and button.kart:
+            ground = (Tone.FLAG if is_flag else Tone.RED).value
+        if button.current and isinstance(button.command, CommandKind):
+            current = STATE_CELLS[STEP_STATES[button.command]].tone.value
+        if button.recedes:
+            looks = 'recedes'
+        barred = 'false' if button.enabled else 'true'
+        mark(self, barred=barred, look=looks, ground=ground, current=current)
 
     def _go_down(self) -> None:
         self._down = self.button
@@ -448,32 +361,3 @@ class CommandButton(Push):
         down, self._down = self._down, None
         if down is not None and self.button is not None and not down.is_instant:
             self._give(down, self.button)
-
-
-class StepButton(CommandButton):
-    """A command to the race, with a phrase below it: since when, what it does, what it awaits."""
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        button = self.button
-        if button is None:
-            return
-        ink, ground, frame = self.colours()
-        if button.current and isinstance(button.command, CommandKind):
-            tone = STATE_CELLS[STEP_STATES[button.command]].tone
-            frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
-            ink = look.palette.ink if not button.is_stop else ink
-            pen.box(self.rect(), ground or look.palette.card, frame, 3)
-        elif ground:
-            pen.box(self.rect(), ground, frame, 2)
-        room = self.rect().adjusted(look.px(10), look.px(6), -look.px(8), -look.px(3))
-        high = look.px(21)
-        upper = QtCore.QRect(room.left(), room.top(), room.width(), high)
-        wide = look.px(22)
-        strong = button.current or not self.barred
-        name = upper.adjusted(0, 0, -wide - look.px(4), 0)
-        pen.text(name, self.words, ink, TEXT, strong)
-        key = upper.adjusted(upper.width() - wide, 0, 0, 0)
-        pen.text(key, self.key, look.palette.faint, SMALL, align=RIGHT)
-        below = room.adjusted(0, high, 0, 0)
-        pen.text(below, button.phrase, look.palette.faint, SMALL, align=TOP, wrap=True)

@@ -18,7 +18,7 @@ from evgp_rcs_console.input import Give, Keyboard, LateInput, Mouse, Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import is_night, keep_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
-from evgp_rcs_console.widgets import CommandButton, Painted
+from evgp_rcs_console.widgets import CommandButton, Text
 
 LOOK = 100
 """Time between two looks at what time has changed, in milliseconds."""
@@ -56,6 +56,7 @@ class ConsoleWindow(Areas):
         self.your_name.signed.connect(presses.sign)
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
+        self.karts.pointed.connect(bottom.point_at)
         self.alerts.seen.connect(alarm.see)
         self.alerts.all_seen.connect(alarm.see_all)
         self.alerts.mute.connect(alarm.toggle_sound)
@@ -125,7 +126,7 @@ class ConsoleWindow(Areas):
                 return self._keyboard.take(event)
             if isinstance(event, QtGui.QMouseEvent):
                 return self._mouse.take(event)
-        if isinstance(watched, (CommandButton, Painted)):
+        if isinstance(watched, (CommandButton, Text)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
                 self._display.bottom.point_at(watched)
             elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):

@@ -384,6 +384,18 @@ def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
     assert show(replace(race, karts=(doubtful,)), 0.0, {}).humans.tone is Tone.BAD
 
 
+def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
+    track = TrackAccess(False, False, 'the race is under way', False)
+    for place, sent in ((0, RaceState.GREEN_GREEN), (1, RaceState.RED_FLAG)):
+        kart = replace(KART, sent=sent, reported=sent, acknowledged=True, place=place)
+        race = replace(RACE, state=RaceState.GREEN_GREEN, karts=(kart,), track=track)
+        screen = show(race, 0.0, {})
+        assert Tone.WAIT not in (screen.humans.tone, screen.state.tone)
+        assert any(each.is_next for each in screen.race) is bool(place)
+    lost = show(replace(race, karts=(replace(kart, place=0),)), 0.0, {}).state
+    assert lost.tone is Tone.WAIT
+
+
 # ----- heats and places ---------------------------------------------------------------------
 
 
