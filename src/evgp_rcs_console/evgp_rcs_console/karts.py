@@ -383,7 +383,7 @@ class KartList(Panel):
             self._buttons.append(buttons)
             for column, button in enumerate(buttons, len(COLUMNS)):
                 self.table.setCellWidget(place, column, button)
-        del self._buttons[len(rows) :]
+        self._buttons = [widgets for widgets, _ in zip(self._buttons, rows, strict=False)]
         for widgets, row in zip(self._buttons, rows, strict=True):
             for widget, command in zip(widgets, row.buttons, strict=True):
                 widget.show_button(command)
