@@ -280,6 +280,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING, *[''] * 9]
         self.setHorizontalHeaderLabels(headings[: self.columnCount()])
+        self.horizontalHeaderItem(0).setTextAlignment(CENTER)
         for header in (self.horizontalHeader(), self.verticalHeader()):
             header.setSectionResizeMode(QtWidgets.QHeaderView.ResizeMode.Fixed)
             header.setMinimumSectionSize(1)
