@@ -159,9 +159,8 @@ class AlertsArea(Panel):
         told = summary(notices, self._shown)
         if not notices and not known:
             told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
-        others = sorted(
-            {each.kart for each in notices[self._shown :] if each.use_msr and each.kart}
-        )
+        shown = self._shown
+        others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
         if others:
             told = texts.ALSO_MSR.format(karts=', '.join(map(str, others)))
         self._summary.show_cell(Cell(told, tone))

@@ -280,6 +280,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING, *[''] * 9]
         self.setHorizontalHeaderLabels(headings[: self.columnCount()])
+        self.horizontalHeaderItem(0).setTextAlignment(CENTER)
         for header in (self.horizontalHeader(), self.verticalHeader()):
             header.setSectionResizeMode(QtWidgets.QHeaderView.ResizeMode.Fixed)
             header.setMinimumSectionSize(1)
@@ -383,7 +384,7 @@ class KartList(Panel):
             self._buttons.append(buttons)
             for column, button in enumerate(buttons, len(COLUMNS)):
                 self.table.setCellWidget(place, column, button)
-        del self._buttons[len(rows) :]
+        self._buttons = [widgets for widgets, _ in zip(self._buttons, rows, strict=False)]
         for widgets, row in zip(self._buttons, rows, strict=True):
             for widget, command in zip(widgets, row.buttons, strict=True):
                 widget.show_button(command)
