@@ -240,7 +240,8 @@ def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
     karts[1].wait_for_state(RED_RED)
     console.wait_for('in_garage', barred='false')
 
-    console.ask('F6', text='kart 1 made safe by hand')
+    console.ask('F6')
+    console.wait_for('yes_and_more', text='kart 1 made safe by hand')
     console.press('ctrl+g', see='kart_1', text=r'\A(?!(.|\n)*RED RED)')
 
     console.wait_for('state', text='IN GARAGE')

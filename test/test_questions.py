@@ -78,6 +78,7 @@ def given(button: Button) -> Command:
         seen.stated,
         frozenset(seen.karts),
         seen.hold,
+        opening=seen.opening,
     )
 
 

@@ -723,7 +723,7 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     answer = officials.race.command(command, officials.now).answer
     assert answer is not None
     assert not answer.success
-    assert 'the track was opened by an official since you looked' in answer.message
+    assert 'the track was opened since you looked (by an official, 0 s ago)' in answer.message
     officials.does('OPEN_TRACK')
     assert 'state that the track, which closes now,' in officials.is_refused(
         'GRID_ACTIVE', stating=False

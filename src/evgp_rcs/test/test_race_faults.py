@@ -203,7 +203,7 @@ the track stays open when the grid forms: track-open-in-motion, effect
 the track closes for the grid whoever has been let onto it since: as-seen
     _misnamed: and command.opening != self.opening => and command.opening > self.opening
 an opening of the track is not counted: as-seen, effect
-    _open_track: self._count_opening(f'by {command.official or "an official"}') =>
+    _open_track: self._count_opening(f'by {command.official or "an official"}', now) =>
         self.track_open = True
 a kart that was lost in a race goes home with all others: stuck, effect, sent-wrong, availability
     away_at_rest: self.lost_since is None and =>
@@ -459,7 +459,7 @@ GRID_ACTIVE is given after a race that is over: availability, red-loosened
 race control that is cut off goes on: cut-off, effect [network]
     cut_off: self._cut_off(reason, now) => pass
 race control that is cut off takes the track for closed: cut-off, restart [network]
-    _lose_track: self._count_opening(f'to the worst: {cause}') => self.opening += 1
+    _lose_track: self._count_opening(cause, now) => self.opening += 1
 race control that is cut off leaves the use of the MSR in force: cut-off [network]
     _lose_track: self.msr_used = False => pass
 race control that is cut off takes itself to know what happened: cut-off, restart [network]
@@ -524,7 +524,7 @@ a record that fails while a start waits does not stop it: start-first, no-record
         self._refusal_of(start.command, start.came) ¶ self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: self.track_open => False
 a start after it does: restart
-    recover: self._count_opening('before race control was restarted') => pass
+    recover: self._count_opening('before race control was restarted', now) => pass
 a run of which nothing is known counts as ended well: restart
     recover: last_run is not LastRun.UNKNOWN and =>
 a kart in doubt does not keep a restart from going home: restart at_rest: or kart.doubt =>

@@ -258,10 +258,7 @@ class EventPanel(Panel):
             self._show_one(self._kart)  # perhaps the line before was not one of this kart
             return
         if replaces:
-            cursor = QtGui.QTextCursor(self._view.document())
-            cursor.movePosition(QtGui.QTextCursor.MoveOperation.End)
-            cursor.select(QtGui.QTextCursor.SelectionType.BlockUnderCursor)
-            cursor.removeSelectedText()
+            self._list.takeItem(0)
         for line in lines:
             if concerns(line, self._kart):
                 self._put(line)

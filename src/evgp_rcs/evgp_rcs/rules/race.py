@@ -649,7 +649,7 @@ class Race:
         self.track_open = False
         self.opening = 0
         """Number of the last opening of the track in this run; 0: none."""
-        self._opened = ''  # by whom, in a phrase
+        self._opened = '', now  # by whom or why, in a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
         """Race control does not know what happened before, or while it was cut off; until
@@ -708,7 +708,7 @@ class Race:
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
-                self._count_opening('before race control was restarted')
+                self._count_opening('before race control was restarted', now)
             self.unstated = last_run is LastRun.NONE
             return self._outcome()
         self._put_in = '' if memory is None else memory.heat
@@ -746,16 +746,16 @@ class Race:
     def _lose_track(self, held: str, cause: str, now: float) -> None:
         """Have everything count as the worst it could be: race control does not know it."""
         self.past_unknown = True
-        self._count_opening(f'to the worst: {cause}')
+        self._count_opening(cause, now)
         self.msr_used = False
         for kart in self.karts.values():
             self._hold(kart, RED_RED, held, now)
         self._go(RED_RED, now, cause)
 
-    def _count_opening(self, how: str) -> None:
+    def _count_opening(self, how: str, now: float) -> None:
         self.track_open = True
         self.opening += 1
-        self._opened = how
+        self._opened = how, now
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -868,7 +868,7 @@ class Race:
                 kart = self.karts[command.kart]
                 wait = f'{kart}: {self._silence(kart)}; wait for it, or '
             return f'{wait}state that {statement}'
-        return self._misnamed(command)
+        return self._misnamed(command, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command in force, or refuse it, and tell that."""
@@ -1330,7 +1330,7 @@ class Race:
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
-        self._count_opening(f'by {command.official or "an official"}')
+        self._count_opening(f'by {command.official or "an official"}', now)
         self.unstated = False
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
@@ -1641,7 +1641,7 @@ class Race:
             )
         )
 
-    def _misnamed(self, command: Command) -> str:
+    def _misnamed(self, command: Command, came: float) -> str:
         """Return why a command is refused for what it names; empty if it names what is there."""
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
@@ -1649,9 +1649,10 @@ class Race:
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
         if entry.names_opening and command.opening != self.opening:
+            how, at = self._opened
             return (
-                f'the track was opened {self._opened} since you looked; see that nobody is on it, '
-                'then send this command again'
+                f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
+                'see that nobody is on it, then send this command again'
             )
         return self._not_as_seen(command) if entry.names_karts else ''
 
