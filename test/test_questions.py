@@ -159,6 +159,7 @@ class Walk:
                 True,
                 frozenset(offered.karts),
                 self.race.karts[number].hold,
+                opening=self.race.opening,
             ),
             self.now,
         )
