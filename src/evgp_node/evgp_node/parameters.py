@@ -101,7 +101,9 @@ class Parameters:
         :raises ParameterError: if the value given is of another type or outside the limits.
         """
         descriptor = ParameterDescriptor(description=meaning, read_only=True)
-        right = _IN_WORDS.get(type(default), 'a list of numbers with points, as [1.0, 2.0]')
+        of_texts = isinstance(default, list) and isinstance(default[0], str)
+        of_what = 'texts, as [Anna, Ben]' if of_texts else 'numbers with points, as [1.0, 2.0]'
+        right = _IN_WORDS.get(type(default), f'a list of {of_what}')
         if limits is not None:
             least, greatest = limits
             right += f' from {least:g} to {greatest:g}'

@@ -43,7 +43,7 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
+from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
 from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
@@ -168,12 +168,12 @@ class Areas(QtWidgets.QWidget):
         self.question = Question(self)
         self.help = Help(self)
         self.heats = Heats(self, press)
-        self.your_name = YourName(self)
+        self.officials = Officials(self)
         self._sheets: tuple[Sheet, ...] = (
             self.question,
             self.help,
             self.heats,
-            self.your_name,
+            self.officials,
         )
         self._style: object = None
 
@@ -606,6 +606,7 @@ class Display(QtCore.QObject):
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats)
+        areas.officials.show_names(race.officials)
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)
         self.alarm.show(race.stamp + now - self._heard_at, known=not stale)

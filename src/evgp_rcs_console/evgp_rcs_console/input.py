@@ -165,15 +165,14 @@ class Presses(QtCore.QObject):
         self._areas.help.setVisible(not self._areas.help.isVisible())
         self._areas.place_sheets()
 
-    def open_name(self) -> None:
-        """Ask for the official's name."""
-        self._areas.your_name.begin(self._signature.name)
-        self._areas.open_sheet(self._areas.your_name, self._areas.your_name.field)
+    def open_officials(self) -> None:
+        """Ask which of the officials commands from here."""
+        self._areas.open_sheet(self._areas.officials, self._areas.officials.first)
 
     def sign(self, name: str) -> None:
         """Send commands in a name from now on."""
         self._signature.sign(name)
-        self._areas.your_name.close_sheet()
+        self._areas.officials.close_sheet()
         self._areas.setFocus()
         self._areas.foot.show_name(self._signature.name)
         self._bottom.say(texts.SIGNED.format(claim=self._signature.claim))
@@ -362,8 +361,6 @@ class Keyboard:
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
         at = clock.now() - age
-        if self._areas.your_name.is_typed_into and not asking and self._spell(event, stroke):
-            return True
         means = stroke is not None or name in ANSWER_KEYS
         twice = means and not repeated and self._repeats.same_press(name, at)
         # A kart that crosses the line does not wait for an answer.
@@ -383,23 +380,6 @@ class Keyboard:
             pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:
             self._press(stroke, at)
-        return True
-
-    def _spell(self, event: QtGui.QKeyEvent, stroke: Stroke | None) -> bool:
-        """Take a key for the name that is being typed; return whether it is one for that."""
-        sheet = self._areas.your_name
-        act = stroke.act if stroke is not None else None
-        letter = keys.letter_of_name(_typed(event))
-        if act is Act.ERASE and not self._chosen.digits:
-            sheet.erase()
-        elif act is not Act.PRESS and not letter:
-            return False
-        elif event.isAutoRepeat():
-            pass  # held down a little too long
-        elif letter:
-            sheet.type_letter(letter)
-        else:
-            sheet.save()
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:

@@ -65,16 +65,6 @@ def is_kill(name: str, code: int) -> bool:
     return name in _KILL_NAMES or name.isspace() or code in _KILL_CODES
 
 
-NAME_SIGNS = '-._'
-"""What a name may have besides letters. No space: that is ALL KILL. No digits: they choose a kart,
-perhaps for a stop."""
-
-
-def letter_of_name(text: str) -> str:
-    """Return the letter that a key adds to a name, by what it types; empty if it adds none."""
-    return text if len(text) == 1 and (text.isalpha() or text in NAME_SIGNS) else ''
-
-
 class Act(enum.Enum):
     """What a key does other than sending a command."""
 

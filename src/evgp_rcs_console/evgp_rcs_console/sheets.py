@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The sheets over the karts: a question, the heats, the official's name, the keys.
+The sheets over the karts: a question, the heats, the officials, the keys.
 
 They end before the stops of the karts begin, so they cover no stop.
 """
@@ -10,10 +10,10 @@ They end before the stops of the karts begin, so they cover no stop.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import functools
 import itertools
 import time
 
-from evgp_node.official import MOST_OF_NAME
 from evgp_protocol import clock
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import texts
@@ -249,51 +249,37 @@ class Heats(Sheet):
         self._pressed(down, button)
 
 
-class YourName(Sheet):
-    """
-    Asks for the official's name, when the official wants that.
-
-    It has no text field of Qt's: that would take the space bar, digits and other keys, which may
-    be a stop. The keyboard hands over the letters while the name has the focus.
-    """
+class Officials(Sheet):
+    """Offers the event's officials: one click says who commands from this window."""
 
     signed = Signal(str)
-    """The official has typed a name; empty: unnamed."""
+    """An official has said who they are."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'your_name', texts.NAME_TITLE)
-        self._name = ''
+        super().__init__(parent, 'officials', texts.NAME_TITLE)
+        self._names: list[Push] = []
         about = Text('', wrap=True, flows=True, text=texts.NAME_ABOUT)
-        self.field = Text('name', 'large bold field')
-        self.field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        keep = Push('keep_name', texts.NAME_KEEP, 'Enter')
-        keep.clicked.connect(self.save)
-        cancel = Push('close_name', texts.HEATS_CLOSE, 'Esc')
-        cancel.clicked.connect(self.close_sheet)
-        self.add(about, 0, self.field, 44, keep, 36, cancel, 36)
+        self._close = Push('close_officials', texts.HEATS_CLOSE, 'Esc')
+        self._close.clicked.connect(self.close_sheet)
+        self.add(about, 0, self._close, 36)
 
     @property
-    def is_typed_into(self) -> bool:
-        """Return whether letters are part of the name now."""
-        return self.isVisible() and self.field.hasFocus()
+    def first(self) -> QtWidgets.QWidget:
+        """Return the first name, or what closes the sheet if there is none."""
+        return self._names[0] if self._names else self._close
 
-    def type_letter(self, letter: str) -> None:
-        """Take a letter; one too many is left out."""
-        if len(self._name) < MOST_OF_NAME:
-            self.begin(self._name + letter)
-
-    def erase(self) -> None:
-        """Delete the last letter."""
-        self.begin(self._name[:-1])
-
-    def save(self) -> None:
-        """Hand over the name."""
-        self.signed.emit(self._name)
-
-    def begin(self, name: str) -> None:
-        """Take the name that there is."""
-        self._name = name
-        self.field.show_text(texts.NAME_CARET.format(name=name))
+    def show_names(self, names: Sequence[str]) -> None:
+        """Show one button for each name."""
+        if [each.words for each in self._names] == [*names]:
+            return
+        for each in self._names:
+            each.deleteLater()
+            self.parts.remove(each)
+        self._names = [Push(f'official_{place}', name) for place, name in enumerate(names, 1)]
+        for each in self._names:
+            each.clicked.connect(functools.partial(self.signed.emit, each.words))
+            self.add(each, 34)
+        self._column.addWidget(self._close)
 
 
 class Help(Sheet):

@@ -300,15 +300,13 @@ NOT_GIVEN_FORGOTTEN = '{command} WAS NOT SENT: {number} was typed too long ago. 
 NOT_GIVEN_EMPTY = '{command} WAS NOT SENT: no kart is chosen. Type its number first.'
 ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, and press again.'
 
-NAME_TITLE = 'Your name'
+NAME_TITLE = 'Who commands from here?'
 NAME_ABOUT = (
-    'It goes with every command from this window, and into the record. Type letters, "-", "." and '
-    '"_". All other keys do what they always do: the SPACE BAR sends ALL KILL.'
+    'The name goes with every command from this window, and into the record. Another name: start '
+    'the window with it, as in make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
-NAME_KEEP = 'SAVE'
 NAME_IS = 'Name: {name}'
 NAME_UNKNOWN = 'Your name?'
-NAME_CARET = '{name}▏'
 SIGNED = 'Your commands are now sent as: {claim}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
 NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '

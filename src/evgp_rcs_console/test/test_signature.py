@@ -11,7 +11,6 @@ import pathlib
 import threading
 
 from evgp_node.official import MOST
-from evgp_rcs_console.keys import letter_of_name
 from evgp_rcs_console.settings import file_of_name, keep_name, kept_name, Signature
 import pytest
 
@@ -96,10 +95,3 @@ def test_where_no_name_can_be_kept_it_counts_all_the_same(
     wait_for_writers()
     assert signature.name == 'Anna'
     assert 'not saved' in capsys.readouterr().err
-
-
-def test_no_key_of_a_stop_and_no_digit_is_a_letter_of_a_name() -> None:
-    assert [letter_of_name(each) for each in ('A', 'z', 'é', 'Ж', '-', '.', '_')] == [
-        *('A', 'z', 'é', 'Ж', '-', '.', '_')
-    ]
-    assert not any(map(letter_of_name, (' ', '7', '', '\r', '\x12', 'ab', '\x7f', '\u00a0')))

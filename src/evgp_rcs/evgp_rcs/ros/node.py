@@ -145,6 +145,11 @@ class RcsNode(StrictNode):
             'REHEARSAL; empty: nothing. Screens that say it are trusted to be in no race: never '
             'set it for one.',
         )
+        officials = parameters.declare(
+            'officials',
+            [''],
+            "The event's officials, by name: a window offers them as who commands from it.",
+        )
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
@@ -168,7 +173,12 @@ class RcsNode(StrictNode):
         self._signing = threading.Lock()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
         self._publisher = RacePublisher(
-            self, begin.roster, self._publisher_failed, self._banner, begin.run
+            self,
+            begin.roster,
+            self._publisher_failed,
+            self._banner,
+            tuple(filter(None, map(tidy, officials))),
+            begin.run,
         )
         self._server = KartServerClient(
             begin,

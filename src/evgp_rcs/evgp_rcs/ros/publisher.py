@@ -69,6 +69,7 @@ class RacePublisher:
 
     :param on_failure: is called, in the publisher's thread, when it cannot go on.
     :param banner: what every screen says at its top.
+    :param officials: the event's officials.
     :param run: the id of this run of race control.
     """
 
@@ -78,12 +79,13 @@ class RacePublisher:
         roster: Roster,
         on_failure: Callable[[BaseException], None],
         banner: str = '',
+        officials: tuple[str, ...] = (),
         run: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
-        self._banner = banner
+        self._banner, self._officials = banner, officials
         self._run_id = run
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
@@ -213,6 +215,7 @@ class RacePublisher:
             ),
             alerts=(*race.alerts, *self._graph_alerts),
             banner=self._banner,
+            officials=self._officials,
         )
         if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
             self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns

@@ -109,7 +109,8 @@ class Snapshot(NamedTuple):
     :param stamp: the time of it.
     :param state: None only before race control was heard.
     :param commands: those that are not to one kart.
-    :param banner: race control itself gives none; ``node`` has it as a parameter.
+    :param banner: race control itself gives none; ``node`` has it as a parameter, as ``officials``,
+        the event's officials.
     """
 
     stamp: float
@@ -127,6 +128,7 @@ class Snapshot(NamedTuple):
     heats: tuple[Heat, ...] = ()
     heat: str = ''
     banner: str = ''
+    officials: tuple[str, ...] = ()
     able_to_stop: int = 0
     who_can_stop: str = ''
     button_fault: str = ''
