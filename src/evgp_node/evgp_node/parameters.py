@@ -21,7 +21,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
-T = TypeVar('T', bool, int, float, str, list[float])
+T = TypeVar('T', bool, int, float, str, list[float], list[str])
 
 _ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 _IN_WORDS = {

@@ -109,8 +109,8 @@ class Snapshot(NamedTuple):
     :param stamp: the time of it.
     :param state: None only before race control was heard.
     :param commands: those that are not to one kart.
-    :param banner: race control itself gives none; ``node`` has it as a parameter, as ``officials``,
-        the event's officials.
+    :param banner: race control itself gives none; ``node`` has it as a parameter, as
+        ``officials``, the event's officials.
     """
 
     stamp: float
