@@ -175,7 +175,8 @@ CALL = r'ros2 service call /rcs/(\S+) evgp_rcs_msgs/srv/(\w+)(?:[ \\\n]+"(\{.*\}
 
 def test_a_service_call_in_a_document_has_the_type_and_fields_of_its_command() -> None:
     by_service = {entry.service: entry for entry in CATALOGUE.values()}
-    text = '\n'.join(page.read_text(encoding='utf-8') for page in DOCS.glob('**/*.md'))
+    pages = DOCS.parent / 'README.md', *DOCS.glob('**/*.md')
+    text = '\n'.join(page.read_text(encoding='utf-8') for page in pages)
     calls = [call for call in re.findall(CALL, text) if not call[0].startswith('timekeeper/')]
     for name, type_name, request in calls:
         entry = by_service[name]

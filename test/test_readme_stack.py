@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The stack that docs/teams.md explains, on a kart that takes its time to stop."""
+"""The stacks of README and docs/teams.md, on a kart that takes its time to stop."""
 
 from __future__ import annotations
 
@@ -157,6 +157,30 @@ def test_the_document_shows_the_step_of_the_stack_as_it_is() -> None:
     document = (ROOT / 'docs/teams.md').read_text(encoding='utf-8')
     shown = re.findall(r'^```python\n(.*?)^```$', document, re.MULTILINE | re.DOTALL)
     assert shown == [textwrap.dedent(inspect.getsource(shortest_stack.Stack.step))]
+
+
+def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_done(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    (shown,) = re.findall(
+        r'^```python\n(.*?)^```$',
+        (ROOT / 'README.md').read_text(encoding='utf-8'),
+        re.MULTILINE | re.DOTALL,
+    )
+    program = tmp_path / 'my_stack.py'
+    program.write_text(shown, encoding='utf-8')
+    heard: list[RaceState] = []
+    race = parts.enter_context(BareRaceControl(heard.append))
+    domain = parts.enter_context(Domain()).number
+    parts.enter_context(Bridge(domain, race.port, address_of(1), None, 'kart_bridge_node'))
+    parts.enter_context(Program('my_stack', [sys.executable, str(program)], domain))
+    for state in (RaceState.GRID_ACTIVE, RaceState.RED_FLAG, RaceState.GRID_ACTIVE):
+        race.say(state)
+        race.wait_until_it_says(state)
+    race.say(RaceState.GREEN_GREEN)
+    race.say(RaceState.RED_RED)
+    race.wait_until_it_says(RaceState.RED_RED)
+    assert RaceState.GREEN_GREEN not in heard
 
 
 @pytest.mark.parametrize('package', ['evgp_kart_bridge', CPP])

@@ -185,7 +185,7 @@ _ROWS = (
         Phase.RACE,
         lambda field, kart: field.failures.append(Failure.DIE),
         'do the drill; then record the MSR, or wait until every kart has acknowledged '
-        'RED_RED, look at the track, and state IN_GARAGE (docs/operations.md)',
+        'RED_RED, look at the track, and state IN_GARAGE (docs/race-day.md)',
         to_kart=False,
     ),
     Incident(

@@ -125,7 +125,7 @@ def _explain(console: Console, rehearsal: Rehearsal) -> None:
     for words in ('watch', *start, 'all-kill'):
         line = f'  ROS_DOMAIN_ID={rehearsal.domain} {ctl.replace("%s", words)}'
         console.print(line, soft_wrap=True)  # one line, to be copied
-    console.print('If its laptop dies (laptop_dies), by the drill of docs/operations.md:')
+    console.print('If its laptop dies (laptop_dies), by the drill of docs/race-day.md:')
     console.print(f'  {rehearsal.drill}', soft_wrap=True)
     console.print('Ctrl-C ends the rehearsal and shows the debriefs.')
 
