@@ -77,6 +77,7 @@ def declared(read: Callable[[Any], object], **given: Any) -> Declared:
 race_control = declared(read_race_control_settings, roster=str(ROSTER))
 race_control.declare('accept_open_graph', False, 'by the node itself')
 race_control.declare('banner', '', 'by the node itself')
+race_control.declare('officials', [''], 'by the node itself')
 bridge = declared(read_bridge_settings, host='10.0.0.1')
 timing = declared(read_timing_settings, kind='p3', device='10.1.0.20:5403')
 timekeeper = declared(read_timekeeper_settings, roster=str(ROSTER))
