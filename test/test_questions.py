@@ -27,7 +27,6 @@ from evgp_rcs.rules.race import (
     KartMemory,
     LastRun,
     NO_RACE_ANYWHERE,
-    PAST_UNKNOWN,
     Race,
     RaceMemory,
     RaceTimes,
@@ -270,7 +269,7 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
             continue
         if shown.state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
             continue  # that a race is under way is nothing wrong
-        if not shown.track.allowed and shown.track.reason.startswith(PAST_UNKNOWN):
+        if not shown.track.allowed and shown.track.settled_by is CommandKind.IN_GARAGE:
             # IN GARAGE settles that: it is stated there, and no warning.
             settles = button.command is CommandKind.IN_GARAGE
             assert (NO_RACE_ANYWHERE in button.condition) is settles

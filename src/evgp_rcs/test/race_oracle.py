@@ -1621,11 +1621,17 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
     allowed = allowed and (view.msr_used or not view.unstated)
-    if (access.open, access.allowed, access.msr_used) != (
+    if (access.open, access.allowed, access.msr_used, access.opening) != (
         view.track_open,
         allowed,
         view.msr_used,
+        view.opening,
     ):
+        raise RuleBrokenError('track-access', f'{access} in {view}')
+    settled_by = None
+    if not allowed and not unsafe and view.state not in IN_MOTION:
+        settled_by = 'IN_GARAGE' if view.past_unknown else 'OPEN_TRACK'
+    if settled_by != (access.settled_by and access.settled_by.name):
         raise RuleBrokenError('track-access', f'{access} in {view}')
     if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
         raise RuleBrokenError('track-access', f'{access} in {view}')

@@ -118,6 +118,7 @@ EVENTS = st.builds(
     alert=st.none() | st.sampled_from(AlertKind),
     grade=st.none() | st.sampled_from(Grade),
     hold=st.none() | STATES,
+    place=SETUP_KARTS,
     race=SETUP_KARTS,
     heat=SETUP_TEXTS,
 )

@@ -506,6 +506,8 @@ a release while race control is cut off: availability, cut-off [network]
 race control that is cut off is so for ever: availability, effect, stuck [network]
     cut_off: self.cut_off_by = self.cut_off_by, reason => self.cut_off_by = self.cut_off_by, reason
         or self.cut_off_by
+the command that settles what is not known is not named: track-access [unknown]
+    _humans_allowed: reason, CommandKind.IN_GARAGE => reason, None
 the first start lets humans near before anybody has spoken: track-access [first]
     track_access: and self.unstated => and self.unstated and self.track_open
 one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on

@@ -274,7 +274,6 @@ class Added(NamedTuple):
 _TEAM = re.compile(r'([Kk]art \d+) \((?:[^()]|\([^()]*\))*\)')
 """A kart as race control calls it, with its team."""
 
-_PLACE = re.compile(r'finished in place (\d+)')
 _PRESSED = re.compile(r'pressed \d+ s ago')
 
 _BY_LABEL = frozenset(
@@ -308,7 +307,6 @@ class EventLog:
     def __init__(self, most: int = 2000) -> None:
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
-        self._places: dict[int, str] = {}
         self._acknowledged: set[int] | None = None  # None: not heard from the beginning
         self.officials = Officials()
 
@@ -317,7 +315,7 @@ class EventLog:
         added = []
         if stamped.sequence <= self._last:
             added.append(Line('', 0, True, texts.NEW_RUN))
-            self._places, self._acknowledged = {}, None
+            self._acknowledged = None
         self._last, event = stamped.sequence, stamped.event
         self._learn(event)
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
@@ -333,15 +331,9 @@ class EventLog:
         return Added(tuple(added), replaces)
 
     def _learn(self, event: Event) -> None:
-        """Take what later events do not say: the places, and who has acknowledged."""
+        """Take what later events do not say: who has acknowledged."""
         if event.kind is EventKind.RACE_STATE:
             self._acknowledged = set()
-        if event.kind is EventKind.COMMAND and event.success:
-            found = _PLACE.search(event.text)
-            if found and event.command is CommandKind.KART_FINISH:
-                self._places[event.kart] = found[1]
-            elif event.command in (CommandKind.GRID_ACTIVE, CommandKind.KART_UNDO_FINISH):
-                self._places.clear()  # later places move up
         if self._acknowledged is not None and event.kart:
             if event.kind is EventKind.ACKNOWLEDGED:
                 self._acknowledged.add(event.kart)
@@ -359,9 +351,12 @@ class EventLog:
             return None  # every kart that connects is sent it, and need not answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
             return None  # the rows have it
-        place = self._places.get(event.kart, '') * (event.state is RaceState.RED_FLAG)
-        if event.kind is EventKind.KART_STATE and place:
-            told = texts.LOG_FLAG.format(kart=event.kart, state=state, place=place)
+        if (
+            event.kind is EventKind.KART_STATE
+            and event.place
+            and event.state is RaceState.RED_FLAG
+        ):
+            told = texts.LOG_FLAG.format(kart=event.kart, state=state, place=event.place)
         elif event.kind in _OF_KARTS and event.kart:
             what = _OF_KARTS[event.kind].format(state=state)
             told = self._of_karts(karts, what)
@@ -409,8 +404,8 @@ class EventLog:
             text = f'{text[:1].upper()}{text[1:]}'
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
             pressed = _PRESSED.search(text)
-            place = _PLACE.search(text)
-            said = (pressed and pressed[0], place and f'P{place[1]}')
+            finished = event.command is CommandKind.KART_FINISH
+            said = (pressed and pressed[0], f'P{event.place}' * finished)
             name = texts.command_name(event.command, event.kart)
             text = ', '.join(filter(None, (name, *said)))
         return f'{text} · {self.officials.called(event.official)}' if event.official else text

@@ -87,6 +87,12 @@ class Sheet(Panel):
         self.setGeometry(room.left(), room.top(), room.width(), min(high, room.height()))
         self.raise_()
 
+    def closing(self, text: str) -> Push:
+        """Return a button that closes it."""
+        button = Push(f'close_{self.objectName()}', text, 'Esc')
+        button.clicked.connect(self.close_sheet)
+        return button
+
     def close_sheet(self) -> None:
         """Hide it; nothing that could be pressed by Enter gets the focus."""
         if not self.isHidden():
@@ -215,8 +221,7 @@ class Heats(Sheet):
         self._pressed = pressed
         self._heats: list[CommandButton] = []
         does = Text('', wrap=True, flows=True, text=texts.HEATS_CONSEQUENCE)
-        self._close = Push('close_heats', texts.HEATS_CLOSE, 'Esc')
-        self._close.clicked.connect(self.close_sheet)
+        self._close = self.closing(texts.HEATS_CLOSE)
         self.add(does, 0, self._close, 36)
 
     def show_heats(self, buttons: Sequence[Button]) -> None:
@@ -259,8 +264,7 @@ class Officials(Sheet):
         super().__init__(parent, 'officials', texts.NAME_TITLE)
         self._names: list[Push] = []
         about = Text('', wrap=True, flows=True, text=texts.NAME_ABOUT)
-        self._close = Push('close_officials', texts.HEATS_CLOSE, 'Esc')
-        self._close.clicked.connect(self.close_sheet)
+        self._close = self.closing(texts.HEATS_CLOSE)
         self.add(about, 0, self._close, 36)
 
     @property
@@ -287,8 +291,6 @@ class Help(Sheet):
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', texts.HELP_TITLE)
-        close = Push('close_help', texts.HELP_CLOSE, 'Esc')
-        close.clicked.connect(self.close_sheet)
         table, keys = QtWidgets.QWidget(), key_help()
         half = (len(keys) + 1) // 2
         parts = [
@@ -297,4 +299,4 @@ class Help(Sheet):
         ]
         rows = [[*itertools.chain(*parts[row::half])] for row in range(half)]
         lay(table, *rows, gap=4, columns=(3, 4, 3, 4), heights=[1] * half)
-        self.add(table, 400, close, 36)
+        self.add(table, 400, self.closing(texts.HELP_CLOSE), 36)

@@ -16,7 +16,7 @@ import math
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import AlertKind, Heat, NO_RACE_ANYWHERE, NOT_STATED, PAST_UNKNOWN
+from evgp_rcs.rules.race import AlertKind, Heat, NO_RACE_ANYWHERE
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
@@ -468,8 +468,8 @@ def warning(command: Kind, race: Snapshot) -> str:
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        barred = not track.allowed and race.state not in UNDER_WAY
-        barred = barred and not track.reason.startswith(_SETTLES.get(command, '\0'))
+        settled = track.settled_by is command  # a question does not warn of what it settles
+        barred = not (track.allowed or settled) and race.state not in UNDER_WAY
         why = track.reason if barred else against_humans(race)
         if why:
             return f'humans must stay off the track now: {why}'
@@ -490,13 +490,6 @@ def also(following: Sequence[Given]) -> str:
 def not_followed(given: Given) -> str:
     """Return that a command was not sent, since the one before it took too long."""
     return NOT_FOLLOWED.format(command=full_name(given))
-
-
-_SETTLES: dict[Kind, str] = {
-    CommandKind.IN_GARAGE: PAST_UNKNOWN,
-    CommandKind.OPEN_TRACK: NOT_STATED,
-}
-"""The first words of what the question of a command settles by itself, and does not warn of."""
 
 
 def not_there(command: Kind, name: str) -> str:

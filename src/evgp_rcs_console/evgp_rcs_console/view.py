@@ -21,7 +21,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat, NOT_STATED
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import (
     Cell,
@@ -566,7 +566,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
         if is_open:
             reason = texts.CLEAR_TRACK_REASON.format(reason=reason)
             return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
-        if reason.startswith(NOT_STATED) and not (told or against):
+        unstated = race.track.settled_by is CommandKind.OPEN_TRACK
+        if unstated and not (told or against or under_way):
             return Cell(texts.TRACK_CLOSED), reason
         tone = Tone.PLAIN if under_way and not against else Tone.WAIT
         return Cell(texts.KEEP_OFF, Tone.BAD if told or doubtful else tone), reason

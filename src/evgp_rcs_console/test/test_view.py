@@ -26,8 +26,6 @@ from evgp_rcs.rules.race import (
     AlertKind,
     Availability,
     Heat,
-    NOT_STATED,
-    PAST_UNKNOWN,
     TrackAccess,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
@@ -262,20 +260,25 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
     assert not before.asks_the_same(after)
 
 
+NO_RACE_YET = replace(
+    RACE.track, reason='nobody has stated it yet', settled_by=CommandKind.OPEN_TRACK
+)
+
+
 @pytest.mark.parametrize(
-    ('command', 'reason', 'warned'),
+    ('command', 'settled_by', 'warned'),
     [
-        (CommandKind.IN_GARAGE, PAST_UNKNOWN, False),
-        (CommandKind.OPEN_TRACK, PAST_UNKNOWN, True),
-        (CommandKind.KART_IN_GARAGE, PAST_UNKNOWN, True),
-        (CommandKind.OPEN_TRACK, NOT_STATED, False),
-        (CommandKind.IN_GARAGE, 'kart 4 was lost on the grid', True),
+        (CommandKind.IN_GARAGE, CommandKind.IN_GARAGE, False),
+        (CommandKind.OPEN_TRACK, CommandKind.IN_GARAGE, True),
+        (CommandKind.KART_IN_GARAGE, CommandKind.IN_GARAGE, True),
+        (CommandKind.OPEN_TRACK, CommandKind.OPEN_TRACK, False),
+        (CommandKind.IN_GARAGE, None, True),
     ],
 )
 def test_no_question_warns_of_what_it_settles_by_itself(
-    command: CommandKind, reason: str, warned: bool
+    command: CommandKind, settled_by: CommandKind | None, warned: bool
 ) -> None:
-    track = replace(RACE.track, reason=f'{reason}: look at every kart, then send it')
+    track = replace(RACE.track, reason='look at every kart, then send it', settled_by=settled_by)
     race = replace(RACE, state=RaceState.RED_RED, track=track)
 
     assert bool(texts.warning(command, race)) is warned
@@ -375,8 +378,7 @@ def test_that_no_kart_is_racing_is_not_wrong_once_each_has_finished() -> None:
 
 
 def test_at_a_first_start_the_track_is_closed_and_nothing_is_wrong() -> None:
-    track = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
-    race = replace(RACE, state=RaceState.IN_GARAGE, track=track)
+    race = replace(RACE, state=RaceState.IN_GARAGE, track=NO_RACE_YET)
     race = replace(race, karts=(replace(KART, sent=RaceState.IN_GARAGE),))
 
     assert show(race, 0.0, {}).humans == Cell(texts.TRACK_CLOSED)
@@ -809,7 +811,6 @@ def test_race_control_is_gone_within_a_second(
         assert (said.advice == texts.USE_MSR) is (silent_for is not None)
 
 
-NO_RACE_YET = replace(RACE.track, reason=f'{NOT_STATED} that no race is under way')
 STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
 
 
@@ -820,7 +821,7 @@ STOPPED_BY_MSR = replace(RACE.track, allowed=True, msr_used=True)
         (True, True, {'track': NO_RACE_YET}),
         (False, False, {}),
         (False, True, {'track': replace(RACE.track, reason='the race is in GREEN_GREEN')}),
-        (False, True, {'track': replace(RACE.track, reason=PAST_UNKNOWN)}),
+        (False, True, {'track': replace(RACE.track, settled_by=CommandKind.IN_GARAGE)}),
         (False, True, {'karts': (replace(KART, may_be_moving=True),)}),
         (False, True, {'karts': (replace(KART, may_be_moving=True),), 'track': STOPPED_BY_MSR}),
         (False, True, {'alerts': (Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'lost', True),)}),

@@ -307,7 +307,7 @@ def _check(entry: Entry) -> None:
     if isinstance(entry, StampedEvent):
         event = entry.event
         texts = [event.text, event.official, event.heat]
-        numbers = [event.kart, event.race]
+        numbers = [event.kart, event.place, event.race]
     elif isinstance(entry, Rules):
         karts, heats = entry.setup.karts, entry.setup.heats
         texts = [heat.name for heat in heats]

@@ -236,6 +236,7 @@ class Event(NamedTuple):
     :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
     :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
+    :param place: the place of this kart in the order of FINISH then; 0: it had none.
     :param race: the number of the race that was under way; 0: none was.
     :param heat: the name of the heat in the race; empty: none is.
     """
@@ -252,6 +253,7 @@ class Event(NamedTuple):
     after: float = 0.0
     grade: Grade | None = None
     hold: RaceState | None = None
+    place: int = 0
     race: int = 0
     heat: str = ''
 
@@ -325,6 +327,8 @@ class TrackAccess:
     Whether officials have opened the track, and whether humans may be on it (§3.A).
 
     :param opening: the number of the last opening in this run, closed again or not; 0: none.
+    :param settled_by: the command whose statement alone is missing for humans to be allowed; None:
+        they are, or something else is in the way.
     """
 
     open: bool  # noqa: A003 - the message's name
@@ -332,6 +336,7 @@ class TrackAccess:
     reason: str
     msr_used: bool
     opening: int = 0
+    settled_by: CommandKind | None = None
 
 
 @dataclass(frozen=True)
@@ -1156,11 +1161,13 @@ class Race:
         the grid is counted too: only its own word when it is back, the MSR, or the statement that
         it was made safe by hand answers for it.
         """
-        allowed, reason = self._humans_allowed()
+        allowed, reason, settled_by = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
-            allowed = False
-            reason = f'{NOT_STATED} that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
-        return TrackAccess(self.track_open, allowed, reason, self.msr_used, self.opening)
+            allowed, settled_by = False, CommandKind.OPEN_TRACK
+            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+        return TrackAccess(
+            self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
+        )
 
     # ----- what a kart is sent ------------------------------------------------------------
 
@@ -1546,7 +1553,7 @@ class Race:
         )
 
     def _no_open_track(self, command: Command) -> str:
-        allowed, reason = self._humans_allowed()
+        allowed, reason, _ = self._humans_allowed()
         return '' if allowed else reason
 
     def _no_finish(self, command: Command) -> str:
@@ -1722,20 +1729,25 @@ class Race:
         """Yield the karts of the race, in the order of the roster."""
         return (kart for kart in self.karts.values() if kart.in_race)
 
-    def _humans_allowed(self) -> tuple[bool, str]:
+    def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
+        """Return whether they are, why or why not, and by which command alone they would be."""
         if self.msr_used:
-            return True, 'the Master Safety Remote was used'
+            return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
-            return False, f'the race is in {self.state.value}'
+            return False, f'the race is in {self.state.value}', None
         karts = [each for each in self.karts.values() if not self._covered_by_statement(each)]
         unsafe = [each for each in map(self._danger, karts) if each]
         if unsafe:
-            return False, _cut(unsafe)
+            return False, _cut(unsafe), None
         if self.past_unknown:
-            return False, (f'{PAST_UNKNOWN}: look at every kart, then send IN_GARAGE')
+            reason = (
+                'race control does not know what happened: look at every kart, then send IN_GARAGE'
+            )
+            return False, reason, CommandKind.IN_GARAGE
         if not any(kart.connected for kart in self.karts.values()):
-            return True, 'no kart is connected: race control does not know what the karts do'
-        return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
+            reason = 'no kart is connected: race control does not know what the karts do'
+            return True, reason, None
+        return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop', None
 
     def _danger(self, kart: Kart) -> str:
         """Return why humans must not be near a kart now; nothing if they may (§3.A)."""
@@ -1999,7 +2011,7 @@ class Race:
         of_race = (self.number, self.heat)
         # Not `_replace`, which is slow: a stop to a hundred karts would wait for it 0.3 ms.
         events = tuple(
-            Event(*each[:-3], self._hold_of(each.kart), *of_race) for each in self._events
+            Event(*each[:-4], *self._hold_and_place(each.kart), *of_race) for each in self._events
         )
         outcome = Outcome(tuple(self._orders), events, answer, start)
         self._orders = []
@@ -2008,12 +2020,13 @@ class Race:
             self.number = 0  # from now on: IN_GARAGE itself is of the race that it ends
         return outcome
 
-    def _hold_of(self, number: int) -> RaceState | None:
-        """Return the hold of a kart; of number 0, the one that every kart has."""
+    def _hold_and_place(self, number: int) -> tuple[RaceState | None, int]:
+        """Return the hold and the place of a kart; of number 0, the hold that every kart has."""
         if number:
-            return self.karts[number].hold if number in self.karts else None
+            kart = self.karts.get(number)
+            return (None, 0) if kart is None else (kart.hold, kart.place)
         holds = {kart.hold for kart in self.karts.values()}
-        return holds.pop() if len(holds) == 1 else None
+        return holds.pop() if len(holds) == 1 else None, 0
 
 
 _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
@@ -2029,10 +2042,6 @@ lost `send_timeout` after its last answer."""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
 """What an official states once where race control does not know what happened before."""
-
-PAST_UNKNOWN = 'race control does not know what happened'
-NOT_STATED = 'nobody has stated yet'
-"""The first words of why no humans are allowed until IN_GARAGE, or until OPEN_TRACK."""
 
 BEGAN = 'race control began, and does not know what happened before'
 """Why the race is in RED_RED after a start without proof."""

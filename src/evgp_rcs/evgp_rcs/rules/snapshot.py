@@ -22,16 +22,7 @@ from typing import NamedTuple
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality, NOT_MEASURED, POOR_LATELY
-from evgp_rcs.rules.race import (
-    Alert,
-    Availability,
-    called,
-    Heat,
-    Kart,
-    NOT_STATED,
-    Race,
-    TrackAccess,
-)
+from evgp_rcs.rules.race import Alert, Availability, called, Heat, Kart, Race, TrackAccess
 
 _TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
 _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
@@ -147,7 +138,7 @@ class Snapshot(NamedTuple):
     @property
     def no_kart_in_doubt(self) -> bool:
         """Return whether no kart may be moving where it must not, as far as anybody knows."""
-        is_known = self.track.allowed or self.track.reason.startswith(NOT_STATED)
+        is_known = self.track.allowed or self.track.settled_by is CommandKind.OPEN_TRACK
         doubted = any(kart.may_be_moving for kart in self.karts)
         return is_known and not doubted and not any(alert.use_msr for alert in self.alerts)
 
