@@ -77,7 +77,7 @@ def given(button: Button) -> Command:
         seen.stated,
         frozenset(seen.karts),
         seen.hold,
-        opening=seen.opening,
+        opening=seen.number,
     )
 
 

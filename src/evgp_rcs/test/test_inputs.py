@@ -28,6 +28,7 @@ from evgp_rcs.rules.race import (
     AlertKind,
     Attendance,
     Command,
+    Entrant,
     Event,
     EventKind,
     Heat,
@@ -37,6 +38,7 @@ from evgp_rcs.rules.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    Roster,
     StampedEvent,
     StartPhase,
 )
@@ -54,6 +56,10 @@ KARTS = st.integers(0, 2**32 - 1)
 NUMBERS = st.integers(0, 2**63 - 1)
 STATES = st.sampled_from(RaceState)
 FLAGS = st.booleans()
+ENTRANTS = st.lists(
+    st.builds(Entrant, SETUP_KARTS, SETUP_TEXTS, FLAGS, SETUP_TEXTS, SETUP_TEXTS)
+).map(tuple)
+HEATS = st.lists(st.builds(Heat, SETUP_TEXTS, st.lists(SETUP_KARTS).map(tuple))).map(tuple)
 COMMANDS = st.builds(
     Command,
     kind=st.sampled_from(CommandKind),
@@ -67,6 +73,8 @@ COMMANDS = st.builds(
     race=NUMBERS,
     attempt=NUMBERS,
     opening=NUMBERS,
+    roster=st.builds(Roster, ENTRANTS, HEATS),
+    reading=NUMBERS,
     age=st.floats(0.0, 86_400.0),
 )
 MEMORIES = st.builds(
@@ -93,15 +101,13 @@ LINKS = st.builds(
 )
 SETUPS = st.builds(
     inputs.Setup,
-    karts=st.lists(st.builds(inputs.Entrant, SETUP_KARTS, SETUP_TEXTS, FLAGS, SETUP_TEXTS)).map(
-        tuple
-    ),
+    karts=ENTRANTS,
     times=st.builds(
         RaceTimes,
         finish_delays=st.lists(TIMES).map(tuple),
         **{field.name: TIMES for field in dataclasses.fields(RaceTimes) if field.type == 'float'},
     ),
-    heats=st.lists(st.builds(Heat, SETUP_TEXTS, st.lists(SETUP_KARTS).map(tuple))).map(tuple),
+    heats=HEATS,
     now=TIMES,
     run=TEXTS,
 )

@@ -150,7 +150,6 @@ class Strip(Panel):
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
         self.heat = CommandButton(pressed, kind='quiet')
         fixed(self.heat, 128)
-        self.heat.hide()
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
@@ -176,10 +175,7 @@ class Strip(Panel):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
             part.setMinimumWidth(part.sizeHint().width())  # it is never cut
-        # There are heats or there are none, as long as the roster is the same.
-        self.heat.setVisible(screen.heat_button is not None)
-        if screen.heat_button is not None:
-            self.heat.show_button(screen.heat_button)
+        self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):

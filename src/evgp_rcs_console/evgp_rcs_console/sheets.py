@@ -214,23 +214,27 @@ class Question(Sheet):
 
 
 class Heats(Sheet):
-    """Offers the heats of the roster."""
+    """Offers the heats of the roster, and to read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', texts.HEATS_TITLE)
         self._pressed = pressed
         self._heats: list[CommandButton] = []
         does = Text('', wrap=True, flows=True, text=texts.HEATS_CONSEQUENCE)
-        self._close = self.closing(texts.HEATS_CLOSE)
-        self.add(does, 0, self._close, 36)
+        self._rosters = CommandButton(self._pressed), CommandButton(self._choose)
+        self._end = QtWidgets.QWidget()
+        lay(self._end, (*self._rosters, self.closing(texts.HEATS_CLOSE)), gap=10, columns=(1, 1, 1))
+        self.add(does, 0, self._end, 36)
 
-    def show_heats(self, buttons: Sequence[Button]) -> None:
-        """Show one button for each heat."""
+    def show_heats(self, buttons: Sequence[Button], rosters: Sequence[Button]) -> None:
+        """Show one button for each heat, and those of the roster."""
+        for widget, roster in zip(self._rosters, rosters, strict=True):
+            widget.show_button(roster)
         for _ in range(len(self._heats), len(buttons)):
             button = CommandButton(self._choose)
             self._heats.append(button)
             self.add(button, 34)
-            self._column.addWidget(self._close)
+            self._column.addWidget(self._end)
         for number, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False), 1):
             widget.show_button(heat)
             widget.setObjectName(f'heat_{number}')
@@ -240,8 +244,8 @@ class Heats(Sheet):
 
     @property
     def first(self) -> QtWidgets.QWidget:
-        """Return the button of the first heat."""
-        return self._heats[0]
+        """Return the button of the first heat, or of the roster where there is none."""
+        return next((each for each in self._heats if each.isVisibleTo(self)), self._rosters[0])
 
     def focus_on(self, number: str) -> None:
         """Move the focus to the heat of a number, if there is one; Enter puts it in."""

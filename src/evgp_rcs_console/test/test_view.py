@@ -459,9 +459,11 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
 
 
 def test_without_heats_in_the_roster_none_is_offered() -> None:
-    screen = show(RACE, 0.0, {})
+    for possible in (True, False):
+        read = offers(Availability(CommandKind.READ_ROSTER, possible))
+        screen = show(replace(RACE, commands=read), 0.0, {})
 
-    assert (screen.heat_button, screen.heats) == (None, ())
+        assert (screen.heat_button.enabled, screen.heats) == (possible, ())
 
 
 def test_a_heat_that_is_not_possible_says_why() -> None:
@@ -469,7 +471,6 @@ def test_a_heat_that_is_not_possible_says_why() -> None:
 
     screen = show(replace(with_heats(), commands=commands), 0.0, {})
 
-    assert screen.heat_button is not None
     for button in (screen.heat_button, *screen.heats):
         assert not button.enabled
         assert 'the race is in RED_RED' in button.explanation
@@ -882,6 +883,7 @@ def test_the_terminal_shows_the_same() -> None:
 def test_every_command_to_karts_and_about_the_track_has_a_button() -> None:
     shown = {*RACE_COMMANDS, *KART_COMMANDS, *UNDONE_BY.values()}
     apart = {CommandKind.ALL_KILL, CommandKind.RECORD_MSR, CommandKind.OPEN_TRACK}
+    apart |= {CommandKind.TAKE_ROSTER}
     needed = {kind for kind, entry in CATALOGUE.items() if not entry.bookkeeping or entry.loosens}
 
     assert needed <= shown | apart

@@ -24,7 +24,6 @@ import socket
 import struct
 from typing import Any, NamedTuple
 
-from evgp_node.roster import Roster
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import BEAT_RATE
 from evgp_rcs.rules.race import (
@@ -34,6 +33,7 @@ from evgp_rcs.rules.race import (
     LastRun,
     RaceMemory,
     RaceTimes,
+    Roster,
     StampedEvent,
 )
 
