@@ -57,9 +57,7 @@ IN_GARAGE = RaceState.IN_GARAGE
 @pytest.fixture
 def begin(tmp_path: pathlib.Path) -> Begin:
     return Begin(
-        Roster(
-            (Entrant(1, 'A', True, '', '127.0.3.1'), Entrant(2, 'B', False, '', '127.0.3.2'))
-        ),
+        Roster((Entrant(1, 'A', True, '', '127.0.3.1'), Entrant(2, 'B', False, '', '127.0.3.2'))),
         RaceTimes(),
         ServerSettings(host='127.0.0.1', port=new_port()),
         tmp_path / 'record.sqlite3',

@@ -137,11 +137,7 @@ def _keeps(before: oracle.View, roster: Any) -> bool:
     return all(
         at.get(kart.number) == f'10.0.0.{kart.number}'
         for kart in before.karts
-        if kart.connected
-        or kart.hold
-        or kart.doubt
-        or kart.alone
-        or kart.contested
+        if kart.connected or kart.hold or kart.doubt or kart.alone or kart.contested
     )
 
 
@@ -193,7 +189,8 @@ FAULTS = faults_in(
     """
 a kart that is connected loses its address: bound: if self.connected => if False
 a kart that is held loses its address: bound: self.hold is not None or => False or
-a kart that two programs connect as loses its address: bound: if self.contested else => if False else
+a kart that two programs connect as loses its address: bound: 
+    bound: if self.contested else => if False else
 only a kart that leaves the roster is looked at:
     _bound: addresses.get(kart.number, '') != kart.address => kart.number not in addresses
 only a kart with another address is looked at:

@@ -223,7 +223,9 @@ class Heats(Sheet):
         does = Text('', wrap=True, flows=True, text=texts.HEATS_CONSEQUENCE)
         self._rosters = CommandButton(self._pressed), CommandButton(self._choose)
         self._end = QtWidgets.QWidget()
-        lay(self._end, (*self._rosters, self.closing(texts.HEATS_CLOSE)), gap=10, columns=(1, 1, 1))
+        lay(
+            self._end, (*self._rosters, self.closing(texts.HEATS_CLOSE)), gap=10, columns=(1, 1, 1)
+        )
         self.add(does, 0, self._end, 36)
 
     def show_heats(self, buttons: Sequence[Button], rosters: Sequence[Button]) -> None:

@@ -48,9 +48,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     :raises BaseException: what ended it.
     """
     loop = asyncio.get_running_loop()
-    setup = Setup(
-        begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run
-    )
+    setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
     record.attach(loop)
     record.begin(Rules(rules_version(), setup))
     race = setup.race()

@@ -56,6 +56,7 @@ from evgp_rcs.ros.rival import claim_the_graph, look_for_rivals, refuse_rivals, 
 from evgp_rcs.ros.settings import read_roster, read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.race import Answer, Command
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.duration import Infinite

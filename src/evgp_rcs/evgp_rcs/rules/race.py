@@ -509,7 +509,7 @@ class Kart:
 
     @property
     def bound(self) -> str:
-        """Return why the roster must keep it, with its address, in a phrase; empty: it need not."""
+        """Return why the roster must keep it and its address, in a phrase; empty: it need not."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -1739,7 +1739,7 @@ class Race:
         if command.kind is CommandKind.READ_ROSTER and not command.roster.karts:
             return 'the roster has no kart'
         if command.kind is CommandKind.TAKE_ROSTER and command.reading != self.reading:
-            return f'the roster was read again since you looked: reading {self.reading}; look again'
+            return f'the last reading is {self.reading}, you named {command.reading}; look again'
         if entry.names_number == 'opening' and command.opening != self.opening:
             how, at = self._opened
             return (
