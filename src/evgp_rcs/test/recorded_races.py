@@ -170,7 +170,7 @@ class PaperRace:
         """Write what happened as a run into a record."""
         self.batches.append(self.log.take())
         record = Record(path)
-        record.begin(Rules(version or rules_version(), self.setup))
+        record.put(Batch(0, [Rules(version or rules_version(), self.setup)]))
         for batch in self.batches:
             record.put(batch)
             assert len(batch.entries) % 5 or record.write()

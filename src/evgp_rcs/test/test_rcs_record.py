@@ -359,7 +359,7 @@ def write_and_die(path: pathlib.Path) -> None:
     paper.drive()
     paper.command(CommandKind.KART_FINISH, 7)
     record = Record(path)
-    record.begin(Rules(rules_version(), paper.setup))
+    record.put(Batch(0, [Rules(rules_version(), paper.setup)]))
     record.put(paper.log.take())
     record.remember(paper.race.memory(), surely=True)
     os._exit(0 if record.write() else 1)
@@ -440,8 +440,8 @@ def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
     (first, *_) = paper.stamped
     told = first._replace(event=first.event._replace(text=HOSTILE))
     record = Record(path)
-    record.begin(Rules(HOSTILE, paper.setup))
-    record.put(Batch(0, [told]))
+    record.put(Batch(0, [Rules(HOSTILE, paper.setup)]))
+    record.put(Batch(1, [told]))
     record.end()
     assert rcs_record(['replay', str(path)]) == 1
     assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())

@@ -510,7 +510,7 @@ def test_entries_without_events_wait_for_others_but_not_for_long(
     'hand_over',
     [
         lambda record: put(record, event(1)),
-        lambda record: record.begin(RULES),
+        lambda record: record.put(Batch(0, [RULES])),
         lambda record: record.remember(HOME),
     ],
     ids=['an event', 'the rules', 'a memory'],
@@ -520,16 +520,4 @@ def test_everything_else_waits_for_nothing(
 ) -> None:
     record = begin()
     hand_over(record)
-    assert record.due_in() == 0.0
-
-
-def test_what_is_remembered_already_is_not_written_again_unless_it_must_be_sure(
-    begin: Begin,
-) -> None:
-    record = begin()
-    record.remember(HOME)
-    assert record.write()
-    record.remember(HOME)
-    assert record.due_in() is None
-    record.remember(HOME, surely=True)
     assert record.due_in() == 0.0

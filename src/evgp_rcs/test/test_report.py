@@ -419,7 +419,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     paper.wait(5.0)
     path = tmp_path / 'record.sqlite3'
     record = Record(path)
-    record.begin(inputs.Rules('', paper.setup))
+    record.put(inputs.Batch(0, [inputs.Rules('', paper.setup)]))
     record.put(paper.log.take())
     if what == 'a gap':
         paper.command(CommandKind.KART_FINISH, 8)

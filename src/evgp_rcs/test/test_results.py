@@ -20,7 +20,7 @@ from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.runs import Runs
 from evgp_rcs.record.store import Record, Session
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Entry, Recovered, Rules
+from evgp_rcs.rules.inputs import Batch, Entry, Recovered, Rules
 from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
 from recorded_races import edit, PaperRace
@@ -293,7 +293,7 @@ def test_a_record_that_is_being_written_has_the_results_up_to_now(
 ) -> None:
     paper.drive()
     record = Record(tmp_path / 'record.sqlite3')
-    record.begin(Rules('', paper.setup))
+    record.put(Batch(0, [Rules('', paper.setup)]))
     record.put(paper.log.take())
     try:
         assert record.write()

@@ -29,7 +29,7 @@ from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_di
 from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
-from evgp_rcs.rules.inputs import Entrant, Recovered, Rules, Setup
+from evgp_rcs.rules.inputs import Batch, Entrant, Recovered, Rules, Setup
 from evgp_rcs.rules.race import Heat, LastRun
 
 FIRST_SIGN = 2.0
@@ -64,7 +64,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     loop = asyncio.get_running_loop()
     setup = setup_of(begin, loop.time())
     record.attach(loop)
-    record.begin(Rules(rules_version(), setup))
+    record.put(Batch(0, [Rules(rules_version(), setup)]))
     race = setup.race()
     server = KartServer(
         race,

@@ -139,6 +139,13 @@ class Replay:
             f'{self.events} events compared'
         )
 
+    @property
+    def lacks(self) -> str:
+        """Return why the race is not known from some time on, as a clause; empty: it is."""
+        if self.difference is not None:
+            return f'the record is not what the rules make of it ({self.difference.what} differs)'
+        return self.missing or ('' if self.rules else 'with what the rules began is missing')
+
     def run(self) -> Replay:
         """Take all steps."""
         for _ in self.steps():

@@ -135,11 +135,9 @@ class Record:
         self._waiting: list[Block] = []
         self._since = 0.0  # when the first of them came
         self._urgent = False  # they have an event
-        self._own = 1  # entries before those of the log: Began
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
-        self._remembered: RaceMemory | None = None
         self._surely = False  # the memory must be in the file itself
         self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
@@ -157,25 +155,15 @@ class Record:
 
     # ----- what is to be written; none of these waits -------------------------------------
 
-    def begin(self, rules: Rules) -> None:
-        """Take with what the rules begin."""
-        self._add(rules)
-
     def put(self, batch: Batch) -> None:
         """Take what follows in the stream."""
         entries = [entry for entry in batch.entries if entry is not None]
         if entries:
             if not self._waiting:
                 self._since = clock.now()
-            block = Block(self._own + batch.first, b''.join(map(encode, entries)))
-            self._waiting.append(block)
-            self._urgent |= any(isinstance(entry, StampedEvent) for entry in entries)
-
-    def _add(self, entry: Entry) -> None:
-        """Take an entry that stands before those of the log."""
-        self._waiting.append(Block(self._own, encode(entry)))
-        self._own += 1
-        self._urgent = True
+            # Before them all is Began.
+            self._waiting.append(Block(1 + batch.first, b''.join(map(encode, entries))))
+            self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in entries)
 
     def remember(self, memory: RaceMemory, surely: bool = False) -> None:
         """
@@ -183,8 +171,7 @@ class Record:
 
         :param surely: have it in the file itself.
         """
-        if surely or memory != (self._memory or self._remembered):
-            self._memory = memory
+        self._memory = memory
         self._surely |= surely
 
     def due_in(self) -> float | None:
@@ -192,7 +179,7 @@ class Record:
         now = clock.now()
         if self.error:
             return max(0.0, self._failed_at + RETRY - now)
-        if self._urgent or self._memory or self._surely:
+        if self._urgent or self._memory:
             return 0.0
         return max(0.0, self._since + INPUTS_EVERY - now) if self._waiting else None
 
@@ -301,7 +288,7 @@ class Record:
         self._urgent = False
         self._blocks_written += len(blocks)
         self._blocks.clear()
-        self._remembered, self._memory = self._memory or self._remembered, None
+        self._memory = None
         if self._surely:
             _checkpoint(self._database)
             self._surely = False
@@ -353,11 +340,9 @@ def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
     if found is None:
         return None  # it wrote nothing
-    try:
-        known = read(RaceMemory, found[0])
-    except ValueError:
-        return None  # damaged
-    return known
+    with contextlib.suppress(ValueError):  # damaged
+        return read(RaceMemory, found[0])
+    return None
 
 
 # ----- to read a record -----------------------------------------------------------------------

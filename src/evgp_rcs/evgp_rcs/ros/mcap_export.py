@@ -79,8 +79,8 @@ def main(arguments: Sequence[str]) -> int:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
-    if bagged.lacks:
-        print(plain(f'The bag has the race up to there only, and then events: {bagged.lacks}.'))
+    if lacks := bagged.replay.lacks:
+        print(plain(f'The bag has the race up to there only, and then events: {lacks}.'))
         return PARTLY
     return runs.code
 
@@ -100,20 +100,10 @@ class _Bagged:
     def __init__(self, kept: Kept) -> None:
         self._happened = [each for each in kept.events() if not isinstance(each, Gap)]
         self._clocks = [event.monotonic for event in self._happened]
-        self._replay = Replay(kept)
-
-    @property
-    def lacks(self) -> str:
-        """Return why the bag lacks the race from some time on; empty: it does not."""
-        difference = self._replay.difference
-        if difference is not None:
-            return f'{difference.what} differs, which {CALLED} replay explains'
-        if self._replay.rules is None:
-            return 'the record does not have with what the rules began'
-        return self._replay.missing
+        self.replay = Replay(kept)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages in order; what they lack is known then."""
+        """Yield the messages in order; what they lack, `replay` knows then."""
         both = self._events(), self._races()
         return heapq.merge(*both, key=lambda message: message[1])
 
@@ -148,6 +138,6 @@ class _Bagged:
 
     def _shown(self) -> Iterator[Snapshot]:
         """Yield every snapshot that the ROS half was sent, as far as the rules can follow."""
-        for step in self._replay.steps() if self._happened else ():
+        for step in self.replay.steps() if self._happened else ():
             if isinstance(step.entry, Shown) and step.race is not None:
                 yield snapshot_of(step.race, step.entry.at)

@@ -122,7 +122,7 @@ def _sum_of(file: pathlib.Path) -> str:
 def _part(
     account: Account, run: Session, start: str | None, end: str | None, kart: int | None
 ) -> Part:
-    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+    clock = Clock(account.began_ns)
 
     def at(text: str | None) -> float | None:
         return None if text is None else seconds_of(text, clock)

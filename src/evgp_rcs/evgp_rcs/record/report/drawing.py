@@ -96,12 +96,6 @@ class _Timeline:
             ],
         )
         yield Shape('name', 0, HEAD + ROWS * ROW, 0, ROW, 'Alerts')
-        alerts = [
-            each
-            for each in self._account.alerts
-            if self._part.concerns(each.event.event.kart)
-            and self._part.touches(self._account, each.raised, each.ended)
-        ]
         yield from self._rows(
             HEAD + ROWS * ROW,
             [
@@ -111,7 +105,7 @@ class _Timeline:
                     'alert',
                     plain(each.event.event.text),
                 )
-                for each in alerts
+                for each in self._part.alerts(self._account)
             ],
         )
         y = HEAD + 2 * ROWS * ROW

@@ -73,7 +73,7 @@ def page(
     :param event_name: empty: there is a line to fill in.
     """
     kept = account.kept
-    clock = Clock(account.first.wall_ns if account.first is not None else kept.run.began_ns)
+    clock = Clock(account.began_ns)
     shown = _part(part, account, clock)
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
     title += ' (a part only)' if shown else ''
@@ -105,13 +105,8 @@ def page(
         part=shown,
         events=events,
         in_part=lambda happened: part.events(account, happened),
-        races=[each for each in account.races if part.touches(account, each.began, each.garage)],
-        alerts=[
-            each
-            for each in account.alerts
-            if part.concerns(each.event.event.kart)
-            and part.touches(account, each.raised, each.ended)
-        ],
+        races=part.races(account),
+        alerts=part.alerts(account),
         clock=clock,
         wording=wording,
         overall=_overall(account),
@@ -157,7 +152,7 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
 def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
     """Return the timeline of all that is shown, and of each race in it if there are several."""
     drawings = [drawing(account, part, clock, 'All of it' if account.races else 'No race')]
-    races = [each for each in account.races if part.touches(account, each.began, each.garage)]
+    races = part.races(account)
     for race in races if len(races) > 1 else ():
         start, end = part.span(account)
         ends = end if race.garage is None else min(end, race.garage + 2.0)

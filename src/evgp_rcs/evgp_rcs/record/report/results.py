@@ -98,7 +98,7 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
     timing = timing_of(wanted.file)
     accounts = [Account(each, timing) for each in kept]
     for account in accounts:
-        if lacks := account.lacks:
+        if lacks := account.replay.lacks:
             say(f'run {account.kept.run.number} is known in part only: {lacks}')
             code = PARTLY
     return accounts, code
@@ -139,7 +139,7 @@ def main(arguments: Sequence[str]) -> int:
     rows: list[tuple[str, ...]] = []
     for account in accounts:
         run = account.kept.run
-        clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+        clock = Clock(account.began_ns)
         for race in account.races:
             rows += ((str(run.number), *row) for row in _rows(account, race, clock))
             if race.taken_up:
