@@ -12,20 +12,10 @@ import hashlib
 import pathlib
 import re
 
-from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import Account, Part
 from evgp_rcs.record.report.page import page
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import (
-    add_run_arguments,
-    CALLED,
-    FAILED,
-    Kept,
-    open_runs,
-    PARTLY,
-    Runs,
-    say,
-)
+from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, put, Runs
 from evgp_rcs.record.store import is_being_written, Session
 from evgp_rcs.record.timing import timing_of
 
@@ -78,13 +68,8 @@ def main(arguments: Sequence[str]) -> int:
     except ValueError as error:
         options().error(str(error))
     written = page(runs, account, part, sums, wanted.event)
-    try:
-        wanted.output.write_text(written, encoding='utf-8', errors='replace')
-    except OSError as error:
-        say(f'{wanted.output} cannot be written: {error.strerror}')
-        return FAILED
-    print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.events)} events')
-    return PARTLY if account.gaps else runs.code
+    what = f'run {run.number}, {len(account.events)} events'
+    return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)
 
 
 def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
