@@ -130,7 +130,6 @@ class Replay:
         self._made: list[Event] = []
         self._told: list[StampedEvent] = []
         self._last: StampedEvent | None = None
-        self._timed: StampedEvent | None = None
 
     def __str__(self) -> str:
         """Return the counts."""
@@ -155,9 +154,9 @@ class Replay:
     def steps(self) -> Iterator[Step]:
         """Yield the run step by step; where it ends to be known, the events as they stand."""
         for entry in self.kept.entries():
-            if isinstance(entry, StampedEvent):
-                self._look_at_the_clock(entry)
             try:
+                if isinstance(entry, StampedEvent):
+                    self._look_at_its_place(entry)
                 yield from self._follow(entry)
             except _EndError:
                 yield from self._give_up()
@@ -175,7 +174,11 @@ class Replay:
 
     def _follow(self, entry: Entry | Gap) -> Iterator[Step]:
         if isinstance(entry, Rules) and self.rules is None and not self.missing:
-            self._begin(entry)
+            self.rules = entry
+            try:
+                self._race = entry.setup.race()
+            except ValueError as error:
+                self._differ('the setup', str(entry.setup), repr(error))
         elif isinstance(entry, Gap):
             self._stop_at(entry)
         elif self._race is None:
@@ -185,7 +188,6 @@ class Replay:
         elif isinstance(entry, Ordered):
             self._compare_orders(entry)
         elif isinstance(entry, StampedEvent):
-            self._look_at_the_order(entry)
             if entry.event.kind in OF_THE_SERVER:
                 yield from self._finish()
                 yield Step(entry, self._race, None, (entry,))
@@ -197,13 +199,6 @@ class Replay:
                 yield Step(entry, self._race)
             else:
                 self._feed(entry, self._race)
-
-    def _begin(self, rules: Rules) -> None:
-        self.rules = rules
-        try:
-            self._race = rules.setup.race()
-        except ValueError as error:
-            self._differ('the setup', str(rules.setup), repr(error))
 
     def _stop_at(self, gap: Gap) -> None:
         if self._race is None:
@@ -258,24 +253,21 @@ class Replay:
                 self._differ('an order', _order(recorded), _order(replayed))
             self.orders += 1
 
-    def _look_at_the_order(self, entry: StampedEvent) -> None:
-        """Compare number and time of an event with those of the one before."""
+    def _look_at_its_place(self, entry: StampedEvent) -> None:
+        """Compare number and times of an event with those of the one before."""
         before, self._last = self._last, entry
         number = 1 if before is None else before.sequence + 1
-        if entry.sequence != number:
-            what = f'event {entry.sequence} is in its place'
-            self._differ(f'event {number}', what, f'event {number}')
-        if before is not None and entry.monotonic < before.monotonic:
-            what = f'its time is {entry.monotonic!r}'
-            least = f'not before event {before.sequence}, {before.monotonic!r}'
-            self._differ(f'event {number}', what, least)
-
-    def _look_at_the_clock(self, entry: StampedEvent) -> None:
-        """Compare how far wall time and time went on since the event before."""
-        before, self._timed = self._timed or entry, entry
+        before = before or entry
         by = (entry.wall_ns - before.wall_ns) / 1e9 - entry.monotonic + before.monotonic
         if abs(by) > MOST_CLOCK_STEP:
             self.clock_steps.append(ClockStep(entry, by))
+        if self._race is not None and entry.sequence != number:
+            what = f'event {entry.sequence} is in its place'
+            self._differ(f'event {number}', what, f'event {number}')
+        if self._race is not None and entry.monotonic < before.monotonic:
+            what = f'its time is {entry.monotonic!r}'
+            least = f'not before event {before.sequence}, {before.monotonic!r}'
+            self._differ(f'event {number}', what, least)
 
     def _compare_event(self, entry: StampedEvent) -> None:
         name, made = f'event {entry.sequence}', self._made
@@ -381,9 +373,7 @@ def options() -> argparse.ArgumentParser:
         'crashed up to its end.',
         epilog='No input gives the wall times, and none makes the events of the server itself '
         '(refused connections, messages that mean nothing, the end): of these, only number and '
-        'order are checked. Exit code 0: no difference; 1: the first difference is printed; 2: '
-        'the run cannot be read, or its beginning is missing; 3: no difference, but not all of '
-        'the run could be replayed.',
+        'order are checked. The exit codes are those of rcs_record.',
     )
     add_run_arguments(parser)
     return parser

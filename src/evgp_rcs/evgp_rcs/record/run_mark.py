@@ -58,6 +58,13 @@ def place(address: str, port: int) -> pathlib.Path:
     return FOLDER / (f'{address}:{port}' if loopback else str(port))
 
 
+def in_words(error: BaseException) -> str:
+    """Return what an error says to an official, without the number of the system's."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return str(error) or type(error).__name__
+
+
 def claim(file: int) -> bool:
     """Have a file to oneself, until it is closed; return whether nobody else has it."""
     until = clock.now() + CLAIM_TIMEOUT
@@ -183,10 +190,8 @@ class RunMark:
         return os.path.samestat(there, os.fstat(file))
 
     def _in_words(self, error: Exception) -> str:
-        reason = str(error)
-        if isinstance(error, OSError) and error.strerror:
-            reason = error.strerror.lower()
-        return f'{self._path}, by which the next start knows of a crash, cannot be used: {reason}'
+        what = f'{self._path}, by which the next start knows of a crash, cannot be used'
+        return f'{what}: {in_words(error)}'
 
 
 def leave_began(path: pathlib.Path) -> None:

@@ -34,7 +34,7 @@ from evgp_node.encoding import read, written
 from evgp_node.folder import rcs_folder
 from evgp_node.stream import Began, Block, Gap, joined, SCHEMA_VERSION
 from evgp_protocol import clock, states
-from evgp_rcs.record.run_mark import claim
+from evgp_rcs.record.run_mark import claim, in_words
 from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
@@ -208,7 +208,7 @@ class Record:
         self._release()
 
     def _fail(self, error: Exception) -> None:
-        self.error = _in_words(error)
+        self.error = in_words(error)
         self._failed_at = clock.now()
 
     def _claim(self) -> None:
@@ -303,12 +303,6 @@ class Record:
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
 """What a file raises that cannot be written, or is damaged, or is something else."""
-
-
-def _in_words(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return str(error)
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:

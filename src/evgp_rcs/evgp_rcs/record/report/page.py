@@ -100,7 +100,7 @@ def page(
         sums=sums,
         replay=_replay(account.replay),
         rules=account.replay.rules,
-        program=f'evgp_rcs {_version()}',
+        program=f'evgp_rcs {metadata.version("evgp_rcs")}',
         made_ns=time.time_ns(),
         part=shown,
         events=events,
@@ -159,13 +159,6 @@ def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
         own = Part(max(start, race.began - 2.0), ends, part.kart)
         drawings.append(drawing(account, own, clock, f'Race {race.number}'))
     return drawings
-
-
-def _version() -> str:
-    try:
-        return metadata.version('evgp_rcs')
-    except metadata.PackageNotFoundError:
-        return 'of which the version is not known'
 
 
 def _overall(account: Account) -> list[Standings]:
