@@ -408,6 +408,60 @@ def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
     assert unanswered.ended == pytest.approx(unanswered.raised + 1.0)
 
 
+def started_in_doubt(paper: PaperRace) -> None:
+    paper.feed(inputs.Recovered(paper.now, None, LastRun.UNKNOWN))
+
+
+def started_after_a_crash_in_a_race(paper: PaperRace) -> None:
+    before = PaperRace(TEAMS)
+    before.connect(*TEAMS)
+    before.drive()
+    paper.feed(inputs.Recovered(paper.now, before.race.memory(), LastRun.UNKNOWN))
+
+
+def ended_in_a_race(paper: PaperRace) -> None:
+    paper.connect(*TEAMS)
+    paper.drive()
+    paper.end()
+
+
+def came_when_all_were_stopped(paper: PaperRace) -> None:
+    paper.connect(7, 8)
+    paper.command(CommandKind.ALL_KILL)
+    paper.acknowledge()
+    paper.wait(60.0)
+    paper.connect(9)
+    paper.wait(1.0)
+    paper.say(9)
+
+
+def lost_in_a_race(paper: PaperRace) -> None:
+    paper.connect(*TEAMS)
+    paper.drive()
+    paper.lose(7)
+
+
+@pytest.mark.parametrize(
+    ('happens', 'asks_for_it'),
+    [
+        (started_in_doubt, False),
+        (ended_in_a_race, False),
+        (came_when_all_were_stopped, False),
+        (started_after_a_crash_in_a_race, True),
+        (lost_in_a_race, True),
+    ],
+)
+def test_the_msr_is_spoken_of_only_where_a_kart_may_move_that_must_not_or_nobody_knows(
+    happens: Callable[[PaperRace], None], asks_for_it: bool, tmp_path: pathlib.Path
+) -> None:
+    paper = PaperRace(TEAMS)
+    happens(paper)
+    if not paper.account().ended:
+        paper.wait(10.0)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert ('MSR' in page) is asks_for_it
+
+
 @pytest.mark.parametrize('what', ['a gap', 'a difference'])
 def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is_said(
     paper: PaperRace, tmp_path: pathlib.Path, what: str
