@@ -195,6 +195,12 @@ def kept(entries: Sequence[Entry]) -> Kept:
     return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block.compressed())])
 
 
+def named(event: StampedEvent | None) -> str:
+    """Return what an event is about: its command, or its kind."""
+    assert event is not None
+    return (event.event.command or event.event.kind).name
+
+
 def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:
     """Write the timekeeper's book beside a record, about the races of its newest run."""
     with open_runs(record) as runs:

@@ -18,12 +18,12 @@ from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report.model import Result, Why
 from evgp_rcs.record.report.results import COLUMNS, defused
 from evgp_rcs.record.runs import Runs
-from evgp_rcs.record.store import Record, Session
+from evgp_rcs.record.store import Session
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, Entry, Recovered, Rules
+from evgp_rcs.rules.inputs import Entry, Recovered
 from evgp_rcs.rules.race import EventKind, Heat, LastRun, StampedEvent
 import pytest
-from recorded_races import edit, PaperRace
+from recorded_races import edit, named, PaperRace
 
 TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
 HEATS = (Heat('Heat A', (7, 8)), Heat('Heat B', (8, 9)), Heat('Heat B again', (8, 9)))
@@ -47,10 +47,6 @@ def results(paper: PaperRace) -> dict[int, Result]:
 
 def why(paper: PaperRace) -> dict[int, Why]:
     return {kart: each.out.why for kart, each in results(paper).items() if each.out is not None}
-
-
-def heats(paper: PaperRace) -> list[str]:
-    return [race.heat for race in paper.account().races]
 
 
 def race_over(paper: PaperRace) -> None:
@@ -115,6 +111,12 @@ def test_only_the_first_reason_counts(paper: PaperRace) -> None:
     paper.lose(8)
     paper.command(CommandKind.ALL_KILL)
     assert why(paper) == {7: Why.LOST, 8: Why.STOPPED_ALONE, 9: Why.RACE_STOPPED}
+    out = [each.out for each in results(paper).values() if each.out]
+    assert [named(each.event) for each in out] == ['DISCONNECTED', 'KART_RED_FLAG', 'ALL_KILL']
+    (race,) = paper.account().races
+    assert list(map(named, race.incidents)) == [
+        *('DISCONNECTED', 'KART_RED_FLAG', 'KART_RED_RED', 'DISCONNECTED', 'ALL_KILL')
+    ]
 
 
 def test_who_is_lost_after_the_race_was_flagged_did_not_finish_because_of_the_flag(
@@ -143,29 +145,6 @@ def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> No
     paper.drive()
     paper.end()
     assert set(why(paper).values()) == {Why.RACE_CONTROL_ENDED}
-
-
-# ----- heats ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(('joins', 'heat'), [((), 'Heat A'), ((9,), '')])
-def test_a_heat_keeps_its_name_without_a_kart_and_not_with_one_of_another_heat(
-    paper: PaperRace, joins: tuple[int, ...], heat: str
-) -> None:
-    paper.command(CommandKind.SET_HEAT, heat='Heat A')
-    paper.command(CommandKind.LEAVE_RACE, 8)
-    for kart in joins:
-        paper.command(CommandKind.JOIN_RACE, kart)
-    paper.drive()
-    assert heats(paper) == [heat]
-
-
-def test_a_race_without_a_heat_has_no_name_although_its_karts_are_those_of_one(
-    paper: PaperRace,
-) -> None:
-    paper.command(CommandKind.LEAVE_RACE, 9)
-    paper.drive()
-    assert heats(paper) == ['']
 
 
 # ----- rcs_record results ---------------------------------------------------------------------
@@ -286,22 +265,6 @@ def test_the_table_is_written_to_a_file(
         assert len(list(csv.DictReader(stream))) == 3
     assert rcs_record(['results', str(record), '-o', str(record / 'no')]) == 1
     assert str(record / 'no') in capsys.readouterr().err
-
-
-def test_a_record_that_is_being_written_has_the_results_up_to_now(
-    paper: PaperRace, tmp_path: pathlib.Path, capsys: Capture
-) -> None:
-    paper.drive()
-    record = Record(tmp_path / 'record.sqlite3')
-    record.put(Batch(0, [Rules('', paper.setup)]))
-    record.put(paper.log.take())
-    try:
-        assert record.write()
-        assert rcs_record(['results', str(tmp_path / 'record.sqlite3')]) == 0
-    finally:
-        record.end()
-    printed = capsys.readouterr().out
-    assert {row['result'] for row in csv.DictReader(io.StringIO(printed))} == {'STILL_RACING'}
 
 
 @pytest.mark.parametrize(
