@@ -240,6 +240,8 @@ def test_a_stop_has_who_was_told_who_acknowledged_and_who_was_slowest(paper: Pap
     }
     assert told(again)[7] == (NOT_CONNECTED, None, '')
     # Kart 9 had been told before: it says nothing about these stops.
+    silent = [[each.kart for each in stop.told if each.is_silent] for stop in stops(account)]
+    assert silent == [[], [8], [7], []]
     slowest = [each.slowest() for each in (alone, flag, kill, again)]
     assert [each and each.kart for each in slowest] == [9, 7, 8, None]
 
@@ -279,9 +281,12 @@ def test_every_lost_connection_of_a_race_is_counted_also_one_that_the_kart_close
     assert (account.lost, account.closed) == (1, 1)
     paper.lose(7)
     paper.wait(1.0)
-    paper.connect(7, 7)  # the second pushes the first one out, which no input says
+    paper.connect(9)  # it pushes the first one out, which no input says
     account = paper.account()
     assert (account.lost, account.closed) == (3, 1)
+    results = account.results(account.races[0])
+    why = {result.kart: result.out.why for result in results if result.out}
+    assert why == {7: Why.LOST, 8: Why.LOST, 9: Why.LOST}
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert 'it lost its connection' in page
     assert '3 lost connections during a race, of which karts closed 1 themselves' in page

@@ -117,7 +117,6 @@ class Why(enum.Enum):
 
     LOST = 'it lost its connection'
     STOPPED_ALONE = 'an official stopped it alone'
-    STOPPED = 'it was stopped'
     FINISH_UNDONE = 'its finish was undone after it had been stopped'
     RACE_STOPPED = 'the race was stopped first'
     RACE_CONTROL_ENDED = 'race control ended first'
@@ -504,10 +503,8 @@ class Account:
         # The command that this step has put in force.
         commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
         cause = next((each for each in commands if each.event.success), None)
-        why = Why.STOPPED
-        if not kart.connected:
-            why = Why.LOST
-        elif cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
+        why = Why.LOST  # or another connection took the place of its own
+        if cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
             why = Why.FINISH_UNDONE
         elif cause is not None and cause.event.kart:
             why = Why.STOPPED_ALONE
