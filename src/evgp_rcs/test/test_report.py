@@ -180,6 +180,16 @@ def test_every_kind_of_event_has_a_name() -> None:
     assert wording.KINDS.keys() == set(EventKind)
 
 
+def test_a_kart_that_takes_its_stop_back_is_an_incident(paper: PaperRace) -> None:
+    paper.drive()
+    paper.say(7, RaceState.GRID_ACTIVE)
+    paper.command(CommandKind.ALL_KILL)
+    paper.acknowledge()
+    paper.say(7, RaceState.GREEN_GREEN)
+    (race,) = paper.account().races
+    assert list(map(named, race.incidents)) == ['ALL_KILL', 'WITHDRAWN']
+
+
 @pytest.mark.parametrize('waits', [1.0, 8.0], ids=['at once', 'after its RED_FLAG'])
 def test_a_starter_that_was_stopped_and_has_no_place_is_an_incident(
     paper: PaperRace, waits: float

@@ -485,7 +485,6 @@ class Account:
             lane = Lane(kart.number, kart.team, Bands(), Bands(), Bands())
             self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
             lane.bands.change(0.0, NOT_CONNECTED)
-            lane.links.change(0.0, NO_GRADE)
         band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
         if kart.delivered_at is not None and band.delivered is None:
             band.delivered = self._at(kart.delivered_at)
