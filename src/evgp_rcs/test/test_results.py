@@ -305,4 +305,4 @@ def test_a_place_from_before_a_crash_is_shown_without_its_time(paper: PaperRace)
     again = PaperRace(TEAMS, HEATS)
     again.feed(Recovered(again.now, paper.race.memory(), LastRun.UNKNOWN))
     assert again.race.karts[9].place == 1
-    assert results(again)[9] == Result(9, place=1)
+    assert results(again) == {9: Result(9, place=1)}  # nobody knows who else started
