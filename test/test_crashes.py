@@ -104,7 +104,7 @@ class Event:
     def recorded(self) -> list[int]:
         """Return the sequence numbers that the last run has recorded."""
         with contextlib.closing(open_read_only(self.record)) as database:
-            last = sessions(database)[-1].number
+            last = next(sessions(database)).number
             return [event.sequence for event in events(database, last)]
 
     # The steps of a race, each from where the official has seen the one before it leave off.

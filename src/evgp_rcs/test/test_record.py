@@ -145,7 +145,7 @@ def test_a_stream_that_another_program_wrote_is_no_run_of_race_control(
     record = begin()
     assert record.left_behind == HOME
     with contextlib.closing(open_read_only(path)) as database:
-        assert [run.number for run in sessions(database)] == [1, 3]
+        assert [run.number for run in sessions(database)] == [3, 1]
 
 
 @pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])

@@ -872,13 +872,3 @@ def test_a_page_lets_nothing_in_but_its_own_style(written: pathlib.Path) -> None
     assert 'unsafe' not in policy
     assert 'script' not in policy
     assert not re.search(r'\s(src|href|style|on\w+)=', page)
-
-
-def test_an_event_has_one_time_of_day_wherever_it_stands_unless_the_clock_was_set() -> None:
-    began = 1_795_348_011_109_400_000
-    clock = Clock(began)
-    for apart in (-1_400_000, 0, 1_400_000):
-        wall_ns = began + 1_000_000_000 + apart
-        assert clock.time(clock.of(wall_ns, 1.0), 3) == clock.at(1.0, 3)
-    set_back = began - 59_000_000_000
-    assert clock.of(set_back, 1.0) == set_back

@@ -203,7 +203,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
                 folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
-            runs = Runs(file, database, sessions(database), None, damage)
+            runs = Runs(file, database, [*sessions(database)][::-1], None, damage)
             # Race control writes the newest run only.
             if runs.listed and is_being_written(file):
                 runs.present = runs.listed[-1]

@@ -328,7 +328,7 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
-    last = next(newest_first(database), None)
+    last = next(sessions(database), None)
     if last is None:
         return None  # there is no run
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
@@ -384,16 +384,7 @@ def blocks_of(
     yield from database.execute(query, (run,))
 
 
-def sessions(database: sqlite3.Connection) -> list[Session]:
-    """
-    Return the runs of race control in a record, oldest first.
-
-    :raises sqlite3.DatabaseError: if the record is damaged.
-    """
-    return list(newest_first(database))[::-1]
-
-
-def newest_first(database: sqlite3.Connection) -> Iterator[Session]:
+def sessions(database: sqlite3.Connection) -> Iterator[Session]:
     """
     Yield the runs of race control in a record, newest first.
 

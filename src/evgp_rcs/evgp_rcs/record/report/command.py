@@ -83,17 +83,16 @@ def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     digest = hashlib.sha256()
     for line in kept.lines():
         digest.update(line)
-    sums = [('SHA-256 of the stream of this run (rcs_record show --stream)', digest.hexdigest())]
-    if runs.present is None:
-        files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
-        of_files = [
-            (f'SHA-256 of the file {file.name}', _sum_of(file))
-            for file in files
-            if file.exists() and (file.stat().st_size or file == runs.file)
-        ]
-        if not is_being_written(runs.file):
-            return [*of_files, *sums]
-    return [('SHA-256 of the file', 'none: race control was writing it'), *sums]
+    files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
+    sums = [
+        (f'SHA-256 of the file {file.name}', _sum_of(file))
+        for file in files
+        if file.exists() and (file.stat().st_size or file == runs.file)
+    ]
+    if is_being_written(runs.file):
+        sums = [('SHA-256 of the file', 'none: race control was writing it')]
+    of_stream = 'SHA-256 of the stream of this run (rcs_record show --stream)'
+    return [*sums, (of_stream, digest.hexdigest())]
 
 
 def _sum_of(file: pathlib.Path) -> str:

@@ -118,7 +118,6 @@ def page(
         style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
         stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
         stood=lambda alert: _stood(alert, account, clock),
-        wall_ns=lambda event: clock.of(event.wall_ns, account.at(event)),
         on_paper=on_paper,
         drawings=_drawings(account, part, clock),
         WIDTH=WIDTH,

@@ -75,10 +75,6 @@ def karts(numbers: list[int]) -> str:
     return words.numbered(numbers) or 'no kart'
 
 
-READ_APART_NS = 20_000_000
-"""Maximum time between two clocks that are read one after the other, in ns."""
-
-
 class Clock:
     """
     The wall clock of the report: the time zone of the machine that makes it, and no other.
@@ -109,16 +105,6 @@ class Clock:
     def wall_ns(self, seconds: float) -> int:
         """Return the wall time so many seconds after the beginning, in full milliseconds."""
         return (_milliseconds(self.began_ns) + round(seconds * 1000)) * 1_000_000
-
-    def of(self, wall_ns: int, seconds: float) -> int:
-        """
-        Return the wall time of an event (ns) as all of the report has it.
-
-        The record has it by two clocks, which are read one after the other. Only a wall clock that
-        was set makes a difference that is to be seen.
-        """
-        by_seconds = self.wall_ns(seconds)
-        return wall_ns if abs(wall_ns - by_seconds) > READ_APART_NS else by_seconds
 
     def day(self, wall_ns: int) -> str:
         """Return the day."""
