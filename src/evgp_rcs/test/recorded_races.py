@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import pathlib
 import random
+import re
 import sqlite3
 from typing import Any, cast
 
@@ -199,6 +200,17 @@ def named(event: StampedEvent | None) -> str:
     """Return what an event is about: its command, or its kind."""
     assert event is not None
     return (event.event.command or event.event.kind).name
+
+
+def tables(page: str, kind: str) -> list[list[list[str]]]:
+    """Return the tables of a kind in a report, with what is in their cells."""
+    found = re.findall(rf'<table class="{kind}">.*?<tbody>(.*?)</table>', page, re.DOTALL)
+
+    def cells(row: str) -> list[str]:
+        each = re.split('</t[dh]>', row)[:-1]
+        return [' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in each]
+
+    return [[*map(cells, each.split('</tr>')[:-1])] for each in found]
 
 
 def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:

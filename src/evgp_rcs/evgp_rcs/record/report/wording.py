@@ -19,6 +19,8 @@ STATES = {state.name: said for state, said in words.STATES.items() if state is n
     NOT_KNOWN: 'not known',
 }
 
+STATUS = words.STATUS
+
 KINDS = {
     EventKind.COMMAND: "Officials' command",
     EventKind.RACE_STATE: 'State of the race',
@@ -141,5 +143,4 @@ def _milliseconds(ns: int) -> int:
 def why_out(out: Out, clock: Clock) -> str:
     """Return why a kart has no place, and when that was."""
     when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
-    joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
-    return f'{out.why.value}{joined}{when}'
+    return f'{out.why.value}{when}'
