@@ -335,7 +335,7 @@ def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
     paper.command(CommandKind.ALL_KILL)
     account = paper.account()
     assert account.races == []
-    assert len(account.outside) == 1
+    assert len(account.outside.incidents) == 1
 
 
 def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
@@ -477,7 +477,7 @@ def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace)
     paper.wait(1.0)
     paper.end()
     account = paper.account()
-    assert account.outside == []
+    assert account.outside.incidents == []
     assert list(map(named, account.races[0].incidents)) == ['ALL_KILL']
     (stop,) = stops(account)
     assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}

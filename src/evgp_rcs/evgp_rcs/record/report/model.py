@@ -198,7 +198,8 @@ class RaceAccount:
     :param out: why each starter that dropped out did so, before it finished.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
-        of all or of one kart; ``refused``: of the commands that were refused.
+        of all or of one kart; ``refused``: of the commands that were refused; ``corrections``: of
+        finishes that were undone.
     :param taken_up: it was under way when the run began.
     :param incomplete: the rules could not follow it to its end.
     """
@@ -216,6 +217,12 @@ class RaceAccount:
     incidents: list[StampedEvent] = field(default_factory=list)
     stops: list[StampedEvent] = field(default_factory=list)
     refused: list[StampedEvent] = field(default_factory=list)
+    corrections: list[StampedEvent] = field(default_factory=list)
+
+    def add_incident(self, event: StampedEvent) -> None:
+        """Take an incident, unless it is the last one."""
+        if event not in self.incidents[-1:]:
+            self.incidents.append(event)
 
     def _first(self, *states: str) -> Change | None:
         return next((change for change in self.changes if change.state in states), None)
@@ -248,11 +255,10 @@ class Account:
     :ivar known_until: up to when the rules could follow the record; None: to its end.
     :ivar lost: how many connections to karts were lost in races; ``closed``: how many of these the
         kart closed.
-    :ivar outside: incidents outside any race.
+    :ivar outside: what happened outside any race.
     :ivar ended: the event that says that race control ends; None: there is none.
     :ivar timing: the timekeeper's results of each race, by its number.
-    :ivar corrections: which finishes officials undid, by the number of the race; ``of_timing``:
-        what the timekeeper corrected.
+    :ivar of_timing: what the timekeeper corrected, by the number of the race.
     """
 
     def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
@@ -271,10 +277,9 @@ class Account:
         self.race_bands = Bands()
         self.races: list[RaceAccount] = []
         self.alerts: list[Alert] = []
-        self.outside: list[StampedEvent] = []
+        self.outside = RaceAccount(0, 0.0, '', taken_up=False)
         self.ended: StampedEvent | None = None
         self.lost = self.closed = 0
-        self.corrections: dict[int, list[StampedEvent]] = {}
         self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
         for step in self.replay.steps():
             self._take(step)
@@ -390,11 +395,11 @@ class Account:
         for race in self.races[-1:]:
             race.incomplete = race.garage is None
 
-    def _race_of(self, stamped: StampedEvent) -> RaceAccount | None:
-        """Return the race that was under way; None: none was."""
+    def _race_of(self, stamped: StampedEvent) -> RaceAccount:
+        """Return the race that was under way; `outside`: none was."""
         event = stamped.event
         if not event.race:
-            return None
+            return self.outside
         if not self.races or self.races[-1].number != event.race:
             taken_up = event.command is not CommandKind.GRID_ACTIVE
             at = self.at(stamped)
@@ -404,14 +409,21 @@ class Account:
     def _look_at_event(self, step: Step, stamped: StampedEvent) -> None:
         event, at = stamped.event, self.at(stamped)
         race = self._race_of(stamped)
-        if event.kind is EventKind.COMMAND:
-            self._look_at_command(race, stamped)
-        elif event.kind is EventKind.RACE_STATE and race is not None:
+        if event.kind is EventKind.COMMAND and not event.success:
+            race.refused.append(stamped)
+        elif event.kind is EventKind.COMMAND:
+            if event.command is CommandKind.KART_UNDO_FINISH:
+                race.corrections.append(stamped)
+            if event.command in STOPS:
+                race.add_incident(stamped)
+            if event.command in SENDS_RED:
+                race.stops.append(stamped)
+        elif event.kind is EventKind.RACE_STATE:
             race.changes.append(Change(at, stamped))
             by_itself = event.command is None and not isinstance(step.entry, Recovered)
             if by_itself and race.changes[-1].state in REDS:
                 race.stops.append(stamped)
-        elif event.kind is EventKind.ORDER_OF_FINISH and race is not None:
+        elif event.kind is EventKind.ORDER_OF_FINISH:
             race.results = event.text
         elif event.kind is EventKind.ALERT_RAISED:
             alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
@@ -419,35 +431,16 @@ class Account:
         elif event.kind is EventKind.ALERT_CLEARED:
             alert = self._standing.pop((event.kart, event.alert))
             alert.ended, alert.stands = at, False
-        elif event.kind is EventKind.DISCONNECTED and race is not None:
-            self._incident(race, stamped)
+        elif event.kind is EventKind.DISCONNECTED and event.race:
+            race.add_incident(stamped)
         elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
-            self._incident(race, stamped)  # it had stopped, by its own word
+            race.add_incident(stamped)  # it had stopped, by its own word
         elif event.kind is EventKind.ENDED:
             self.ended = stamped
             for lane in self.lanes.values():
                 if lane.bands[-1].what != NOT_CONNECTED:
                     # The last that every connected kart hears.
                     lane.bands.change(at, RaceState.RED_RED.name)
-
-    def _look_at_command(self, race: RaceAccount | None, stamped: StampedEvent) -> None:
-        event = stamped.event
-        if not event.success:
-            if race is not None:
-                race.refused.append(stamped)
-            return
-        if event.command is CommandKind.KART_UNDO_FINISH:
-            number = race.number if race else self.races[-1].number if self.races else 0
-            self.corrections.setdefault(number, []).append(stamped)
-        if event.command in STOPS:
-            self._incident(race, stamped)
-        if race is not None and event.command in SENDS_RED:
-            race.stops.append(stamped)
-
-    def _incident(self, race: RaceAccount | None, event: StampedEvent) -> None:
-        incidents = self.outside if race is None else race.incidents
-        if event not in incidents[-1:]:
-            incidents.append(event)
 
     def _sent(self, kart: int) -> str:
         return self.lanes[kart].bands[-1].what if kart in self.lanes else NOT_CONNECTED
@@ -511,7 +504,7 @@ class Account:
             cause = next((each for each in step.events if each.event.kart == number), None)
         race.out[number] = Out(why, at, cause)
         if cause is not None:
-            self._incident(race, cause)
+            race.add_incident(cause)
 
 
 @dataclass(frozen=True)
