@@ -123,11 +123,10 @@ class Replay:
         self.missing = ''
         self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
-        # Of the last input: what it was, and what it made that was not compared yet.
+        # The last input, what the rules made of it, and what the stream has after it.
         self._given: Input | None = None
         self._outcome: Outcome | None = None
-        self._orders: Sequence[Order] = ()
-        self._made: list[Event] = []
+        self._orders: list[Order] = []
         self._told: list[StampedEvent] = []
         self._last: StampedEvent | None = None
 
@@ -186,16 +185,14 @@ class Replay:
         elif isinstance(entry, Rules | Began):
             self._differ('an entry', type(entry).__name__, 'the run has begun already')
         elif isinstance(entry, Ordered):
-            self._compare_orders(entry)
-        elif isinstance(entry, StampedEvent):
-            if entry.event.kind in OF_THE_SERVER:
-                yield from self._finish()
-                yield Step(entry, self._race, None, (entry,))
-            else:
-                self._compare_event(entry)
+            self._orders += entry.orders
+        elif isinstance(entry, StampedEvent) and entry.event.kind not in OF_THE_SERVER:
+            self._told.append(entry)
         else:
             yield from self._finish()
-            if isinstance(entry, Shown):
+            if isinstance(entry, StampedEvent):
+                yield Step(entry, self._race, None, (entry,))
+            elif isinstance(entry, Shown):
                 yield Step(entry, self._race)
             else:
                 self._feed(entry, self._race)
@@ -213,10 +210,11 @@ class Replay:
 
     def _give_up(self) -> Iterator[Step]:
         """Go on with the stream alone."""
-        given, told = self._given, tuple(self._told)
-        self._race = self._given = None
-        if given is not None:
-            yield Step(given, None, None, told)
+        self._race = None
+        if self._given is not None:
+            yield Step(self._given, None, None, tuple(self._told))
+        else:
+            yield from (Step(each, None, None, (each,)) for each in self._told)
 
     def _feed(self, given: Input, race: Race) -> None:
         assert self.rules is not None
@@ -226,32 +224,29 @@ class Replay:
             self._differ('an input', f'its time is {given.at!r}', 'times do not go back')
         self._given, self.seconds = given, seconds
         try:
-            self._outcome = outcome = inputs.feed(given, race)
+            self._outcome = inputs.feed(given, race)
         except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
             self._differ('an error of the rules', 'it was taken', repr(error))
-        self._orders, self._made = outcome.orders, list(outcome.events)
 
     def _finish(self) -> Iterator[Step]:
-        """Take it that the last input has brought about nothing more."""
-        if self._orders:
-            self._differ('an order', 'none', _order(self._orders[0]))
-        for event in self._made:
-            if not event.chatter:
-                self._differ('an event', 'none', _fields(event))
-        given, self._given = self._given, None
-        told, self._told = self._told, []
-        self._made = []
-        if given is not None:
-            yield Step(given, self._race, self._outcome, tuple(told))
-
-    # ----- comparing ----------------------------------------------------------------------
-
-    def _compare_orders(self, entry: Ordered) -> None:
-        orders, self._orders = self._orders, ()
-        for recorded, replayed in zip_longest(entry.orders, orders):
+        """Take it that the last input has brought about nothing more, and compare."""
+        outcome = self._outcome or Outcome((), ())
+        for recorded, replayed in zip_longest(self._orders, outcome.orders):
             if recorded != replayed:
                 self._differ('an order', _order(recorded), _order(replayed))
             self.orders += 1
+        made = iter(outcome.events)
+        for told in self._told:
+            self._compare_event(told, made)
+        for event in made:
+            if not event.chatter:
+                self._differ('an event', 'none', _fields(event))
+        if self._given is not None:
+            yield Step(self._given, self._race, outcome, tuple(self._told))
+        self._given = self._outcome = None
+        self._orders, self._told = [], []
+
+    # ----- comparing ----------------------------------------------------------------------
 
     def _look_at_its_place(self, entry: StampedEvent) -> None:
         """Compare number and times of an event with those of the one before."""
@@ -269,19 +264,14 @@ class Replay:
             least = f'not before event {before.sequence}, {before.monotonic!r}'
             self._differ(f'event {number}', what, least)
 
-    def _compare_event(self, entry: StampedEvent) -> None:
-        name, made = f'event {entry.sequence}', self._made
-        left = list(made)
+    def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
+        name = f'event {entry.sequence}'
         # What karts say too often is left out.
-        while left and left[0].chatter and left[0] != entry.event:
-            left.pop(0)
-        first = next(iter(left or made), None)
-        if self._given is None or not left or first != entry.event:
-            self._differ(name, _fields(entry.event), _fields(first) if first else 'no such event')
-        elif entry.monotonic != self._given.at:
+        event = next((each for each in made if not each.chatter or each == entry.event), None)
+        if event is None or event != entry.event:
+            self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
+        if self._given is not None and entry.monotonic != self._given.at:
             self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
-        self._made = left[1:]
-        self._told.append(entry)
         self.events += 1
 
     def _differ(self, what: str, recorded: str, replayed: str) -> None:
