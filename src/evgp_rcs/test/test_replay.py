@@ -282,6 +282,12 @@ def an_event_is_new(entries: list[Entry], chance: random.Random) -> None:
     entries.append(StampedEvent(number, last.wall_ns, SETUP.now + 9e6, event))
 
 
+def the_end_is_cut_off_amid_what_an_input_made(
+    entries: list[Entry], chance: random.Random
+) -> None:
+    del entries[places(entries, an_event)[-1] :]
+
+
 def another(kind: Any, value: Any) -> Any:
     """Return another value of a type."""
     (kind, *_) = get_args(kind) or (kind,)
@@ -325,6 +331,7 @@ HARMS: dict[str, Harm] = {
     'an event is there twice': twice(an_event),
     'two events change places': swapped(an_event),
     'an event is new': an_event_is_new,
+    'the end is cut off': the_end_is_cut_off_amid_what_an_input_made,
     'an event is later by the least of its clock': changed(
         an_event,
         lambda each: each._replace(monotonic=math.nextafter(each.monotonic, math.inf)),

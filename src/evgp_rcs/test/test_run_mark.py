@@ -199,6 +199,13 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     mark.keep()
     assert mark.error == ''
     assert path.read_text().strip() == RUN_BEGAN
+    path.unlink()
+    path.mkdir()
+    mark.keep()
+    assert str(path) in mark.error
+    path.rmdir()
+    mark.keep()
+    assert mark.error == ''
     mark.end(LastRun.UNKNOWN)
     assert run(path) is LastRun.UNKNOWN
 
