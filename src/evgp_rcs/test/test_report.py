@@ -577,13 +577,10 @@ def report(record: pathlib.Path, *arguments: str) -> str:
 
 @pytest.mark.parametrize('is_in_order', [True, False])
 def test_that_a_run_ended_in_good_order_is_what_its_events_say(
-    written: pathlib.Path, is_in_order: bool, capsys: pytest.CaptureFixture[str]
+    written: pathlib.Path, is_in_order: bool
 ) -> None:
     if not is_in_order:
         change_event(written, lambda each: each.event.kind is EventKind.ENDED, success=False)
-    capsys.readouterr()
-    assert rcs_record([str(written), '--list']) == 0
-    assert ('not ended in good order' in capsys.readouterr().out) is not is_in_order
     assert ('ended in good order at' in report(written)) is is_in_order
 
 
@@ -822,29 +819,16 @@ def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) ->
     assert '<html' in report(written, '--from', '+0')
 
 
-def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:
+def test_what_others_have_written_is_nothing_but_text(tmp_path: pathlib.Path) -> None:
     paper = PaperRace(dict(enumerate(HOSTILE, 1)))
     paper.connect(*paper.race.karts)
     paper.drive()
     for number, name in enumerate(HOSTILE, 1):
         paper.command(CommandKind.KART_RED_RED, number, official=name)
     paper.wait(1.0)
-    page = report(paper.write(tmp_path / 'record.sqlite3'))
-    assert '<script' not in page
-    assert '<img' not in page
-    assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
-
-
-def test_what_others_say_of_laps_is_nothing_but_text(
-    paper: PaperRace, tmp_path: pathlib.Path
-) -> None:
-    drive_and_stop(paper)
+    penalties = tuple(Penalty(1, 1, 0, False, each, each) for each in HOSTILE)
     hostile = LAPS._replace(
-        karts=(
-            LAPS.karts[0]._replace(
-                penalties=tuple(Penalty(8, 1, 0, False, each, each) for each in HOSTILE)
-            ),
-        ),
+        karts=(LAPS.karts[0]._replace(kart=1, penalties=penalties),),
         passings=tuple(
             Judged(Passing(each, each, 1, 0, each), 0, Mark.STRUCK, 1.0, each) for each in HOSTILE
         ),

@@ -61,19 +61,6 @@ def release(paper: PaperRace) -> None:
             paper.command(CommandKind.KART_IN_GARAGE, number)
 
 
-def test_a_time_is_from_green_green_to_the_finish(paper: PaperRace) -> None:
-    paper.drive()
-    paper.wait(30.0)
-    paper.command(CommandKind.KART_FINISH, 9)
-    paper.wait(1.5)
-    paper.command(CommandKind.KART_FINISH, 7)
-    race_over(paper)
-    found = results(paper)
-    assert list(found) == [9, 7, 8]
-    assert [each.place for each in found.values()] == [1, 2, 0]
-    assert [each.finished for each in found.values()] == [31.0, 32.5, None]
-
-
 def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(3.0)
@@ -132,13 +119,6 @@ def test_who_is_lost_after_the_race_was_flagged_did_not_finish_because_of_the_fl
     assert set(why(paper).values()) == {Why.RACE_STOPPED}
     flags = {each.out.event for each in results(paper).values() if each.out}
     assert [each and each.event.command for each in flags] == [CommandKind.RED_FLAG]
-
-
-def test_a_race_that_is_under_way_has_no_results_yet_but_what_there_is(paper: PaperRace) -> None:
-    paper.drive()
-    paper.command(CommandKind.KART_FINISH, 7)
-    assert results(paper)[7].place == 1
-    assert why(paper) == {8: Why.STILL_RACING, 9: Why.STILL_RACING}
 
 
 def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> None:
