@@ -166,7 +166,8 @@ def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -
     first.remember(RACING)
     first.end()
     second = begin()
-    second.remember(HOME)
+    second.remember(RACING)
+    second.remember(HOME)  # both before it comes to write
     second.end()
     assert begin().left_behind == HOME
 
@@ -369,19 +370,21 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     before.end()
     record = begin()
     put(record, event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False))
-    put(record, event(4, 'last'), first=3)
+    put(record, event(4, 'behind'), first=3)
+    assert record.write()
+    put(record, event(5, 'last'), first=4)
     record.end()
     assert print_timeline([str(path)]) == PARTLY
     before, head, *lines = capsys.readouterr().out.splitlines()
     assert 'The run before this one, 1, was not ended in good order' in before
     assert f'rcs_record {path} --run 1' in before
     assert head.split()[0] == '2'
-    assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'last']
+    assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'behind', 'last']
     assert ' ! refused' in lines[1]
     assert '1 entry is missing' in lines[2]
     assert print_timeline([str(path), '--kart', '7', '--run', '2']) == PARTLY
     _, *lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[-1] for line in lines] == ['first', '...', 'last']
+    assert [line.split()[-1] for line in lines] == ['first', '...', 'behind', 'last']
 
 
 def test_of_a_run_before_that_did_not_start_the_timeline_has_no_word(
