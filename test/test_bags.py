@@ -96,7 +96,7 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
     assert set(found) == {'/rcs/race', '/rcs/events', '/diagnostics'}
     with contextlib.closing(open_read_only(race)) as database:
         recorded = list(events(database, 1))
-        began = sessions(database)[0].began_ns
+        began = next(sessions(database)).began_ns
     told = [
         (at, event.sequence, event.text)
         for at, message in found['/rcs/events']

@@ -192,7 +192,7 @@ def test_a_log_that_was_cut_into_blocks_comes_back_and_what_is_missing_is_counte
 
 
 def in_bytes(batch: Batch) -> Block:
-    return Block(batch.first, b''.join(map(encode, batch.entries)))
+    return Block(batch.first - 1, b''.join(map(encode, batch.entries)))
 
 
 HOSTILE_JSON = (

@@ -190,7 +190,7 @@ def test_record_and_mark_say_whether_the_end_was_in_order(
     half.say(End(in_order))
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
-        *_, run = sessions(database)
+        run, *_ = sessions(database)
     assert (run.ended_ns is not None) is in_order
     assert (mark_of(begin) != RUN_BEGAN) is in_order
 

@@ -189,7 +189,7 @@ FAULTS = faults_in(
     """
 a kart that is connected loses its address: bound: if self.connected => if False
 a kart that is held loses its address: bound: self.hold is not None or => False or
-a kart that two programs connect as loses its address: bound: 
+a kart that two programs connect as loses its address:
     bound: if self.contested else => if False else
 only a kart that leaves the roster is looked at:
     _bound: addresses.get(kart.number, '') != kart.address => kart.number not in addresses

@@ -29,7 +29,7 @@ from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_di
 from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
-from evgp_rcs.rules.inputs import Recovered, Rules, Setup
+from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
 from evgp_rcs.rules.race import LastRun
 
 FIRST_SIGN = 2.0
@@ -50,7 +50,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     loop = asyncio.get_running_loop()
     setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
     record.attach(loop)
-    record.begin(Rules(rules_version(), setup))
+    record.put(Batch(0, [Rules(rules_version(), setup)]))
     race = setup.race()
     server = KartServer(
         race,

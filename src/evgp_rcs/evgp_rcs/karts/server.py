@@ -41,8 +41,9 @@ from evgp_rcs.karts.channel import (
     Request,
     ServerSettings,
 )
-from evgp_rcs.karts.link import in_words, KartLink
+from evgp_rcs.karts.link import KartLink
 from evgp_rcs.karts.record_process import RecordProcess
+from evgp_rcs.record.run_mark import in_words
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.link_quality import LinkQuality

@@ -28,7 +28,7 @@ from evgp_rcs.record.runs import (
     UNREADABLE,
 )
 from evgp_rcs.rules.inputs import Shown
-from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
+from evgp_rcs.rules.snapshot import snapshot_of
 
 NS = 1_000_000_000
 
@@ -79,8 +79,8 @@ def main(arguments: Sequence[str]) -> int:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
-    if bagged.lacks:
-        print(plain(f'The bag has the race up to there only, and then events: {bagged.lacks}.'))
+    if lacks := bagged.replay.lacks:
+        print(plain(f'The bag has the race up to there only, and then events: {lacks}.'))
         return PARTLY
     return runs.code
 
@@ -100,20 +100,10 @@ class _Bagged:
     def __init__(self, kept: Kept) -> None:
         self._happened = [each for each in kept.events() if not isinstance(each, Gap)]
         self._clocks = [event.monotonic for event in self._happened]
-        self._replay = Replay(kept)
-
-    @property
-    def lacks(self) -> str:
-        """Return why the bag lacks the race from some time on; empty: it does not."""
-        difference = self._replay.difference
-        if difference is not None:
-            return f'{difference.what} differs, which {CALLED} replay explains'
-        if self._replay.rules is None:
-            return 'the record does not have with what the rules began'
-        return self._replay.missing
+        self.replay = Replay(kept)
 
     def messages(self) -> Iterator[Message]:
-        """Yield the messages in order; what they lack is known then."""
+        """Yield the messages in order; what they lack, `replay` knows then."""
         both = self._events(), self._races()
         return heapq.merge(*both, key=lambda message: message[1])
 
@@ -132,22 +122,19 @@ class _Bagged:
             yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([each])
 
     def _races(self) -> Iterator[Message]:
-        """Yield the race as often as it was published, and diagnostics."""
+        """Yield the race as often as it was published, as far as rules can follow; diagnostics."""
         from evgp_node.codec import message_of
         from evgp_rcs.ros.messages import diagnostics_message
         from evgp_rcs_msgs import msg
 
         told = -math.inf
-        for race in self._shown():
+        for step in self.replay.steps() if self._happened else ():
+            if step.race is None or not isinstance(step.entry, Shown):
+                continue
+            race = snapshot_of(step.race, step.entry.at)
             at, in_bag, wall_ns = race.stamp, self._in_bag(race.stamp), self._wall_ns(race.stamp)
             clock_ns = wall_ns - round(at * NS)
             yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, clock_ns)
             if at - told >= DIAGNOSTICS_EVERY:
                 told = at
                 yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE)
-
-    def _shown(self) -> Iterator[Snapshot]:
-        """Yield every snapshot that the ROS half was sent, as far as the rules can follow."""
-        for step in self._replay.steps() if self._happened else ():
-            if isinstance(step.entry, Shown) and step.race is not None:
-                yield snapshot_of(step.race, step.entry.at)

@@ -336,11 +336,11 @@ class Batch(NamedTuple):
 
 
 class Log:
-    """Everything that goes into the rules of one race and comes out of them."""
+    """Everything that goes into the rules of one race and comes out of them, behind ``Rules``."""
 
     def __init__(self) -> None:
         self._new: list[Entry | None] = []
-        self._taken = 0
+        self._taken = 1
 
     def add(self, *entries: Entry | None) -> None:
         """

@@ -537,13 +537,14 @@ class LastRun(enum.Enum):
 
     ``NONE``: no run is known to have begun. ``ENDED``: it ended in good order with nothing under
     way, held or in doubt, and the track closed; ``ENDED_OPEN``: likewise, with the track open.
-    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known.
+    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known. The values
+    are what the mark of the machine says (``run_mark``).
     """
 
     NONE = 'none'
     ENDED = 'ended'
     ENDED_OPEN = 'ended, track open'
-    UNKNOWN = 'unknown'
+    UNKNOWN = 'began'
 
 
 @dataclass(frozen=True)

@@ -12,20 +12,10 @@ import hashlib
 import pathlib
 import re
 
-from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import Account, Part
 from evgp_rcs.record.report.page import page
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import (
-    add_run_arguments,
-    CALLED,
-    FAILED,
-    Kept,
-    open_runs,
-    PARTLY,
-    Runs,
-    say,
-)
+from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, put, Runs
 from evgp_rcs.record.store import is_being_written, Session
 from evgp_rcs.record.timing import timing_of
 
@@ -78,13 +68,8 @@ def main(arguments: Sequence[str]) -> int:
     except ValueError as error:
         options().error(str(error))
     written = page(runs, account, part, sums, wanted.event)
-    try:
-        wanted.output.write_text(written, encoding='utf-8', errors='replace')
-    except OSError as error:
-        say(f'{wanted.output} cannot be written: {error.strerror}')
-        return FAILED
-    print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.events)} events')
-    return PARTLY if account.gaps else runs.code
+    what = f'run {run.number}, {len(account.events)} events'
+    return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)
 
 
 def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
@@ -98,17 +83,16 @@ def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     digest = hashlib.sha256()
     for line in kept.lines():
         digest.update(line)
-    sums = [('SHA-256 of the stream of this run (rcs_record show --stream)', digest.hexdigest())]
-    if runs.present is None:
-        files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
-        of_files = [
-            (f'SHA-256 of the file {file.name}', _sum_of(file))
-            for file in files
-            if file.exists() and (file.stat().st_size or file == runs.file)
-        ]
-        if not is_being_written(runs.file):
-            return [*of_files, *sums]
-    return [('SHA-256 of the file', 'none: race control was writing it'), *sums]
+    files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
+    sums = [
+        (f'SHA-256 of the file {file.name}', _sum_of(file))
+        for file in files
+        if file.exists() and (file.stat().st_size or file == runs.file)
+    ]
+    if is_being_written(runs.file):
+        sums = [('SHA-256 of the file', 'none: race control was writing it')]
+    of_stream = 'SHA-256 of the stream of this run (rcs_record show --stream)'
+    return [*sums, (of_stream, digest.hexdigest())]
 
 
 def _sum_of(file: pathlib.Path) -> str:
@@ -122,7 +106,7 @@ def _sum_of(file: pathlib.Path) -> str:
 def _part(
     account: Account, run: Session, start: str | None, end: str | None, kart: int | None
 ) -> Part:
-    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+    clock = Clock(account.began_ns)
 
     def at(text: str | None) -> float | None:
         return None if text is None else seconds_of(text, clock)
