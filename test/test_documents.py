@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+import functools
 import itertools
 import pathlib
 import re
@@ -32,6 +33,7 @@ def text_of(document: str) -> str:
     return (ROOT / document).read_text(encoding='utf-8')
 
 
+@functools.cache
 def functions_by_file() -> dict[str, set[str]]:
     """Return the functions and rules of each test file, by the file's name."""
     found: dict[str, set[str]] = {}

@@ -84,8 +84,8 @@ def lacks(what: str) -> None:
     pytest.skip(f'this machine has no {what} (docs/dev/testing.md)')
 
 
-@pytest.fixture
-def compile_kit(tmp_path: pathlib.Path) -> Compile:
+@pytest.fixture(scope='module')
+def compile_kit(tmp_path_factory: pytest.TempPathFactory) -> Compile:
     """Return a function that compiles a file of the kit without a warning."""
     if not COMPILERS:
         cannot_run('there is neither gcc nor clang')
@@ -95,9 +95,8 @@ def compile_kit(tmp_path: pathlib.Path) -> Compile:
         *flags: str,
         compiler: str = 'gcc' if 'gcc' in COMPILERS else 'clang',
         kit: pathlib.Path = KIT,
-        name: str = 'program',
     ) -> pathlib.Path:
-        program = tmp_path / name
+        program = tmp_path_factory.mktemp('kit') / 'program'
         command = [compiler, *WARNINGS, *flags, f'-I{kit}', str(KIT / source)]
         if 'c++' in flags and '-m32' not in flags:  # the driver of C links no C++
             command += ['-lstdc++']
@@ -587,30 +586,27 @@ def test_a_kart_takes_no_more_of_a_cortex_m0_than_the_readme_says() -> None:
 # ----- the examples --------------------------------------------------------------------------
 
 
-@pytest.fixture(params=['posix.c', 'ESP32', 'W5500', 'example.py'])
+@pytest.fixture(scope='module', params=['posix.c', 'ESP32', 'W5500', 'example.py'])
+def example(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    """Return the command of an example; race control's port, and the kart's address, follow."""
+    if request.param == 'example.py':
+        return sys.executable, str(ROOT / 'kit/python/example.py'), '127.0.0.1'
+    compile_it = request.getfixturevalue('compile_kit')
+    if request.param == 'posix.c':
+        return str(compile_it('examples/posix.c', *C99, *SANITIZED)), '127.0.0.1'
+    flags = (*CPP17, *SANITIZED, f'-I{KIT / "test/arduino"}', f'-D{request.param}')
+    race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
+    return (str(compile_it('examples/kart/kart.ino', race_control, *flags)),)
+
+
+@pytest.fixture
 def start_example(
-    request: pytest.FixtureRequest, parts: contextlib.ExitStack
+    example: tuple[str, ...], parts: contextlib.ExitStack
 ) -> Callable[[int], Program]:
     """Return a function that starts an example as kart 1, for race control at a port."""
-    own = address_of(1)
 
     def start(port: int) -> Program:
-        if request.param == 'example.py':
-            script = str(ROOT / 'kit/python/example.py')
-            command = [sys.executable, script, '127.0.0.1', str(port), own]
-        elif request.param == 'posix.c':
-            compile_it = request.getfixturevalue('compile_kit')
-            program = compile_it('examples/posix.c', *C99, *SANITIZED)
-            command = [str(program), '127.0.0.1', str(port), own]
-        else:
-            compile_it = request.getfixturevalue('compile_kit')
-            board = f'-I{KIT / "test/arduino"}'
-            flags = (*CPP17, *SANITIZED)
-            race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
-            kind = f'-D{request.param}'
-            program = compile_it('examples/kart/kart.ino', kind, race_control, board, *flags)
-            command = [str(program), str(port), own]
-        return parts.enter_context(Program(request.param, command))
+        return parts.enter_context(Program('example', [*example, str(port), address_of(1)]))
 
     return start
 
