@@ -106,21 +106,16 @@ def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: Fa
 
 
 @pytest.mark.timeout(120 + 2 * STOPS)
-@pytest.mark.parametrize(
-    ('bridge', 'package'),
-    [((), 'evgp_kart_bridge'), (TO_THE_BRIDGE, 'evgp_kart_bridge'), ((), CPP)],
-    ids=['plain', 'bridge hears odometry', 'C++'],
-)
+@pytest.mark.parametrize('package', ['evgp_kart_bridge', CPP])
 def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
     parts: contextlib.ExitStack,
-    bridge: tuple[str, ...],
     package: str,
     chance: random.Random,
     record_property: Callable[..., None],
 ) -> None:
     need_package(package)
     karts = [
-        Kart(parts, number, 'shortest_stack', bridge, chance, base, package)
+        Kart(parts, number, 'shortest_stack', (), chance, base, package)
         for number, base in enumerate(KARTS, start=1)
     ]
     drive(karts, STOPS)
