@@ -29,9 +29,11 @@ from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
+    JoinOfficial,
     JoinTeam,
     StartBase,
     StartBridge,
+    StartRaceControl,
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
@@ -228,8 +230,15 @@ def test_the_lock_is_on_in_the_garage_unless_the_team_may_drive_there(
     start_race(drive_in_garage=may_drive).team.wait_for_stop(not may_drive)
 
 
-def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None:
-    race = start_race()
+def test_a_race_control_that_hangs_stops_the_kart(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+) -> None:
+    control = start_race_control(in_race=[1])
+    bridge = start_bridge(control.port, 1)
+    race = OneKartRace(Desk(control, join_official(control)), bridge, join_team(bridge))
     race.green()
     race.control.freeze()
     try:

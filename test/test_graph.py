@@ -157,7 +157,6 @@ def join(control: RaceControl, parts: contextlib.ExitStack) -> Official:
     return official
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize(
     'environment',
     [
@@ -193,7 +192,6 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
     assert 'from this machine only' in control.output
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize(
     'environment',
     [pytest.param({}, id='as it is', marks=pytest.mark.long), pytest.param(WIDEST, id='widest')],
@@ -304,7 +302,6 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
     kart.wait_for_state(RaceState.RED_RED)
 
 
-@pytest.mark.own_process
 def test_a_race_is_sent_red_flag_once_the_only_official_who_sees_it_is_cut_off(
     networks: TwoNetworks,
     start_race_control: StartRaceControl,
@@ -521,7 +518,6 @@ def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_
 # ----- what is refused --------------------------------------------------------------------
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize('address', ['0.0.0.0', OFFICIALS, '10.78.0.9'])
 def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_karts_connect(
     address: str,
@@ -540,7 +536,6 @@ def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_ka
     assert f'the ROS graph can be reached at {OFFICIALS}' in control.output
 
 
-@pytest.mark.own_process
 def test_race_control_starts_with_an_open_graph_that_was_accepted_by_name(
     networks: TwoNetworks, monkeypatch: pytest.MonkeyPatch, start_race_control: StartRaceControl
 ) -> None:
