@@ -148,15 +148,6 @@ def break_in(
     return found
 
 
-def join(control: RaceControl, parts: contextlib.ExitStack) -> Official:
-    """Let an official join whom no stranger finds either."""
-    graph.bind_graph()
-    official = Official(control.domain)
-    graph.fence_graph()
-    parts.callback(official.close)
-    return official
-
-
 @pytest.mark.parametrize(
     'environment',
     [
@@ -174,7 +165,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
     start_in(environment, monkeypatch)
     with networks.own.inside():
         control = start_race_control(in_race=[1], address='0.0.0.0')
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     before = official.wait_for_race(lambda race: race.karts, 'the race')
 
     found = break_in(networks, control.domain, (KARTS, OFFICIALS))
@@ -291,7 +282,7 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
         )
         monkeypatch.delenv(graph.INTERFACE)
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     official.wait_for_connected(1)
     official.bring_to(RaceState.GREEN_GREEN, 1)
     networks.own.ip('link del officials')
@@ -315,7 +306,9 @@ def test_a_race_is_sent_red_flag_once_the_only_official_who_sees_it_is_cut_off(
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
         )
         monkeypatch.delenv(graph.INTERFACE)
-        caller = join(control, parts)  # service calls alone: does not say that it is there
+        caller = parts.enter_context(
+            Official(control.domain)
+        )  # service calls alone: does not say that it is there
     with networks.official.inside():
         watching = subprocess.Popen(
             # At a terminal: script makes one.
@@ -351,7 +344,7 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
         control = start_race_control(in_race=[1], address=KARTS)
     with networks.official.inside():
         monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     official.command('kart/red_flag', kart=1)
 
     # A loose plug: the address goes and comes, and goes again while the fence moves.
@@ -416,24 +409,6 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     none = 'NO RACE CONTROL YET' in elsewhere[1]
     assert (elsewhere[0], none) == (2, True), elsewhere[1]  # make's own 2
     assert (wrong[0], f'Name one of: {OFFICIAL}' in wrong[1]) == (2, True), wrong[1]
-
-
-@pytest.mark.parametrize('target', ['run', 'console', 'ctl'])
-@pytest.mark.parametrize(('given', 'told'), [([f'OFFICIALS={OFFICIAL}'], OFFICIAL), ([], '')])
-def test_make_tells_race_control_and_both_consoles_the_officials_address_alike(
-    target: str, given: list[str], told: str
-) -> None:
-    printed = subprocess.run(
-        # In place of the program, which becomes the argument of a command that does nothing.
-        ['make', target, 'IN_WORKSPACE=env; :', *given],
-        cwd=ROOT,
-        env={name: value for name, value in os.environ.items() if name not in NOT_SET},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-
-    assert f'EVGP_GRAPH_INTERFACE={told}' in printed.splitlines()
 
 
 def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(
@@ -503,7 +478,7 @@ def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_
 ) -> None:
     domain = parts.enter_context(Domain()).number
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
-    official = join(control, parts)
+    official = parts.enter_context(Official(control.domain))
     official.wait_for_race(lambda race: race.karts and not race.alerts, 'a race without an alert')
 
     parts.enter_context(crowd(domain, graph.CROWDED))
