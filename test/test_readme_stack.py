@@ -205,6 +205,7 @@ def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
     control = start_race_control(in_race=[1, 2])
     official = join_official(control)
     domain = parts.enter_context(Domain()).number
+    drivers = []
     for number in (1, 2):
         here = ('-r', f'__ns:=/kart{number}')
         bridge = Bridge(
@@ -218,10 +219,13 @@ def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
         parts.enter_context(Program('base', base, domain))
         # Two nodes: one drives, and the other, which no motor listens to, acknowledges.
         driver, acknowledger = 'plain_driver', 'shortest_stack'
-        parts.enter_context(Process('evgp_kart_bridge', driver, domain, arguments=here))
+        process = Process('evgp_kart_bridge', driver, domain, arguments=here)
+        drivers.append(parts.enter_context(process))
         unheard = (*here, '-r', 'cmd_vel:=unused')
         parts.enter_context(Process('evgp_kart_bridge', acknowledger, domain, arguments=unheard))
 
     official.wait_for_connected(1, 2)
+    for process in drivers:
+        process.wait_for_line('IN_GARAGE')  # it must hear the GRID_ACTIVE
     official.bring_to(RaceState.GREEN_GREEN)
     official.bring_to(RaceState.RED_RED)
