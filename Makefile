@@ -86,7 +86,7 @@ help:
 	@echo 'make kit-size  what the C code for karts takes of a Cortex-M0'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
 	@echo 'make lint    check style and types'
-	@echo 'make format  format the code, and add missing copyright headers'
+	@echo 'make format  format the code'
 	@echo 'make screenshots  take the pictures of docs/ again'
 	@echo 'make setup   set up only, with what the window needs'
 	@echo 'make deb     build the Debian package for officials'
@@ -226,7 +226,6 @@ lint:
 	test -z "$$failed"
 
 format:
-	python3 setup/headers.py --add
 	$(IN_WORKSPACE) ruff check --fix
 	$(IN_WORKSPACE) ruff format
 
