@@ -88,7 +88,7 @@ def test_an_official_brings_the_race_from_every_state_to_every_other(
     # Round by round with a wider stride: each of the 20 ways once.
     way = [states[at * stride % 5] for stride in range(1, 5) for at in range(1, 6)]
     assert len({*itertools.pairwise([states[0], *way])}) == 20
-    with WireRace(tmp_path, [1, 2], [3], parameters={'pause': 0.5}) as race:
+    with WireRace(tmp_path, [1, 2], [3]) as race:
         race.bring_to(states[0])
         for state in way:
             race.bring_to(state)

@@ -552,7 +552,7 @@ def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
     officials.connect(2)
     assert officials.alerts() == {
         AlertKind.LOST_IN_MOTION: (
-            'Use the MSR: kart 2 (Volta) lost its connection while it may have been moving; '
+            'Kart 2 (Volta) lost its connection while it may have been moving; '
             'it is back and has not stopped yet'
         )
     }

@@ -104,7 +104,7 @@ class AlertsArea(Panel):
         self._see.pressed.connect(self.press_first)
         self._see_all.clicked.connect(self._press_all)
         self._mute.clicked.connect(self.mute)
-        fixed(self._summary, height=30)
+        fixed(self._summary, height=26)
         buttons = self._see, self._see_all, self._mute
         for button in buttons:
             fixed(button, height=24)

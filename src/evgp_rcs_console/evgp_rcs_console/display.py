@@ -187,22 +187,25 @@ class Areas(QtWidgets.QWidget):
             (self.steps, 0, 60),
             (self.strip, 0, 28),
             (self.number_field, 0, 48),
-            (self.alerts, 0, 230),
+            (self.alerts, 0, 198),
             (self.foot, 0, 32),
         )
         for part, width, height in sizes:
             fixed(part, width, height)
         top, side = QtWidgets.QWidget(), QtWidgets.QWidget()
         fixed(top, height=78)
-        grid = lay(top, (self.state, self.track, self.clock), gap=GAP, columns=(0, 1, 0))
+        # Of two parts in one place the gap is that of the last one: it is the one that is there.
+        grid = lay(top, gap=GAP, columns=(0, 1, 0))
         grid.addWidget(self.danger, 0, 0, 1, 2)
+        for column, part in enumerate((self.state, self.track, self.clock)):
+            grid.addWidget(part, 0, column)
         lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
         grid = lay(self, gap=GAP, margins=MARGINS, columns=(1, 0), heights=(0, 0, 0, 0, 1))
         self._banner.hide()
         grid.addWidget(self._banner, 0, 0, 1, 2)
+        grid.addWidget(self.how_to_begin, 4, 0)
         for row, part in enumerate((top, self.steps, self.strip, self.karts), 1):
             grid.addWidget(part, row, 0)
-        grid.addWidget(self.how_to_begin, 4, 0)
         grid.addWidget(self.kill, 1, 1, 2, 1)
         grid.addWidget(side, 3, 1, 2, 1)
         grid.addWidget(self.foot, 5, 0, 1, 2)

@@ -260,8 +260,9 @@ class EventPanel(Panel):
                 self._put(line)
 
     def _put(self, line: Line) -> None:
-        item = QtWidgets.QListWidgetItem(f'{line.clock} {line.text}')
-        item.setFont(font(look.px(SMALL), line.is_command))
+        text = texts.without_teams(line.text, self._teams)
+        item = QtWidgets.QListWidgetItem(f'{line.clock} {text}')
+        item.setFont(font(look.px(SMALL - 1), line.is_command))
         ink = look.palette.ink if line.success else look.palette.bad
         item.setForeground(QtGui.QColor(ink))
         self._list.insertItem(0, item)

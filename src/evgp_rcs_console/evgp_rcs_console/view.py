@@ -506,7 +506,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return for how long the race has been in its state, by whom, and whether it is over."""
+    """Return for how long the race has been in its state, by whom."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
@@ -514,8 +514,7 @@ def _since(race: Snapshot, now: float) -> str:
         since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
     if headline(race) != STATE_CELLS[race.state]:
         since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
-    is_said = race.state_cause.lower().startswith(texts.OVER)
-    return f'{since}, {texts.OVER}' if race.over and not is_said else since
+    return since
 
 
 def _reminder(buttons: _Buttons) -> str:
@@ -957,4 +956,5 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
 
 
 def _line(button: Button) -> str:
-    return f'{button.label:12} {"possible" if button.enabled else button.reason}'
+    said = 'possible' if button.enabled else button.reason
+    return f'{button.label:12} {said}{f" ({button.phrase})" if button.current else ""}'

@@ -283,7 +283,7 @@ def race_of(
 
 def alert(kart: int) -> Alert:
     """Return an alert that needs the MSR."""
-    text = f'Use the MSR: kart {kart} ({NAME}) lost its connection while it may have been moving'
+    text = f'Kart {kart} ({NAME}) lost its connection while it may have been moving'
     return Alert(AlertKind.LOST_IN_MOTION, kart, 0.0, text, True)
 
 
@@ -957,17 +957,28 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     console.tell(race_of(1))
     log, display = console.find('log'), console.window._display
     display.take_event(event(1, 'RED RED is sent to ' + 'kart 99, ' * 200))
-    display.take_event(event(2, 'the newest', 'Anna (pc 1)'))
+    display.take_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
     console.settle()
 
     assert not log.horizontalScrollBar().isVisible()
-    assert log.item(0).text().endswith('the newest · Anna')
+    assert log.item(0).text().endswith('Kart 1: the newest · Anna')
     assert log.viewport().rect().contains(log.visualItemRect(log.item(0)))
     assert log.item(0).font().bold()
     display.take_event(event(3, 'more', 'Anna (pc 2)'))
     assert log.item(0).text().endswith('more · Anna (pc 2)')  # two windows of one name
     display.take_event(event(4, 'it has arrived', kind=EventKind.DELIVERED))
     assert 'arrived' not in log.item(0).text()
+
+
+def test_the_last_twenty_short_events_are_seen_at_once(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    for number in range(1, 30):
+        console.window._display.take_event(event(number, 'kart 12 connected'))
+    console.settle()
+    log = console.find('log')
+    rects = [log.visualItemRect(log.item(place)) for place in range(20)]
+    assert all(log.viewport().rect().contains(rect) for rect in rects)
 
 
 def test_the_newest_event_is_in_sight_also_after_the_night_and_every_scroll_back(
@@ -1214,7 +1225,7 @@ def test_a_rehearsal_says_who_uses_the_msr_there(opened: Any) -> None:
 
 def test_what_an_alert_says_to_do_is_not_cut(opened: Any) -> None:
     unknown = 'race control does not know what happened before it began'
-    text = f'Clear the track, or use the MSR: {unknown}: look at every kart, then send IN GARAGE'
+    text = f'Clear the track: {unknown}: look at every kart, then send IN GARAGE'
     for size in SIZES:
         console = opened(*size)
         race = race_of(

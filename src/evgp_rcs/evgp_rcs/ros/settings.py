@@ -13,7 +13,7 @@ from evgp_node.parameters import check_address, ParameterError, Parameters
 from evgp_node.roster import load_roster
 from evgp_rcs.karts.channel import Begin, ServerSettings
 from evgp_rcs.record.store import default_path
-from evgp_rcs.rules.race import Entrant, Heat, RaceTimes, Roster
+from evgp_rcs.rules.race import Entrant, Heat, LEAST_PAUSE, RaceTimes, Roster
 
 _SECONDS = (0.1, 3600)
 
@@ -44,7 +44,7 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'pause',
         'After a stop, commands that loosen or start anything are refused for this long, s.',
-        (0.5, 10),
+        (LEAST_PAUSE, 10),
     ),
 )
 """Parameters of the rules, likewise; their defaults are `RaceTimes`."""

@@ -254,7 +254,8 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
-    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
+        COMMAND: the age of an old press, 0 if it is not old; s.
     :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
     :param place: the place of this kart in the order of FINISH then; 0: it had none.
@@ -322,6 +323,11 @@ class Alert:
     text: str
     use_msr: bool
 
+    @property
+    def told(self) -> str:
+        """Return it for a screen that does not show ``use_msr`` beside it."""
+        return f'Use the MSR. {self.text}' if self.use_msr else self.text
+
 
 class Availability(NamedTuple):
     """
@@ -360,6 +366,10 @@ class TrackAccess:
     settled_by: CommandKind | None = None
 
 
+LEAST_PAUSE = 1.0
+"""Minimum of ``RaceTimes.pause`` that race control takes as a parameter, in seconds."""
+
+
 @dataclass(frozen=True)
 class RaceTimes:
     """
@@ -375,7 +385,8 @@ class RaceTimes:
     :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
     :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
     :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
-    :param pause: time after a stop for which no command that loosens or starts anything is taken.
+    :param pause: time after a stop for which no command that loosens or starts anything is taken;
+        at least ``LEAST_PAUSE``.
     :param pause_after_held_up: the same after race control was held up: what officials sent
         meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
@@ -935,6 +946,7 @@ class Race:
                 command=command.kind,
                 success=answer.success,
                 official=command.official,
+                after=command.age if command.pressed else 0.0,
             ),
         )
         return answer
@@ -2005,7 +2017,6 @@ class Race:
         self, now: float
     ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
         """Yield each alert, since when it holds (None: since it was first seen), and its text."""
-        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
@@ -2016,7 +2027,7 @@ class Race:
             if kart.lost_since is not None:
                 # A kart that is back has not stopped yet: only its word ends the alarm.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart, msr)
+                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart)
                 elif not kart.connected:
                     text = f'{_capital(kart)} lost its connection'
                     yield AlertKind.KART_LOST, kart, kart.lost_since, text
@@ -2047,14 +2058,11 @@ class Race:
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if kart.stopped_itself:
                     text = f'{kart} stopped itself; it is sent {kart.sent.value}'
-                if alert in MSR_ALERTS:
-                    text = f'{msr}: {text}'
-                elif not kart.connected:
+                if alert not in MSR_ALERTS and not kart.connected:
                     text += ': it is not connected'
                 yield alert, kart, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            doubt = any(each.doubt for each in self.karts.values())
-            text = f'Clear the track{", or use the MSR" * doubt}: {self._humans_allowed()[1]}'
+            text = f'Clear the track: {self._humans_allowed()[1]}'
             yield AlertKind.TRACK_UNSAFE, None, None, text
         if self.has_rival:
             yield (
@@ -2077,21 +2085,21 @@ class Race:
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
 
-    def _lost(self, kart: Kart, msr: str) -> str:
-        text = f'{kart} lost its connection while it may have been moving'
+    @staticmethod
+    def _lost(kart: Kart) -> str:
+        text = f'{_capital(kart)} lost its connection while it may have been moving'
         if not kart.connected:
-            return f'{msr}: {text}'
+            return text
         if not kart.stopped:
-            return f'{msr}: {text}; it is back and has not stopped yet'
-        rolls = '' if self.msr_used else ' if it still rolls'
-        return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
+            return f'{text}; it is back and has not stopped yet'
+        return f'{text}; it is back, and says that it has stopped: look whether it still rolls'
 
     def _tell_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
         for key, alert in current.items():
             if key not in self._alerts:
                 raised = EventKind.ALERT_RAISED
-                self._events.append(Event(raised, alert.text, alert.kart, alert=alert.kind))
+                self._events.append(Event(raised, alert.told, alert.kart, alert=alert.kind))
         for key, alert in self._alerts.items():
             if key not in current:
                 of = f', {self.karts[alert.kart]}' if alert.kart else ''
