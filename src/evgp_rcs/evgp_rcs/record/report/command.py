@@ -16,7 +16,7 @@ from evgp_rcs.record.report.model import Account, Part
 from evgp_rcs.record.report.page import page
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, put, Runs
-from evgp_rcs.record.store import is_being_written, Session
+from evgp_rcs.record.store import is_being_written
 from evgp_rcs.record.timing import timing_of
 
 
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str]) -> int:
     # With the record closed: the race must not wait for what follows.
     account = Account(kept, timing_of(wanted.file))
     try:
-        part = _part(account, run, wanted.start, wanted.end, wanted.kart)
+        part = _part(account, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
     written = page(runs, account, part, sums, wanted.event)
@@ -103,18 +103,16 @@ def _sum_of(file: pathlib.Path) -> str:
     return digest.hexdigest()
 
 
-def _part(
-    account: Account, run: Session, start: str | None, end: str | None, kart: int | None
-) -> Part:
+def _part(account: Account, start: str | None, end: str | None, kart: int | None) -> Part:
     clock = Clock(account.began_ns)
-
-    def at(text: str | None) -> float | None:
-        return None if text is None else seconds_of(text, clock)
-
-    part = Part(at(start), at(end), kart)
-    if part.start is not None and part.start > account.length:
+    part = Part(kart=kart)
+    if start is not None:
+        part = part._replace(start=seconds_of(start, clock))
+    if end is not None:
+        part = part._replace(end=seconds_of(end, clock))
+    if part.start > account.length:
         raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
-    if part.end is not None and part.end < (part.start or 0.0):
+    if part.end < part.start:
         raise ValueError(f'--to {end}: that is before the part begins')
     if kart is not None and kart not in account.lanes:
         known = ', '.join(map(str, account.lanes)) or 'no kart'

@@ -507,25 +507,22 @@ class Account:
             race.add_incident(cause)
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """
     What a report shows of a run; the rest is left out, and the report says so.
 
-    :param start: from this time on; None: from the beginning.
-    :param end: up to this time; None: to the end.
+    :param start: from this time on, in seconds.
+    :param end: up to this time.
     :param kart: this kart, and what concerns no single kart; None: every kart.
     """
 
-    start: float | None = None
-    end: float | None = None
+    start: float = 0.0
+    end: float = math.inf
     kart: int | None = None
 
     def span(self, account: Account) -> tuple[float, float]:
         """Return the times between which it shows what happened."""
-        start = 0.0 if self.start is None else max(0.0, self.start)
-        end = account.length if self.end is None else min(account.length, self.end)
-        return start, max(start, end)
+        return self.start, max(self.start, min(account.length, self.end))
 
     def concerns(self, kart: int) -> bool:
         """Return whether it shows this kart; 0: what concerns no single kart."""

@@ -141,7 +141,7 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
     """Return what a report of a part shows; empty: it shows all."""
     start, end = part.span(account)
     phrases = []
-    if part.start is not None or part.end is not None:
+    if part._replace(kart=None) != Part():
         phrases.append(f'{clock.at(start, 1)} to {clock.at(end, 1)}')
     if part.kart is not None:
         phrases.append(f'kart {part.kart} and what concerns no single kart')
