@@ -67,7 +67,7 @@ help:
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
-	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
+	@echo 'make bench   measure how soon a stop reaches karts  (ARGS="--karts 20")'
 	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
 	@echo 'make run     start race control and the timekeeper for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Measure race control, each figure beside a floor of the same run.
+Measure how soon a stop reaches every kart, beside a floor of the same run.
 
-``make bench`` prints the tables of docs/dev/performance.md.
+``make bench`` prints the first table of docs/dev/performance.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from typing import Any
 
@@ -31,7 +30,6 @@ from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
-from evgp_testing.usage import cpu_seconds, family, resident
 from std_srvs.srv import Trigger
 
 HERE = pathlib.Path(__file__).parent
@@ -119,14 +117,6 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> 
     print('|' + '---|' * len(head), flush=True)
     for row in rows:
         print('| ' + ' | '.join(map(str, row)) + ' |', flush=True)
-
-
-def rss(pid: int) -> float:
-    """Return the resident memory of a process, MB."""
-    return resident(pid) * 1024 / 1e6
-
-
-# ----- 1: stop latency ---------------------------------------------------------------------
 
 
 def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> None:
@@ -255,96 +245,13 @@ def bare_call(times: int) -> list[float]:
         return result[10:]
 
 
-# ----- 2 and 3: beat, cost -----------------------------------------------------------------
-
-
-def beat_and_cost(folder: pathlib.Path, counts: Sequence[int], seconds: float) -> None:
-    """Measure frames, gaps and CPU of race control on one core: at rest, racing, and busy."""
-    table(
-        'Beat and cost of race control',
-        (
-            'karts',
-            'state',
-            's',
-            'frames/s, median / least kart',
-            'worst gap of a median kart, ms',
-            'of all, ms',
-            'of one core',
-            'RSS, MB',
-        ),
-        (row for count in counts for row in beat_of(folder, count, seconds)),
-    )
-
-
-def beat_of(folder: pathlib.Path, count: int, seconds: float) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of one number of karts; with commands for so long, at rest for a third."""
-    with racing(folder, count) as (control, official, crowd):
-        keep_to_one_core(control.pid)
-        for what in ('garage', 'racing', 'commands'):
-            ended = threading.Event()
-            busy = threading.Thread(target=keep_busy, args=(official, ended))
-            lasts = seconds / 3
-            if what == 'racing':
-                official.bring_to(RaceState.GREEN_GREEN)
-            if what == 'commands':
-                lasts = seconds
-                busy.start()
-            before, began = cpu_seconds(control.pid), time.monotonic()
-            crowd.tell('gaps', lasts)
-            seen = crowd.hear()
-            cpu = (cpu_seconds(control.pid) - before) / (time.monotonic() - began)
-            if what == 'commands':
-                ended.set()
-                busy.join()
-            rates = [frames / lasts for frames in seen['frames']]
-            yield (
-                count,
-                what,
-                f'{lasts:g}',
-                f'{statistics.median(rates):.1f} / {min(rates):.1f}',
-                f'{statistics.median(seen["worst"]) * 1e3:.0f}',
-                f'{max(seen["worst"]) * 1e3:.0f}',
-                f'{cpu * 100:.1f} %',
-                f'{rss(control.pid):.0f}',
-            )
-
-
-def keep_to_one_core(pid: int) -> None:
-    """Have all threads of a process, and of those it has started, share one core."""
-    for each in family(pid):
-        for thread in pathlib.Path(f'/proc/{each}/task').iterdir():
-            os.sched_setaffinity(int(thread.name), {0})
-
-
-def keep_busy(official: Official, ended: threading.Event) -> None:
-    """Stop every kart, bring it home and stop it again, with refused commands between."""
-    while not ended.is_set():
-        official.call('all_kill')
-        for _ in range(5):
-            official.call('kart/finish', kart=1)
-            ended.wait(0.2)
-        official.call('in_garage', track_safe=True)
-        ended.wait(0.5)
-
-
 def main() -> None:
-    """Run the measurements asked for."""
+    """Measure for the numbers of karts asked for."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    measurements: dict[str, Callable[[pathlib.Path, argparse.Namespace], None]] = {
-        'stop': lambda folder, given: stop_latency(folder, given.karts, given.times),
-        'beat': lambda folder, given: beat_and_cost(folder, given.karts, given.seconds),
-    }
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
-    parser.add_argument('what', nargs='*', help=f'of {", ".join(measurements)}; all of them')
     parser.add_argument('--karts', type=int, nargs='+', default=[1, 10, 20, 100])
     parser.add_argument('--times', type=int, default=50, help='repetitions of each latency')
-    parser.add_argument(
-        '--seconds', type=float, default=60.0, help='of a beat with commands; at rest a third'
-    )
     given = parser.parse_args()
-    unknown = set(given.what) - set(measurements)
-    if unknown:
-        parser.error(f'unknown: {", ".join(sorted(unknown))}')
     print(
         f'{time.strftime("%Y-%m-%d")}, {os.cpu_count()} cores, Python '
         f'{platform.python_version()}, Linux {platform.release()}'
@@ -353,8 +260,7 @@ def main() -> None:
     gc.collect()
     gc.freeze()
     with tempfile.TemporaryDirectory() as folder:
-        for name in given.what or measurements:
-            measurements[name](pathlib.Path(folder), given)
+        stop_latency(pathlib.Path(folder), given.karts, given.times)
 
 
 if __name__ == '__main__':

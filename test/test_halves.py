@@ -172,7 +172,7 @@ def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
     official.bring_to(GREEN_GREEN)
-    official.patience = 1.0
+    official.timeout = 1.0
     with pytest.raises(AssertionError):
         official.call('red_flag')
     kart.wait_for_end()
