@@ -320,7 +320,9 @@ STATES = {
     'green': race_of(8),
     'one': race_of(1, RaceState.GRID_ACTIVE),
     'sixteen': race_of(16, RaceState.RED_FLAG),
-    'killed': race_of(16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, range(1, 17)))),
+    'killed': race_of(
+        16, RaceState.RED_RED, WHY, alerts=tuple(map(alert, range(1, 17))), able_to_stop=12
+    ),
     'reminder': race_of(30, stamp=RACE.state_since + 35.0),
     'unsafe': race_of(1, alerts=(UNSAFE,), banner='REHEARSAL'),
     'thirty': race_of(30, RaceState.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
@@ -381,6 +383,8 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
     application.setFont(font)
     console = opened(*size)
     found = [f'first: {each}' for each in misfits(console.window)]
+    for number, name in enumerate(('Anna-Katharina', 'Bartholomäus', 'Maximiliane'), 1):
+        console.window._display.take_event(event(number, 'so it is', f'{name} (pc 1)'))
     for name, race in STATES.items():
         console.tell(race)
         console.settle(0.05)
