@@ -10,7 +10,7 @@ Pure: the newest snapshot goes in, lines come out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -125,20 +125,15 @@ class AlertBook:
         self._count += 1
         self._notices.append(Notice(self._count, None, said=text))
 
-    def see(self, number: int) -> None:
-        """Mark an alert as seen; one that has ended with all that have."""
-        if any(notice.number == number and not notice.standing for notice in self._notices):
+    def see(self, numbers: Collection[int]) -> None:
+        """Mark alerts as seen; one that has ended with all that have."""
+        if any(each.number in numbers and not each.standing for each in self._notices):
             self.begin_race()
         self._notices = [
-            replace(notice, seen=True) if notice.number == number else notice
+            replace(notice, seen=True) if notice.number in numbers else notice
             for notice in self._notices
-            if notice.number != number or (notice.standing and notice.alert)
+            if notice.number not in numbers or notice.alert
         ]
-
-    def see_all(self) -> None:
-        """Mark every alert as seen."""
-        for notice in self.unseen:
-            self.see(notice.number)
 
     @property
     def unseen(self) -> list[Notice]:

@@ -35,6 +35,9 @@ from evgp_rcs_console.widgets import (
 EVENTS = 100
 """Maximum number of events in the window."""
 
+LONG = 15
+"""Number of letters from which on what to do has two lines, in smaller type."""
+
 
 class StatePanel(Panel):
     """The state of the race in its colour: since when, and by whom."""
@@ -174,6 +177,7 @@ class Strip(Panel):
         ):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
+            part.setMinimumWidth(1)  # or the hint is never smaller than the last one
             part.setMinimumWidth(part.sizeHint().width())  # it is never cut
         self.heat.show_button(screen.heat_button)
 
@@ -184,7 +188,7 @@ class DangerPanel(Panel):
     def __init__(self) -> None:
         super().__init__('danger', '')
         self._title = Text('danger_title', 'large bold')
-        self._detail = Text('danger_detail', wrap=True)
+        self._detail = Text('danger_detail', 'small', wrap=True)
         self._advice = Text('danger_advice', 'huge bold', CENTER, True)
         fixed(self._title, height=28)
         grid = lay(self, gap=2, margins=(10, 3, 10, 3), columns=(3, 2), heights=(0, 1))
@@ -196,6 +200,7 @@ class DangerPanel(Panel):
         """Say it."""
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
+        mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
         self._detail.show_text(danger.detail)
 
 
