@@ -11,12 +11,12 @@ words that stand in it. Layout, comments, and lines that do not have these words
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 import re
 import sys
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 ROW = re.compile(
     r'(?P<name>[^:]+):(?P<breaks>(?:,? [\w-]+)*?)(?: \[(?P<begin>[^\]]+)\])? '
@@ -70,62 +70,60 @@ def faults_in(table: str) -> dict[str, Fault]:
 
 
 class Place(NamedTuple):
-    """Where a node stands: in which field of its parent, and there at which index, if any."""
+    """Where a node stands: in which field of its parent, and at which place if that is a list."""
 
     node: ast.AST
     parent: ast.AST
     field: str
-    index: int | None
+    at: int | None
 
     def put(self, *nodes: ast.AST) -> None:
         """Put others there; without any, leave it out, and what belongs to it."""
-        if self.index is None:
+        if self.at is None:
             (node,) = nodes
             setattr(self.parent, self.field, node)
             return
-        at = slice(self.index, self.index + 1)
-        getattr(self.parent, self.field)[at] = nodes
+        getattr(self.parent, self.field)[slice(self.at, self.at + 1)] = nodes
         if isinstance(self.parent, ast.Dict) and not nodes:
-            del self.parent.keys[self.index]
+            del self.parent.keys[self.at]
         if isinstance(self.parent, ast.BoolOp) and len(self.parent.values) == 1:
             self.parent.values *= 2  # the syntax wants two
 
     @property
     def words(self) -> set[str]:
         """Return its names, numbers and signs, and those of the key or keyword before it."""
-        before = ''
-        if isinstance(self.parent, ast.Dict) and self.field == 'values' and self.index is not None:
-            key = self.parent.keys[self.index]
-            before = '' if key is None else ast.unparse(key)
+        before: Any = ''
+        if isinstance(self.parent, ast.Dict) and self.field == 'values':
+            before = ast.unparse(self.parent.keys[self.at])  # type: ignore[arg-type, index]
         elif isinstance(self.parent, ast.keyword):
-            before = self.parent.arg or ''
+            before = self.parent.arg
         return {*WORD.findall(f'{before} {ast.unparse(self.node)}')}
 
-    @property
-    def is_statement(self) -> bool:
-        """Return whether it is one."""
-        return isinstance(self.node, ast.stmt)
 
-    @property
-    def is_expression(self) -> bool:
-        """Return whether it is one."""
-        return isinstance(self.node, ast.expr)
+def is_statement(place: Place) -> bool:
+    """Return whether it is one."""
+    return isinstance(place.node, ast.stmt)
 
-    @property
-    def is_condition(self) -> bool:
-        """Return whether it is one."""
-        return self.is_expression and (
-            self.field in ('test', 'ifs')
-            or isinstance(self.node, ast.Compare | ast.BoolOp)
-            or isinstance(self.parent, ast.BoolOp)
-            or (isinstance(self.parent, ast.UnaryOp) and isinstance(self.parent.op, ast.Not))
-        )
 
-    @property
-    def can_be_left_out(self) -> bool:
-        """Return whether the rest makes sense without it."""
-        of = ast.BoolOp | ast.Tuple | ast.List | ast.Set | ast.Dict | ast.Call | ast.Assign
-        return self.index is not None and self.field != 'keys' and isinstance(self.parent, of)
+def is_expression(place: Place) -> bool:
+    """Return whether it is one."""
+    return isinstance(place.node, ast.expr)
+
+
+def is_condition(place: Place) -> bool:
+    """Return whether it is one."""
+    of = getattr(place.parent, 'op', None)
+    return (
+        place.field in ('test', 'ifs')
+        or isinstance(place.node, ast.Compare | ast.BoolOp)
+        or (is_expression(place) and isinstance(of, ast.And | ast.Or | ast.Not))
+    )
+
+
+def can_be_left_out(place: Place) -> bool:
+    """Return whether the rest makes sense without it."""
+    of = ast.BoolOp | ast.Tuple | ast.List | ast.Set | ast.Dict | ast.Call | ast.Assign
+    return place.at is not None and place.field != 'keys' and isinstance(place.parent, of)
 
 
 def places_in(parent: ast.AST) -> Iterator[Place]:
@@ -133,42 +131,32 @@ def places_in(parent: ast.AST) -> Iterator[Place]:
     if isinstance(parent, ast.Expr) and isinstance(parent.value, ast.Constant):
         return
     for field, value in ast.iter_fields(parent):
-        if isinstance(value, ast.AST):
-            yield Place(value, parent, field, None)
-            yield from places_in(value)
-        elif isinstance(value, list):
-            for index, node in enumerate(value):
-                if isinstance(node, ast.AST):
-                    yield Place(node, parent, field, index)
-                    yield from places_in(node)
+        several = isinstance(value, list)
+        for at, node in enumerate(value if several else [value]):
+            if isinstance(node, ast.AST):
+                yield Place(node, parent, field, at if several else None)
+                yield from places_in(node)
 
 
-def chosen(root: ast.AST, words: str, kind: str) -> Place:
+def chosen(root: ast.AST, words: str, fits: Callable[[Place], bool]) -> Place:
     """
     Return the smallest place of a kind below a node that has all words.
 
-    :param kind: a property of ``Place``.
     :raises AssertionError: if there is none, or another one that is not around it.
     """
     words, _, which = words.partition(' #')
-    wanted = {*words.split()}
-    fit = [each for each in places_in(root) if getattr(each, kind)]
-    fit = [each for each in fit if wanted <= each.words]
-    around = {id(each.node) for each in fit for inner in fit if _is_below(inner.node, each.node)}
-    smallest = [each for each in fit if id(each.node) not in around]
+    found = [each for each in places_in(root) if fits(each) and {*words.split()} <= each.words]
+    inside = [{id(node) for node in ast.walk(each.node)} for each in found]
+    smallest = [
+        each
+        for each, ids in zip(found, inside, strict=True)
+        if not any(other.node is not each.node and id(other.node) in ids for other in found)
+    ]
     if which:
-        smallest = smallest[int(which) - 1 : int(which)]
-    found = '; '.join(ast.unparse(each.node) for each in smallest)
-    assert len(smallest) == 1, f'{len(smallest)} times in it: {words} ({found})'
+        return smallest[int(which) - 1]
+    texts = [ast.unparse(each.node) for each in smallest]
+    assert len(smallest) == 1, f'{len(smallest)} times in it: {words} {texts}'
     return smallest[0]
-
-
-def _is_below(node: ast.AST, other: ast.AST) -> bool:
-    return node is not other and any(each is node for each in ast.walk(other))
-
-
-def _statements(text: str) -> list[ast.stmt]:
-    return ast.parse(re.sub(r' ?¶ ?', '\n', text.replace('¶> ', '¶    '))).body
 
 
 def put(fault: Fault, tree: ast.Module) -> None:
@@ -180,39 +168,41 @@ def put(fault: Fault, tree: ast.Module) -> None:
     (root,) = (node for name, node in _named(tree) if name == fault.where)
     verb, _, words = fault.does.partition(' ')
     if verb == 'without':
-        chosen(root, words, 'can_be_left_out').put()
+        chosen(root, words, can_be_left_out).put()
     elif verb == 'skips':
-        chosen(root, words, 'is_statement').put(ast.Pass())
+        chosen(root, words, is_statement).put(ast.Pass())
     elif verb in ('always', 'never'):
-        chosen(root, words, 'is_condition').put(ast.Constant(verb == 'always'))
+        chosen(root, words, is_condition).put(ast.Constant(verb == 'always'))
     elif verb == 'first:':
         assert isinstance(root, ast.FunctionDef)
         root.body[:0] = _statements(words)
     elif ' => ' in fault.does:
         words, _, new = fault.does.partition(' => ')
-        place = chosen(root, words, 'is_expression')
+        place = chosen(root, words, is_expression)
         expression = _It(place.node).visit(ast.parse(new, mode='eval').body)
         if isinstance(getattr(place.node, 'ctx', None), ast.Store):
             expression.ctx = ast.Store()
         place.put(expression)
     else:
-        where, _, words = re.fullmatch('(before|after|instead of)( )(.*)', fault.does).groups()  # type: ignore[union-attr]
-        words, _, new = words.partition(': ')
-        place = chosen(root, words, 'is_statement')
-        old = [] if where == 'instead of' else [place.node]
-        place.put(
-            *(old if where == 'after' else []),
-            *_statements(new),
-            *(old if where == 'before' else []),
-        )
+        before, after = verb == 'before', verb == 'after'
+        assert before or after or words.startswith('of '), fault.does
+        words, _, new = words.removeprefix('of ').partition(': ')
+        place = chosen(root, words, is_statement)
+        place.put(*[place.node] * after, *_statements(new), *[place.node] * before)
+
+
+def _statements(text: str) -> list[ast.stmt]:
+    return ast.parse(re.sub(r' ?¶ ?', '\n', text.replace('¶> ', '¶    '))).body
 
 
 class _It(ast.NodeTransformer):
+    """Puts the old expression where the new one says ``it``."""
+
     def __init__(self, it: ast.AST) -> None:
-        self.it = it
+        self._it = it
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
-        return self.it if node.id == 'it' else node
+        return self._it if node.id == 'it' else node
 
 
 def _named(tree: ast.Module) -> Iterator[tuple[str, ast.stmt]]:
