@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 import pathlib
 import shutil
 import subprocess
-import sys
-import types
 from typing import Any
 
 from evgp_kart_bridge import orders
@@ -25,6 +23,7 @@ from evgp_testing.part import Part
 from hypothesis import example, given, HealthCheck, Phase, settings
 from hypothesis import strategies as st
 import pytest
+from rig.faults import faults_in, module_with
 
 PACKAGE = pathlib.Path(__file__).parents[1] / 'src/evgp_race_watch_cpp'
 HEADER = 'evgp_race_watch_cpp/orders.hpp'
@@ -205,7 +204,6 @@ def compile_rules(tmp_path: pathlib.Path, parts: Any) -> Compile:
 
 
 IN_CPP = (PACKAGE / 'include' / HEADER).read_text()
-IN_PYTHON = pathlib.Path(orders.__file__).read_text()
 
 
 @pytest.mark.parametrize('compiler', COMPILERS)
@@ -263,19 +261,21 @@ FAULTS_IN_CPP = [
     ('reached == RaceState::RED_FLAG);', 'reached != RaceState::UNKNOWN);'),
 ]
 
-FAULTS_IN_PYTHON = [
-    ('now - self._heard_at > self._lease', 'now - self._heard_at > self._lease + 0.1'),
-    ('self._heard_at = since', 'self._heard_at = now'),
-    ('not in (None, 1):', 'not in (None, 1, 2):'),
-    ('is RaceState.GREEN_GREEN and not self._is_armed(now)', 'is None'),
-    ('said.bridge if forgiven or not doubt else None', 'said.bridge'),
-    ('        self.order(now)\n        self._heard_at', '        self._heard_at'),
-    ('if alive > 1', 'if alive > 2'),
-    ('order is not self.order(now) or ', ''),
-    ('now < self._ask_again_at', 'False'),
-    ('state is reached or (both_red', 'state is reached or both_red or (both_red'),
-    ('self._armed_by != self.said.bridge', 'self._armed_by is None'),
-]
+FAULTS_IN_PYTHON = faults_in(
+    """
+silence is noticed late: doubt: _lease => it + 0.1
+what came late is fresh: hear: instead of _heard_at: self._heard_at = now
+two bridges are no doubt: doubt: ( => (None, 1, 2)
+GREEN_GREEN needs no grid: judge: _is_armed GREEN_GREEN => state is None
+a grid in doubt arms: _follow: bridge forgiven => said.bridge
+what is over is not looked at before it is heard anew: hear: skips order #1
+a second bridge is not counted: count_bridges: 1 => 2
+what was done for an order of old is said: asks: without order not
+it asks again at once: asks: never _ask_again_at
+a red says that the other one is reached: _includes: state or => it or both_red
+the grid of another bridge arms: _is_armed: said _armed_by => self._armed_by is None
+"""
+)
 
 
 def faulty(text: str, fault: tuple[str, str]) -> str:
@@ -293,12 +293,8 @@ def test_a_fault_in_cpp_is_found(compile_rules: Compile, fault: tuple[str, str])
 
 @pytest.mark.long
 @pytest.mark.longest
-@pytest.mark.parametrize('fault', FAULTS_IN_PYTHON, ids=str)
-def test_a_fault_in_python_is_found(
-    compile_rules: Compile, fault: tuple[str, str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    module = types.ModuleType('faulty_orders')
-    monkeypatch.setitem(sys.modules, module.__name__, module)  # for dataclasses
-    exec(faulty(IN_PYTHON, fault), module.__dict__)  # noqa: S102
+@pytest.mark.parametrize('name', FAULTS_IN_PYTHON)
+def test_a_fault_in_python_is_found(compile_rules: Compile, name: str) -> None:
+    module = module_with(orders, FAULTS_IN_PYTHON[name])
     with pytest.raises(AssertionError):
         compare(InPython(module), compile_rules(IN_CPP), 10_000, shrink=False)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import os
 import pathlib
@@ -22,7 +23,7 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, Result
 from evgp_testing import judge as judge_module
 from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest
-from rig.faults import faults_in, module_with, source_with
+from rig.faults import faults_in, module_with, tree_with
 from test_race_faults import FAULTS as SOWN
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -70,9 +71,9 @@ FAULTS = {
     **faults_in(
         """
 GRID_ACTIVE from a race under way: not from the garage, impossible change, looser than a stop
-    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is GREEN_GREEN
+    _no_grid_active: state not => self.state is GREEN_GREEN
 a kart outside the race races: outside the race
-    _commanded: self.state if kart.in_race else IN_GARAGE => self.state
+    _commanded: state in_race => self.state
 """
     ),
 }
@@ -266,7 +267,7 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     package = pathlib.Path(evgp_rcs.__path__[0])
     changed = tmp_path / 'evgp_rcs'
     shutil.copytree(package, changed, ignore=shutil.ignore_patterns('__pycache__'))
-    faulty = source_with(rules, fault.old, fault.new, fault.where)
+    faulty = ast.unparse(tree_with(rules, fault))
     (changed / 'rules' / 'race.py').write_text(faulty, encoding='utf-8')
 
     done = run_soak(
@@ -292,7 +293,7 @@ def test_the_judge_raises_no_false_alarm(seed: int) -> None:
 @pytest.mark.parametrize('name', FAULTS)
 def test_the_judge_finds_a_fault_in_the_rules(name: str) -> None:
     fault = FAULTS[name]
-    module = module_with(rules, fault.old, fault.new, fault.where)
+    module = module_with(rules, fault)
     for seed in range(30):
         simulation = Simulation(module, seed)
         simulation.run(1500)

@@ -18,7 +18,7 @@ from evgp_testing.judge import Judge
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.bare_race_control import BareRaceControl
-from rig.faults import module_with
+from rig.faults import Fault, module_with
 
 
 def test_the_plugin_loads_neither_ros_nor_qt_nor_the_officials_window() -> None:
@@ -73,10 +73,12 @@ def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_a
     assert re.findall(r'assert not (\d+)', again) == fell
 
 
-def test_a_fault_that_fits_its_source_not_exactly_once_is_an_error() -> None:
-    for old in ('this stands nowhere', 'def '):
+def test_a_fault_that_fits_its_function_not_exactly_once_is_an_error() -> None:
+    for does in ('skips nowhere', 'skips kart', 'never nowhere', 'nowhere => 1'):
         with pytest.raises(AssertionError, match='times in'):
-            module_with(race, old, 'anything')
+            module_with(race, Fault('_drop', does))
+    with pytest.raises(ValueError, match='unpack'):
+        module_with(race, Fault('_nowhere', 'skips kart'))
 
 
 def test_the_judge_sees_what_a_plain_kart_is_sent_and_says() -> None:

@@ -27,7 +27,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
 import pytest
-from rig.faults import faults_in, module_with
+from rig.faults import Fault, faults_in, module_with
 
 GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 GARAGE, FLAG, RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
@@ -502,105 +502,93 @@ def test_every_reachable_state_keeps_the_rules(
     assert states > 50
 
 
-# Faults put in on purpose: what stands in the source, and what stands there instead.
+# Faults put in on purpose.
 FAULTS = faults_in(
     """
-starts open: __init__: _open = False => _open = True
-silence is no loss: _pass: elif self._open => elif False
-timeout a little late: _pass: >= self._heard_at => > self._heard_at
-socket kept after silence:
-    _pass: (f'not connected to race control: {give_up}') => (f'not connected to race control:
-        {give_up}') ¶ give_up = None
-command outlives the connection: _lose: self._commanded = None => pass
-acknowledged outlives the connection: _lose: self._acknowledged = False => pass
-acknowledged outlives the command: _command: self._acknowledged = False => pass
-late frame counts: heard: self._open => True
-nothing disarms: [drives in garage] _command: not to_race => False
-grid again does not disarm: [drives in garage]
-    _command: not to_race => not to_race and state is not RaceState.GRID_ACTIVE
-green needs no grid: verdict: not self._armed => False
-team stop does not disarm: [drives in garage]
-    _on_team_stop: self._disarm('a team stop came after it') =>
-remote silence does not disarm: [remote required]
-    _pass: len(self._signs) < len(signs) => False
-remote is not missed: [remote required] __init__: settings.tsr_timeout, => 0.0,
-the contact of the MSR is not missed: [MSR wired] __init__: settings.msr_timeout, => 0.0,
-silence is told apart too late: [MSR wired]
-    _pass: now < at + self._timeouts[each] => now <= at + self._timeouts[each]
-the word of one remote is a sign of the other: [MSR wired, every input]
-    _sign: if source in self._timeouts: self._signs = {**self._signs, source: now} =>
-        self._signs = dict.fromkeys(self._timeouts, now)
-a deaf bridge is not missed: __init__: settings.team_timeout, => 0.0,
-hearing the team releases its stop:
-    team_heard: self._starting = False => self._engaged = dict.fromkeys(StopSource, False)
-one source releases the other:
-    team_stop: _engaged[source] = engaged => _engaged = dict.fromkeys(StopSource, engaged)
-service stop is ignored: _team_stop: any(self._engaged.values()) => self._engaged[StopSource.TSR]
-team stop is looser than red: verdict: if team_stop: => if False:
-a new command keeps its number: _command: _number() => _order = self._order or self._next_order
-the same state has the same number: [drives in garage]
-    _command: _number() => _order = 1 + list(RaceState).index(state)
-a number outlives its connection: _lose: self._order = 0 => pass
-the end of a team stop keeps the number: _reaction: self._stopped and not stopped => False
-what a team stop takes back keeps its number: _on_team_stop: self._number() =>
-a team stop takes nobody out: _on_team_stop: self._out = True => pass
-a kart that was not ready is out: [drives in garage]
-    _on_team_stop: if self._armed: => if self._commanded is not None:
-what was said before the kart was out counts: [drives in garage]
-    _on_team_stop: self._acknowledged = False => pass
-out only for as long as the team stop is on: verdict: elif self._out: => elif False:
-out for ever: _command: self._out = False => pass
-out on the next connection: _lose: self._out = False => pass
-a kart that is out is ready again: [drives in garage] _reached: if self._out: => if False:
-a kart that is out is armed again: [drives in garage] _acknowledge: and not self._out =>
-says again that it is out: acknowledge: self._out and self._acknowledged => False
-says by odometry what is commanded: [acknowledges by itself]
-    speed: send=reached => send=self._commanded
-odometry does not say that it is out: [acknowledges by itself]
-    speed: self._still_since is None or (now => self._out or self._still_since is None or (now
-one of two odometries shows a standstill: [odometry required]
-    missing_odometry: if self._engaged[StopSource.TWO_ODOMETRIES]: => if False:
-one of two odometries acknowledges: [acknowledges by one of two]
-    speed: not self.missing_odometry and =>
-one of two odometries shows a standstill after the other is gone: [odometry required]
-    team_stop: self._speed_at = -math.inf => pass
-two odometries are none: [odometry heard]
-    team_stop: self._odometry_expected = self._odometry_expected or engaged => pass
-an order of old is acknowledged: _refusal: != verdict => > verdict
-an order without a number is acknowledged:
-    _refusal: if order == 0: => if order == 0: ¶> return None ¶ if False:
-any number will do: _refusal: order != verdict.order => False
-acknowledges what is not commanded: _refusal: state is not verdict.reached => False
-acknowledges grid under a team stop:
-    _reached: to_race and state is not self._commanded => False
-refuses a red under a team stop: _reached: if to_race and => if
-acknowledges a red while moving: [acknowledges by itself] _refusal: self._motion() or =>
-no number is slow enough for a red: [acknowledges by itself]
-    _motion: self._speed <= => not self._speed >
-acknowledges green while it stands: [odometry required]
-    _standstill: self._speed > self._settings.standstill_speed => True
-no number drives: [odometry required] _standstill: self._speed > => not self._speed <=
-required odometry is not missed: [odometry required]
-    __init__: odometry_required or settings.auto_acknowledge_stop => auto_acknowledge_stop
-odometry that acknowledges is not missed: [acknowledges by itself]
-    __init__: or settings.auto_acknowledge_stop =>
-odometry that was lost is not missed: [odometry heard]
-    speed: self._odometry_expected = True =>
-odometry of old shows a standstill: [odometry required]
-    _refusal: self.missing_odometry => (math.isinf(self._speed_at) and self.missing_odometry)
-flag lets a standing kart drive: _command: was_driving and =>
-flag lets drive for ever: [drives in garage] _pass: >= slowing => < now and now >= slowing
-flag lets drive once acknowledged: [drives in garage]
-    _acknowledge: self._slowing_since = None => pass
-flag drives on after a team stop: [drives in garage]
-    _on_team_stop: self._slowing_since = None => pass
-drives in garage unasked: _may_drive: self._settings.drive_in_garage => True
-standing before the red counts: [acknowledges by itself] _command: self._still_since = None =>
-one speed is a standstill: [acknowledges by itself]
-    speed: now < self._still_since + self._settings.standstill_time => False
-no number is a standstill: [acknowledges by itself] speed: self._speed <= => not self._speed >
-a gap is a standstill: [acknowledges by itself] speed: or gap =>
-acknowledges a red unasked: [odometry required] speed: self._settings.auto_acknowledge_stop and =>
+starts open: __init__: instead of _open: self._open = True
+silence is no loss: _pass: never _open #2
+timeout a little late: _pass: _heard_at >= => now > self._heard_at + settings.frame_timeout
+socket kept after silence: _pass: after _lose: give_up = None
+command outlives the connection: _lose: skips _commanded
+acknowledged outlives the connection: _lose: skips _acknowledged
+acknowledged outlives the command: _command: skips _acknowledged
+late frame counts: heard: always _open
+nothing disarms: [drives in garage] _command: never to_race not
+grid again does not disarm: [drives in garage] _command: to_race not => it and state is not
+    RaceState.GRID_ACTIVE
+green needs no grid: verdict: never _armed not
+team stop does not disarm: [drives in garage] _on_team_stop: skips _disarm
+remote silence does not disarm: [remote required] _pass: never _signs
+remote is not missed: [remote required] __init__: tsr_timeout => 0.0
+the contact of the MSR is not missed: [MSR wired] __init__: msr_timeout => 0.0
+silence is told apart too late: [MSR wired] _pass: _timeouts < => now <= at + self._timeouts[each]
+the word of one remote is a sign of the other: [MSR wired, every input] _sign: instead of
+    _timeouts: self._signs = dict.fromkeys(self._timeouts, now)
+a deaf bridge is not missed: __init__: team_timeout => 0.0
+hearing the team releases its stop: team_heard: instead of _starting: self._engaged =
+    dict.fromkeys(StopSource, False)
+one source releases the other: team_stop: instead of _engaged: self._engaged =
+    dict.fromkeys(StopSource, engaged)
+service stop is ignored: _team_stop: values any => self._engaged[StopSource.TSR]
+team stop is looser than red: verdict: never team_stop
+a new command keeps its number: _command: instead of _number: self._order = self._order or
+    self._next_order
+the same state has the same number: [drives in garage] _command: instead of _number: self._order =
+    1 + list(RaceState).index(state)
+a number outlives its connection: _lose: skips _order
+the end of a team stop keeps the number: _reaction: never _stopped stopped
+what a team stop takes back keeps its number: _on_team_stop: skips _number
+a team stop takes nobody out: _on_team_stop: skips _out
+a kart that was not ready is out: [drives in garage] _on_team_stop: _armed => self._commanded is
+    not None
+what was said before the kart was out counts: [drives in garage] _on_team_stop: skips _acknowledged
+out only for as long as the team stop is on: verdict: never _out
+out for ever: _command: skips _out
+out on the next connection: _lose: skips _out
+a kart that is out is ready again: [drives in garage] _reached: never _out
+a kart that is out is armed again: [drives in garage] _acknowledge: without _out
+says again that it is out: acknowledge: never _out _acknowledged
+says by odometry what is commanded: [acknowledges by itself] speed: send => self._commanded
+odometry does not say that it is out: [acknowledges by itself] speed: _settings is => self._out or
+    self._still_since is None or now < self._still_since + self._settings.standstill_time
+one of two odometries shows a standstill: [odometry required] missing_odometry: never _engaged
+one of two odometries acknowledges: [acknowledges by one of two] speed: without missing_odometry
+    not
+one of two odometries shows a standstill after the other is gone: [odometry required] team_stop:
+    skips inf
+two odometries are none: [odometry heard] team_stop: skips _odometry_expected
+an order of old is acknowledged: _refusal: order != => order > verdict.order
+an order without a number is acknowledged: _refusal: instead of missing order: if order == 0: ¶>
+    return None
+any number will do: _refusal: never order verdict
+acknowledges what is not commanded: _refusal: never reached
+acknowledges grid under a team stop: _reached: never _commanded to_race
+refuses a red under a team stop: _reached: _commanded to_race => state is not self._commanded
+acknowledges a red while moving: [acknowledges by itself] _refusal: without _motion
+no number is slow enough for a red: [acknowledges by itself] _motion: _speed <= => not self._speed
+    > limit
+acknowledges green while it stands: [odometry required] _standstill: always _speed
+no number drives: [odometry required] _standstill: _speed _settings => not self._speed <=
+    self._settings.standstill_speed
+required odometry is not missed: [odometry required] __init__: without odometry_required
+odometry that acknowledges is not missed: [acknowledges by itself] __init__: without
+    auto_acknowledge_stop
+odometry that was lost is not missed: [odometry heard] speed: skips _odometry_expected
+odometry of old shows a standstill: [odometry required] _refusal: missing_odometry =>
+    math.isinf(self._speed_at) and it
+flag lets a standing kart drive: _command: RED_FLAG was_driving => state is RaceState.RED_FLAG
+flag lets drive for ever: [drives in garage] _pass: red_flag_drive_time is => slowing is not None
+    and now < now and (now >= slowing + settings.red_flag_drive_time)
+flag lets drive once acknowledged: [drives in garage] _acknowledge: skips _slowing_since
+flag drives on after a team stop: [drives in garage] _on_team_stop: skips _slowing_since
+drives in garage unasked: _may_drive: drive_in_garage => True
+standing before the red counts: [acknowledges by itself] _command: skips _still_since
+one speed is a standstill: [acknowledges by itself] speed: never standstill_time
+no number is a standstill: [acknowledges by itself] speed: _speed _settings => not self._speed >
+    self._settings.standstill_speed
+a gap is a standstill: [acknowledges by itself] speed: _still_since gap => self._still_since is
+    None
+acknowledges a red unasked: [odometry required] speed: without auto_acknowledge_stop
 """
 )
 """Each fault, and the world that shows it soonest, if it takes long to come by."""
@@ -620,10 +608,20 @@ EVERY = {
 """Every world, with its own inputs, and with every input."""
 
 
-@pytest.mark.parametrize('name', FAULTS)
+DAILY = {fault.where: name for name, fault in reversed(FAULTS.items())}
+"""The first fault of each function."""
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        pytest.param(each, marks=() if each in DAILY.values() else pytest.mark.long)
+        for each in FAULTS
+    ],
+)
 def test_fault_is_found(name: str) -> None:
     fault = FAULTS[name]
-    module = module_with(arbiter_module, fault.old, fault.new, fault.where)
+    module = module_with(arbiter_module, fault)
     with pytest.raises(AssertionError, match='after'):
         if fault.begin:
             explore(module, *(OWN | EVERY)[fault.begin], limit=30_000)
@@ -669,9 +667,8 @@ def test_no_number_stands_for_two_commands_or_two_connections(
 
 
 def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
-    old = '        self._commanded = None\n        self._order = 0\n'
-    new = f'        self._next_order = {FIRST_ORDER}\n'
-    module = module_with(arbiter_module, old, old + new)
+    fault = Fault('_lose', f'after _order: self._next_order = {FIRST_ORDER}')
+    module = module_with(arbiter_module, fault)
     with pytest.raises(AssertionError):
         judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
 

@@ -37,7 +37,7 @@ from evgp_rcs.rules.race import (
 )
 import pytest
 from recorded_races import change_event, edit, kept, PaperRace
-from rig.faults import module_with
+from rig.faults import faults_in, module_with
 
 KARTS = range(1, 5)
 SETUP = Setup(
@@ -370,17 +370,13 @@ def test_what_was_changed_is_found_and_named_with_its_time(
     assert 0 <= difference.at < SETUP.now + 9e6
 
 
-FAULTS = {
-    'an old acknowledgement counts': (
-        'counts = state is kart.sent and serial == kart.serial',
-        'counts = state is kart.sent',
-    ),
-    'a reason is other': ("f'{kart} is in the race already'", "f'the race has {kart} already'"),
-    'the pause is longer': (
-        "self._pause(now + self.times.pause, 'a stop was",
-        "self._pause(now + 1.0, 'a stop was",
-    ),
-}
+FAULTS = faults_in(
+    """
+an old acknowledgement counts: heard: without serial
+a reason is other: _no_join: already f => f'the race has {kart} already'
+the pause is longer: command: pause times => 1.0
+"""
+)
 
 
 @pytest.mark.parametrize('name', FAULTS)
@@ -388,7 +384,7 @@ def test_a_change_of_the_rules_is_found_in_a_record_of_the_right_ones(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     runs = [Running(seed).run(600) for seed in range(10)]
-    faulty = module_with(rules, *FAULTS[name])
+    faulty = module_with(rules, FAULTS[name])
     monkeypatch.setattr(inputs, 'Race', faulty.Race)
     assert any(replayed(run.stream()).difference for run in runs)
 
