@@ -481,6 +481,9 @@ def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace)
     assert list(map(named, account.races[0].incidents)) == ['ALL_KILL']
     (stop,) = stops(account)
     assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
+    looks = {shape.look for shape in drawing(account, Part(), Clock(0), '').shapes}
+    assert 'mark DELIVERED' in looks
+    assert 'mark DISCONNECTED' not in looks
 
 
 def test_a_part_has_its_events_alone_and_its_timeline_what_was_sent_before(

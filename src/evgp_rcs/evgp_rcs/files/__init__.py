@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What officials write before a race, and where race control keeps its files.
+What officials write before a race, and whether it is right.
 
 It imports ``rules``.
 """

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import math
 from typing import NamedTuple
 
 from evgp_rcs.record.plain import plain
@@ -80,7 +81,10 @@ class _Timeline:
     def shapes(self) -> Iterator[Shape]:
         lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
         events = self._part.events(self._account, self._account.events)
-        marked = [each for each in events if each.event.kind in MARKS]
+        ends = self._account.ended
+        # What ends with race control was not lost.
+        last = math.inf if ends is None else ends.sequence
+        marked = [each for each in events if each.event.kind in MARKS and each.sequence < last]
         y = HEAD + 2 * ROWS * ROW
         yield from self._axis(y + LANE * (1 + len(lanes)))
         yield Shape('name', 0, HEAD, 0, ROW, 'Commands')

@@ -30,7 +30,7 @@ KINDS = {
     EventKind.WITHDRAWN: 'Acknowledgement withdrawn',
     EventKind.REPORTED: 'A kart says another state',
     EventKind.CONNECTED: 'Kart connected',
-    EventKind.DISCONNECTED: 'Connection lost',
+    EventKind.DISCONNECTED: 'Kart disconnected',
     EventKind.REFUSED_CONNECTION: 'Connection refused',
     EventKind.MALFORMED: 'Message that means nothing',
     EventKind.LINK_GRADE: 'Quality of a link',
