@@ -80,7 +80,7 @@ class Party:
 def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
     """Start a real race control with N karts in the race, on a record of its own."""
     own = pathlib.Path(tempfile.mkdtemp(dir=folder))
-    return RaceControl(own, domain, range(1, count + 1), parameters={'pause': 0.5})
+    return RaceControl(own, domain, range(1, count + 1))
 
 
 @contextlib.contextmanager
