@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import enum
+import functools
 import itertools
 import math
 from types import ModuleType
@@ -409,23 +411,34 @@ TEAM = [('team_heard', None)]
 SPEEDS = [('speed', value) for value in (0.0, 1.0, math.nan)]
 
 
+# Of the numbers of orders, only whether there is one counts: the next is always a new one. The
+# second line is for the reason only.
+LEFT_OUT = {
+    *('_settings', '_names', '_now', '_next_order', '_timeouts'),
+    *('_absence', '_not_armed', '_starting', '_who'),
+}
+
+
+@functools.cache
+def kept(names: tuple[str, ...]) -> list[tuple[str, bool]]:
+    """Return the variables of an arbiter that an input can tell apart, and which are times."""
+    left = sorted({*names} - LEFT_OUT)
+    return [(name, name.endswith(('_at', '_since'))) for name in left]
+
+
 def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
     """
     Return the state of an arbiter, alike for states that no input can tell apart.
 
     Times are taken relative to now, and all that is long past is equally long past.
     """
-    now = arbiter._now
+    now, values = arbiter._now, vars(arbiter)
     state: list[Any] = []
-    for name, value in sorted(vars(arbiter).items()):
-        # Of the numbers of orders, only whether there is one: the next is always a new one.
-        if name in ('_settings', '_names', '_now', '_next_order', '_timeouts'):
-            continue
-        if name in ('_absence', '_not_armed', '_starting', '_who'):  # for the reason only
-            continue
+    for name, is_time in kept(tuple(values)):
+        value = values[name]
         if name == '_heard_at' and not arbiter._open:
             continue
-        if name.endswith(('_at', '_since')) and value is not None:
+        if is_time and value is not None:
             value = min(now - value, 1.5)
         elif name == '_order':
             value = value == 0
@@ -435,8 +448,8 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
             value = tuple(sorted((each.name, min(now - at, 1.5)) for each, at in value.items()))
         elif isinstance(value, float) and math.isnan(value):
             value = 'nan'
-        elif hasattr(value, 'name'):
-            value = value.name
+        elif isinstance(value, enum.Enum):
+            value = value._name_  # quicker to compare
         state.append(value)
     return tuple(state)
 
