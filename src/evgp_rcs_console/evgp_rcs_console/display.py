@@ -49,7 +49,6 @@ from evgp_rcs_console.view import (
     Button,
     Danger,
     danger,
-    KILL_NOTES,
     Row,
     Screen,
     show,
@@ -627,9 +626,8 @@ class Display(QtCore.QObject):
     def _danger(self, now: float) -> Danger | None:
         race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
-        looking_for = now - self._began
         ended = self._ended_run == race.run
-        said = silence(silent_for, looking_for, self._looking, race, ended, KILL_NOTES)
+        said = silence(silent_for, now - self._began, self._looking, race, ended)
         return said or danger(race, self._two)
 
     def _show_kill(self) -> None:
