@@ -131,8 +131,7 @@ class SeenCommands:
 
 def _commands(screen: Screen) -> list[tuple[Kind, int]]:
     """Return which command each button of a screen gives, place by place."""
-    buttons = [button for row in screen.rows for button in row.buttons]
-    buttons += [screen.track_button] if screen.track_button else []
+    buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
     return [(button.command, button.kart) for button in buttons]
 
 

@@ -338,14 +338,14 @@ class Screen:
     humans: Cell
     humans_reason: str
     race: tuple[Button, ...]
-    all_karts: tuple[Button, ...]
-    track_button: Button | None
+    msr_button: Button
+    track_button: Button
     rows: tuple[Row, ...]
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
-        buttons = [*self.race, *self.all_karts]
-        buttons += filter(None, [self.track_button, self.heat_button])
+        buttons = [*self.race, self.msr_button, self.track_button]
+        buttons += filter(None, [self.heat_button])
         for row in self.rows:
             if row.number == kart:
                 buttons += (row.finish, *row.buttons)
@@ -471,7 +471,7 @@ def show(
         humans=humans,
         humans_reason=reason,
         race=_steps(race, buttons),
-        all_karts=(buttons.race(CommandKind.RECORD_MSR),),
+        msr_button=buttons.race(CommandKind.RECORD_MSR),
         track_button=replace(track_button, phrase=texts.TO_HUMANS),
         rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
     )
