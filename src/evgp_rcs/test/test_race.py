@@ -468,7 +468,7 @@ def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() 
     availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT, 0, 0.0)
     assert not availability.available
     assert availability.reason == (
-        "the roster has no heats; list them under 'heats:' and restart race control"
+        "the roster has no heats; list them under 'heats:', and read it again"
     )
 
 

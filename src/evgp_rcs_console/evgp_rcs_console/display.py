@@ -590,7 +590,7 @@ class Display(QtCore.QObject):
         areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
-        areas.heats.show_heats(screen.heats)
+        areas.heats.show_heats(screen.heats, screen.rosters)
         areas.officials.show_names(race.officials)
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)

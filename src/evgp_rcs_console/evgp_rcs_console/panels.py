@@ -151,7 +151,6 @@ class Strip(Panel):
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
         self.heat = CommandButton(pressed, kind='quiet')
         fixed(self.heat, 128)
-        self.heat.hide()
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
@@ -178,10 +177,7 @@ class Strip(Panel):
             part.setVisible(bool(cell.text))
             part.setMinimumWidth(1)  # or the hint is never smaller than the last one
             part.setMinimumWidth(part.sizeHint().width())  # it is never cut
-        # There are heats or there are none, as long as the roster is the same.
-        self.heat.setVisible(screen.heat_button is not None)
-        if screen.heat_button is not None:
-            self.heat.show_button(screen.heat_button)
+        self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):

@@ -243,20 +243,24 @@ class Choice(Sheet):
 
 
 class Heats(Choice):
-    """Offers the heats of the roster."""
+    """Offers the heats of the roster, and to read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', texts.HEATS_TITLE, texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
-    def show_heats(self, buttons: Sequence[Button]) -> None:
-        """Show one button for each heat."""
+    def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
+        """Show one button for each heat, and those of the roster; to read it closes nothing."""
+        buttons = *heats, *rosters
         if len(buttons) != len(self._offered):
-            self._offer([CommandButton(self._choose) for _ in buttons])
-        for number, (widget, heat) in enumerate(zip(self._offered, buttons, strict=True), 1):
+            chosen = [CommandButton(self._choose) for _ in buttons[1:]]
+            chosen.insert(len(heats), CommandButton(self._pressed))
+            self._offer(chosen)
+        for number, (widget, button) in enumerate(zip(self._offered, buttons, strict=True), 1):
             assert isinstance(widget, CommandButton)
-            widget.show_button(heat)
-            widget.setObjectName(f'heat_{number}')
+            widget.show_button(button)
+            if number <= len(heats):
+                widget.setObjectName(f'heat_{number}')
 
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()

@@ -239,7 +239,6 @@ TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.
 JUST_DONE = '{name} WAS NOT SENT: {done} was sent by the click before it. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
-NO_HEATS = 'The roster names no heats.'
 BARRED = '{command}: {reason}'
 AGAIN_IN = '{reason} (again in {seconds} s)'
 

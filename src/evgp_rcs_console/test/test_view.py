@@ -380,12 +380,19 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
     assert driving.order == 'Next: kart 3 (TT 3)'
 
 
+def test_without_heats_in_the_roster_none_is_offered() -> None:
+    for possible in (True, False):
+        read = offers(Availability(CommandKind.READ_ROSTER, possible))
+        screen = show(replace(RACE, commands=read), 0.0, {})
+
+        assert (screen.heat_button.enabled, screen.heats) == (possible, ())
+
+
 def test_a_heat_that_is_not_possible_says_why() -> None:
     commands = offers(Availability(CommandKind.SET_HEAT, False, 'the race is in RED_RED'))
 
     screen = show(replace(with_heats(), commands=commands), 0.0, {})
 
-    assert screen.heat_button is not None
     for button in (screen.heat_button, *screen.heats):
         assert not button.enabled
         assert 'the race is in RED_RED' in button.explanation
@@ -717,6 +724,7 @@ def test_the_terminal_shows_the_same() -> None:
 def test_every_command_to_karts_and_about_the_track_has_a_button() -> None:
     shown = {*RACE_COMMANDS, *KART_COMMANDS, *UNDONE_BY.values()}
     apart = {CommandKind.ALL_KILL, CommandKind.RECORD_MSR, CommandKind.OPEN_TRACK}
+    apart |= {CommandKind.TAKE_ROSTER}
     needed = {kind for kind, entry in CATALOGUE.items() if not entry.bookkeeping or entry.loosens}
 
     assert needed <= shown | apart

@@ -433,8 +433,10 @@ def test_no_question_covers_a_stop_or_the_number_of_any_kart(
     console.tell(race_of(count))
     console.settle(0.4)
     asked = set()
-    for key in ('F2', 'F3', 'F6', 'F7', 'F9'):
+    for key in ('F2', 'F3', 'F6', 'F7', 'F9', 'Ctrl+H'):
         console.press(key)
+        if key == 'Ctrl+H':
+            console.click('take_roster')
         asked.add(console.find('question').button.command)
         covered = []
         for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
@@ -1176,12 +1178,15 @@ def test_all_of_a_sheet_is_read(opened: Any, size: tuple[int, int]) -> None:
         console.press('N' if sheet == 'question' else 'Esc')
 
 
-def test_without_heats_the_key_of_heats_says_that_there_are_none(opened: Any) -> None:
+def test_without_heats_the_sheet_of_heats_offers_to_read_the_roster(opened: Any) -> None:
     console = opened()
     console.tell(race_of(1, RaceState.IN_GARAGE, heats=()))
     console.press('Ctrl+H')
+    console.click('read_roster')
+    assert [given.command for given in console.sent] == [CommandKind.READ_ROSTER]
 
-    assert texts.NO_HEATS in console.find('status').whole
+    console.click('take_roster')
+    assert console.find('question').button.command is CommandKind.TAKE_ROSTER
 
 
 def test_a_rehearsal_says_who_uses_the_msr_there(opened: Any) -> None:
