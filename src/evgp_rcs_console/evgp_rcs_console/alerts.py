@@ -15,7 +15,6 @@ import html
 import math
 import pathlib
 import shutil
-import sys
 import tempfile
 import wave
 
@@ -286,8 +285,6 @@ def alarm() -> bytes:
         samples.extend(
             int(24000 * math.sin(2 * math.pi * frequency * n / RATE)) for n in range(count)
         )
-    if sys.byteorder == 'big':
-        samples.byteswap()
     return samples.tobytes()
 
 

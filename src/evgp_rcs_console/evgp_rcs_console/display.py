@@ -49,7 +49,6 @@ from evgp_rcs_console.view import (
     Button,
     Danger,
     danger,
-    KILL_NOTES,
     Row,
     Screen,
     show,
@@ -132,8 +131,7 @@ class SeenCommands:
 
 def _commands(screen: Screen) -> list[tuple[Kind, int]]:
     """Return which command each button of a screen gives, place by place."""
-    buttons = [button for row in screen.rows for button in row.buttons]
-    buttons += [screen.track_button] if screen.track_button else []
+    buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
     return [(button.command, button.kart) for button in buttons]
 
 
@@ -627,9 +625,8 @@ class Display(QtCore.QObject):
     def _danger(self, now: float) -> Danger | None:
         race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
-        looking_for = now - self._began
         ended = self._ended_run == race.run
-        said = silence(silent_for, looking_for, self._looking, race, ended, KILL_NOTES)
+        said = silence(silent_for, now - self._began, self._looking, race, ended)
         return said or danger(race, self._two)
 
     def _show_kill(self) -> None:

@@ -147,7 +147,7 @@ def meaning(key: str) -> Stroke | None:
 def key_help() -> list[tuple[str, str]]:
     """Return every key, or several that belong together, with what it does."""
     said = []
-    for key, commands in KEYS.items():
+    for key, commands in sorted(KEYS.items(), key=lambda each: ('+' in each[0], each[0])):
         labels = ', '.join(CATALOGUE[command].label for command in commands)
         chosen = CATALOGUE[commands[0]].to_one_kart
         said.append((key, texts.CHOSEN_KART.format(commands=labels) if chosen else labels))

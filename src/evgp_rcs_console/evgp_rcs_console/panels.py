@@ -79,8 +79,7 @@ class TrackPanel(Panel):
         """Show the track as it is now, with an edge in its colour."""
         self._humans.show_cell(screen.humans, stale)
         self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
-        if screen.track_button is not None:
-            self.button.show_button(screen.track_button)
+        self.button.show_button(screen.track_button)
         tone = Tone.FAINT if stale else screen.humans.tone
         mark(self._edge, ground=(Tone.GREEN if tone is Tone.GOOD else tone).value)
 
@@ -137,8 +136,7 @@ class Steps(QtWidgets.QWidget):
 
     def show_screen(self, screen: Screen) -> None:
         """Show which commands are possible, and why the others are not."""
-        buttons = (*screen.race, *screen.all_karts)
-        for step, button in zip(self._steps, buttons, strict=True):
+        for step, button in zip(self._steps, (*screen.race, screen.msr_button), strict=True):
             step.show_button(button)
 
 

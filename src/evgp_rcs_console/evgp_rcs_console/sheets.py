@@ -57,14 +57,11 @@ class Sheet(Panel):
         self.title = Text(f'{name}_title', 'large bold', text=title)
         self.add(self.title, 36)
 
-    def add(self, *parts: QtWidgets.QWidget | int) -> None:
-        """Put parts below those that there are: each with its height, 0 for that of its text."""
-        for part, height in zip(parts[::2], parts[1::2], strict=True):
-            assert isinstance(part, QtWidgets.QWidget)
-            assert isinstance(height, int)
-            fixed(part, height=height)
-            self._column.addWidget(part)
-            self.parts.append(part)
+    def add(self, part: QtWidgets.QWidget, height: int = 0) -> None:
+        """Put a part below those that there are; without a height it has that of its text."""
+        fixed(part, height=height)
+        self._column.addWidget(part)
+        self.parts.append(part)
 
     @property
     def whole(self) -> str:
@@ -129,7 +126,7 @@ class Question(Sheet):
         self.yes.clicked.connect(lambda: self.answered.emit(True, False))
         self.also.clicked.connect(lambda: self.answered.emit(True, True))
         for text in self._texts:
-            self.add(text, 0)
+            self.add(text)
         answers = QtWidgets.QWidget()
         lay(answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
         self.add(answers, 60)
@@ -220,7 +217,8 @@ class Choice(Sheet):
         super().__init__(parent, name, title)
         self._offered: list[Push] = []
         self._close = self.closing(texts.HEATS_CLOSE)
-        self.add(Text('', wrap=True, flows=True, text=about), 0, self._close, 36)
+        self.add(Text('', wrap=True, flows=True, text=about))
+        self.add(self._close, 36)
 
     def _offer(self, buttons: Sequence[Push]) -> None:
         """Show these buttons instead of those that there are."""
@@ -300,4 +298,5 @@ class Help(Sheet):
         ]
         rows = [[*itertools.chain(*parts[row::half])] for row in range(half)]
         lay(table, *rows, gap=4, columns=(3, 4, 3, 4), heights=[1] * half)
-        self.add(table, 400, self.closing(texts.HELP_CLOSE), 36)
+        self.add(table, 400)
+        self.add(self.closing(texts.HELP_CLOSE), 36)

@@ -178,11 +178,13 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last heard {age} ago, in {state}. What is shown below is out of date. '
-    'Perhaps only the network is broken: check another window.'
+    'Perhaps only the network is broken: check another window. Press a stop once: it is sent '
+    'again until race control accepts it.'
 )
 NOT_YET_ADVICE = 'NO STOP WORKS YET'
 NOT_YET_DETAIL = (
-    'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}.'
+    'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}. Press a '
+    'stop once: it is sent again until race control is found and accepts it.'
 )
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_ADVICE = 'START IT AGAIN'
@@ -206,10 +208,6 @@ STATE_AT = '{since}, {clock}'
 STATE_OF_RACE = 'race in {state} {since}'
 KILL_HINT = 'all {karts} · SPACE BAR or F12'
 KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
-KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
-KILL_NOTE_NOT_YET = (
-    'Press a stop once: it is sent again until race control is found and accepts it.'
-)
 STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 DROPPED = (

@@ -341,14 +341,13 @@ class Screen:
     humans: Cell
     humans_reason: str
     race: tuple[Button, ...]
-    all_karts: tuple[Button, ...]
-    track_button: Button | None
+    msr_button: Button
+    track_button: Button
     rows: tuple[Row, ...]
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
-        buttons = [*self.race, *self.all_karts]
-        buttons += [*filter(None, [self.track_button]), self.heat_button, *self.rosters]
+        buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
         for row in self.rows:
             if row.number == kart:
                 buttons += (row.finish, *row.buttons)
@@ -367,17 +366,12 @@ def is_gone(silent_for: float | None) -> bool:
     return silent_for is None or silent_for >= GONE_AFTER
 
 
-KILL_NOTES = (texts.KILL_NOTE_NOT_YET, texts.KILL_NOTE_GONE)
-"""How a stop is pressed before race control is found, and once it is gone."""
-
-
 def silence(
     silent_for: float | None,
     looking_for: float,
     looking: str,
     race: Snapshot,
     ended: bool,
-    notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
     Return what to say about race control's silence; None while race control is heard.
@@ -390,25 +384,19 @@ def silence(
     :param looking: where the search looks, in the words of a sentence.
     :param race: the race when race control was last heard.
     :param ended: it has said since that it ends in order.
-    :param notes: what to add before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, advice, barred, note = (
-            texts.NOT_YET,
-            texts.NOT_YET_ADVICE,
-            texts.NOT_YET_REASON,
-            notes[0],
-        )
+        title, advice, barred = texts.NOT_YET, texts.NOT_YET_ADVICE, texts.NOT_YET_REASON
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     elif ended and race.no_kart_in_doubt:
-        title, advice, barred, note = texts.ENDED, texts.ENDED_ADVICE, texts.GONE_REASON, ''
+        title, advice, barred = texts.ENDED, texts.ENDED_ADVICE, texts.GONE_REASON
         detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
     else:
-        title, advice, barred, note = texts.GONE, texts.USE_MSR, texts.GONE_REASON, notes[1]
+        title, advice, barred = texts.GONE, texts.USE_MSR, texts.GONE_REASON
         detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[race.state])
-    return Danger(title, advice, f'{detail} {note}'.rstrip(), barred, stale=True)
+    return Danger(title, advice, detail, barred, stale=True)
 
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
@@ -486,7 +474,7 @@ def show(
         humans=humans,
         humans_reason=reason,
         race=_steps(race, buttons),
-        all_karts=(buttons.race(CommandKind.RECORD_MSR),),
+        msr_button=buttons.race(CommandKind.RECORD_MSR),
         track_button=replace(track_button, phrase=texts.TO_HUMANS),
         rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
     )
@@ -642,7 +630,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     shown = {CommandKind.KART_FINISH: letter}
     asks = kart.sent is not RaceState.IN_GARAGE
     answered = kart.acknowledged and not kart.in_doubt
-    says = ''
+    says, sent = '', STATE_CELLS[kart.sent]
     if kart.connected and kart.reported not in (None, kart.sent):
         says = texts.SAYS.format(state=STATES[kart.reported])
     elif kart.counts_at is not None:
@@ -657,14 +645,14 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         bars=BARS[kart.link.grade] * kart.connected,
         link_time=_link_time(kart.link) * kart.connected,
         # A kart without a link is sent nothing; this is what it would be sent.
-        sent=STATE_CELLS[kart.sent] if kart.connected else _faint(STATE_CELLS[kart.sent]),
+        sent=sent if kart.connected else sent._replace(tone=Tone.FAINT),
         since=clock(now - kart.sent_since),
         answer=_answer(kart, now, missing),
         waits=kart.connected and asks and not answered,
         says=says,
         place=buttons.place(kart),
         gap='' if buttons.shown is None else buttons.shown.behind(kart.number),
-        note=Cell(note, _note_tone(done, urgent and bool(notes))),
+        note=Cell(note, Tone.BAD if urgent and notes else Tone.WAIT if done else Tone.FAINT),
         buttons=tuple(
             replace(
                 shown.get(command) or buttons.kart(command, kart),
@@ -675,12 +663,6 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         finish=finish,
         letter=letter,
     )
-
-
-def _note_tone(done: bool, urgent: bool) -> Tone:
-    if urgent:
-        return Tone.BAD
-    return Tone.WAIT if done else Tone.FAINT
 
 
 def _link(kart: KartSnapshot, missing: Tone) -> Cell:
@@ -724,10 +706,6 @@ def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) ->
     if undone_by is not None and is_so(CATALOGUE[command].result, race, kart):
         return undone_by
     return command
-
-
-def _faint(cell: Cell) -> Cell:
-    return cell._replace(tone=Tone.FAINT)
 
 
 @dataclass(frozen=True)

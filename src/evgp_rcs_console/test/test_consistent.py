@@ -276,18 +276,6 @@ def test_the_terminal_says_what_the_window_says(race: Snapshot) -> None:
         assert lines.count(texts.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
 
 
-def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None:
-    book = AlertBook()
-    alert = Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'kart 7 was lost', True)
-    book.update((alert,))
-    book.see([book.shown[0].number])
-    before = book.shown[0].heading
-
-    book.update((replace(alert, use_msr=False),))
-
-    assert (before, book.shown[0].heading) == (texts.ALERT_MSR, texts.ALERT_OTHER)
-
-
 def test_a_change_names_who_brought_it_about() -> None:
     given = Given(CommandKind.GREEN_GREEN)
     by = 'ALL_KILL by Anna'

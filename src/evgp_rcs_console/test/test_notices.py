@@ -98,6 +98,7 @@ def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_
     book = AlertBook()
     book.update([msr_alert(3)])
     book.update([replace(msr_alert(3), use_msr=False)])
+    assert [notice.heading for notice in book.shown] == [texts.ALERT_OTHER]
     see_all(book)
     assert not book.unseen
 
