@@ -67,7 +67,7 @@ help:
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
-	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
+	@echo 'make bench   measure how soon a stop reaches karts  (ARGS="--karts 20")'
 	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
 	@echo 'make run     start race control and the timekeeper for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
@@ -86,7 +86,7 @@ help:
 	@echo 'make kit-size  what the C code for karts takes of a Cortex-M0'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
 	@echo 'make lint    check style and types'
-	@echo 'make format  format the code, and add missing copyright headers'
+	@echo 'make format  format the code'
 	@echo 'make screenshots  take the pictures of docs/ again'
 	@echo 'make setup   set up only, with what the window needs'
 	@echo 'make deb     build the Debian package for officials'
@@ -226,7 +226,6 @@ lint:
 	test -z "$$failed"
 
 format:
-	python3 setup/headers.py --add
 	$(IN_WORKSPACE) ruff check --fix
 	$(IN_WORKSPACE) ruff format
 

@@ -21,8 +21,7 @@ def main() -> None:
     Connect karts 1 to N to a port and obey the commands on stdin, one line of JSON each.
 
     ``watch STATE`` answers, once all karts have seen the state, with the monotonic time (s) at
-    which the last of them had read the first frame of it. ``gaps SECONDS`` answers with the frames
-    of each kart in that time and its longest gap (s).
+    which the last of them had read the first frame of it.
 
     The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change.
 
@@ -41,7 +40,6 @@ def main() -> None:
     waiting: set[KartLink] = set()
     unsaid: list[KartLink] = []
     wanted: RaceState | None = None
-    gaps_since = gaps_until = 0.0
 
     def answer(value: object) -> None:
         print(json.dumps(value), flush=True)
@@ -51,8 +49,7 @@ def main() -> None:
 
     answer('ready')
     while True:
-        timeout = max(gaps_until - time.monotonic(), 0.0) if gaps_until else None
-        ready = selector.select(timeout)
+        ready = selector.select()
         now = time.monotonic()
         for key, _ in ready:
             kart = key.data
@@ -60,15 +57,10 @@ def main() -> None:
                 words = sys.stdin.readline().split()
                 if not words:
                     return
-                if words[0] == 'watch':
-                    wanted = RaceState[words[1]]
-                    waiting = {each for each in karts if each.state is not wanted}
-                    if not waiting:
-                        answer_seen()
-                else:
-                    gaps_since, gaps_until = now, now + float(words[1])
-                    for each in karts:
-                        each.times.clear()
+                wanted = RaceState[words[1]]
+                waiting = {each for each in karts if each.state is not wanted}
+                if not waiting:
+                    answer_seen()
                 continue
             heard = kart.take(now)
             if heard is None:
@@ -86,10 +78,6 @@ def main() -> None:
                 assert each.state is not None
                 each.say(each.state)
             unsaid.clear()
-        if gaps_until and now >= gaps_until:
-            gaps_until = 0.0
-            frames = [len(each.times) for each in karts]
-            answer({'frames': frames, 'worst': [each.worst_gap(gaps_since) for each in karts]})
 
 
 if __name__ == '__main__':

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Measure race control, each figure beside a floor of the same run.
+Measure how soon a stop reaches every kart, beside a floor of the same run.
 
-``make bench`` prints the tables of docs/dev/performance.md.
+``make bench`` prints the first table of docs/dev/performance.md.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
 import gc
-import itertools
 import json
 import os
 import pathlib
@@ -24,20 +23,13 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from typing import Any
 
-from evgp_node.results import BY_HAND, Passing
-from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs_msgs.srv import SetPassingStruck
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
-from evgp_testing.race_control import RaceControl, Timekeeper
-from evgp_testing.usage import cpu_seconds, family, resident
-from evgp_timing.book import Book
-from evgp_timing.desk import Passed, Told, What
+from evgp_testing.race_control import RaceControl
 from std_srvs.srv import Trigger
 
 HERE = pathlib.Path(__file__).parent
@@ -88,7 +80,7 @@ class Party:
 def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
     """Start a real race control with N karts in the race, on a record of its own."""
     own = pathlib.Path(tempfile.mkdtemp(dir=folder))
-    return RaceControl(own, domain, range(1, count + 1), parameters={'pause': 0.5})
+    return RaceControl(own, domain, range(1, count + 1))
 
 
 @contextlib.contextmanager
@@ -125,14 +117,6 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> 
     print('|' + '---|' * len(head), flush=True)
     for row in rows:
         print('| ' + ' | '.join(map(str, row)) + ' |', flush=True)
-
-
-def rss(pid: int) -> float:
-    """Return the resident memory of a process, MB."""
-    return resident(pid) * 1024 / 1e6
-
-
-# ----- 1: stop latency ---------------------------------------------------------------------
 
 
 def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> None:
@@ -261,191 +245,13 @@ def bare_call(times: int) -> list[float]:
         return result[10:]
 
 
-# ----- 1b: beside a timekeeper that judges many passings again ------------------------------
-
-SOURCES, A_SOURCE = ('line 1', 'line 2', 'line 3', BY_HAND), 4000
-"""As many sources, and passings of each, as the timekeeper takes in a race."""
-
-
-def beside_corrections(folder: pathlib.Path, counts: Sequence[int], times: int) -> None:
-    """Measure a stop without a timekeeper, and while one judges a full race again and again."""
-    table(
-        f'Stop latency beside the timekeeper, ms, median / p99 of {times}',
-        ('karts', 'passings', 'without', 'while all are judged again', '÷', 'one correction, s'),
-        (beside_corrections_of(folder, count, times) for count in counts),
-    )
-
-
-def beside_corrections_of(folder: pathlib.Path, count: int, times: int) -> tuple[object, ...]:
-    """Return the row of one number of karts; stops with and without corrections alternate."""
-    ended, lasted = threading.Event(), list[float]()
-    own = pathlib.Path(tempfile.mkdtemp(dir=folder))
-    write_full_race(own / 'timing.sqlite3', count)
-    seen: dict[bool, list[float]] = {False: [], True: []}
-    with racing(own, count) as (control, official, crowd):
-        roster = next(own.rglob('karts.yaml'))
-        with (
-            Timekeeper(own, control.domain, {'roster': roster, 'min_lap_time': 0.1}),
-            Official(control.domain, 'tina', hears=()) as tina,
-        ):
-            for corrects in (False, True) * 2:
-                ended.clear()
-                busy = threading.Thread(target=correct, args=(tina, ended, lasted))
-                if corrects:
-                    busy.start()
-                for _ in range(times // 2 + 1):
-                    seen[corrects].append(timed(crowd, RED_RED, lambda: called(official)))
-                    bring_home(official, crowd, acknowledged=True)
-                ended.set()
-                if corrects:
-                    busy.join()
-    without, beside = (each[1:] for each in seen.values())
-    return (
-        count,
-        len(SOURCES) * A_SOURCE,
-        spread(without),
-        spread(beside),
-        f'{statistics.median(beside) / statistics.median(without):.2f}',
-        f'{statistics.median(lasted):.2f}',
-    )
-
-
-def called(official: Official) -> float:
-    """Stop every kart; return when that began, s."""
-    began = time.monotonic()
-    assert official.call('all_kill').success
-    return began
-
-
-def write_full_race(file: pathlib.Path, count: int) -> None:
-    """Write a race with as many passings as the timekeeper takes into a book."""
-    began = clock.now() - 3600.0
-    told = [(What.GRID_ACTIVE, 0), (What.GREEN_GREEN, 0)]
-    told += [(What.SENT_GREEN, kart) for kart in range(1, count + 1)]
-    book = Book(file)
-    book.write(*(Told(began, what, 'bench', 1, kart=kart) for what, kart in told))
-    book.write(
-        *(
-            Passed(
-                began + second,
-                tuple(
-                    Passing(source, 'x', number, 1 + number % count, '', number * 10**8)
-                    for source in SOURCES
-                    for number in range(10 * second, 10 * second + 10)
-                ),
-            )
-            for second in range(1, 1 + A_SOURCE // 10)
-        )
-    )
-    book.close()
-
-
-def correct(official: Official, ended: threading.Event, lasted: list[float]) -> None:
-    """Strike the first passing out and put it back, until it is enough; note each time, s."""
-    service = '/rcs/timekeeper/set_passing_struck'
-    client = official.node.create_client(SetPassingStruck, service)
-    first = {'source': SOURCES[0], 'session': 'x', 'number': 10}
-    for struck in itertools.cycle((True, False)):
-        request = SetPassingStruck.Request(**first, struck=struck, reason='bench', official='tina')
-        began = time.monotonic()
-        answer: Any = official.request(client, request)
-        assert answer.success, answer.message
-        lasted.append(time.monotonic() - began)
-        if ended.is_set() and not struck:
-            return
-
-
-# ----- 2 and 3: beat, cost -----------------------------------------------------------------
-
-
-def beat_and_cost(folder: pathlib.Path, counts: Sequence[int], seconds: float) -> None:
-    """Measure frames, gaps and CPU of race control on one core: at rest, racing, and busy."""
-    table(
-        'Beat and cost of race control',
-        (
-            'karts',
-            'state',
-            's',
-            'frames/s, median / least kart',
-            'worst gap of a median kart, ms',
-            'of all, ms',
-            'of one core',
-            'RSS, MB',
-        ),
-        (row for count in counts for row in beat_of(folder, count, seconds)),
-    )
-
-
-def beat_of(folder: pathlib.Path, count: int, seconds: float) -> Iterator[tuple[object, ...]]:
-    """Yield the rows of one number of karts; with commands for so long, at rest for a third."""
-    with racing(folder, count) as (control, official, crowd):
-        keep_to_one_core(control.pid)
-        for what in ('garage', 'racing', 'commands'):
-            ended = threading.Event()
-            busy = threading.Thread(target=keep_busy, args=(official, ended))
-            lasts = seconds / 3
-            if what == 'racing':
-                official.bring_to(RaceState.GREEN_GREEN)
-            if what == 'commands':
-                lasts = seconds
-                busy.start()
-            before, began = cpu_seconds(control.pid), time.monotonic()
-            crowd.tell('gaps', lasts)
-            seen = crowd.hear()
-            cpu = (cpu_seconds(control.pid) - before) / (time.monotonic() - began)
-            if what == 'commands':
-                ended.set()
-                busy.join()
-            rates = [frames / lasts for frames in seen['frames']]
-            yield (
-                count,
-                what,
-                f'{lasts:g}',
-                f'{statistics.median(rates):.1f} / {min(rates):.1f}',
-                f'{statistics.median(seen["worst"]) * 1e3:.0f}',
-                f'{max(seen["worst"]) * 1e3:.0f}',
-                f'{cpu * 100:.1f} %',
-                f'{rss(control.pid):.0f}',
-            )
-
-
-def keep_to_one_core(pid: int) -> None:
-    """Have all threads of a process, and of those it has started, share one core."""
-    for each in family(pid):
-        for thread in pathlib.Path(f'/proc/{each}/task').iterdir():
-            os.sched_setaffinity(int(thread.name), {0})
-
-
-def keep_busy(official: Official, ended: threading.Event) -> None:
-    """Stop every kart, bring it home and stop it again, with refused commands between."""
-    while not ended.is_set():
-        official.call('all_kill')
-        for _ in range(5):
-            official.call('kart/finish', kart=1)
-            ended.wait(0.2)
-        official.call('in_garage', track_safe=True)
-        ended.wait(0.5)
-
-
 def main() -> None:
-    """Run the measurements asked for."""
+    """Measure for the numbers of karts asked for."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    measurements: dict[str, Callable[[pathlib.Path, argparse.Namespace], None]] = {
-        'stop': lambda folder, given: stop_latency(folder, given.karts, given.times),
-        'timing': lambda folder, given: beside_corrections(folder, given.karts, given.times),
-        'beat': lambda folder, given: beat_and_cost(folder, given.karts, given.seconds),
-    }
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
-    parser.add_argument('what', nargs='*', help=f'of {", ".join(measurements)}; all of them')
     parser.add_argument('--karts', type=int, nargs='+', default=[1, 10, 20, 100])
     parser.add_argument('--times', type=int, default=50, help='repetitions of each latency')
-    parser.add_argument(
-        '--seconds', type=float, default=60.0, help='of a beat with commands; at rest a third'
-    )
     given = parser.parse_args()
-    unknown = set(given.what) - set(measurements)
-    if unknown:
-        parser.error(f'unknown: {", ".join(sorted(unknown))}')
     print(
         f'{time.strftime("%Y-%m-%d")}, {os.cpu_count()} cores, Python '
         f'{platform.python_version()}, Linux {platform.release()}'
@@ -454,8 +260,7 @@ def main() -> None:
     gc.collect()
     gc.freeze()
     with tempfile.TemporaryDirectory() as folder:
-        for name in given.what or measurements:
-            measurements[name](pathlib.Path(folder), given)
+        stop_latency(pathlib.Path(folder), given.karts, given.times)
 
 
 if __name__ == '__main__':

@@ -83,7 +83,7 @@ def graph(node: Any) -> list[tuple[str, str]]:
     return names
 
 
-@pytest.mark.parametrize('target', ['run', 'console', 'timekeeper'])
+@pytest.mark.parametrize('target', ['run', 'console', 'ctl', 'timekeeper'])
 @pytest.mark.parametrize(
     ('environment', 'arguments', 'is_used'),
     [

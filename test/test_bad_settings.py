@@ -12,6 +12,7 @@ import pathlib
 import socket
 from typing import Any
 
+from evgp_node.parameter_files import ignored
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_testing.domains import Domain
 from evgp_testing.process import Process
@@ -102,25 +103,26 @@ def test_a_parameter_file_that_is_no_yaml_is_refused(
         ('/field:\n  rcs:\n    ros__parameters:\n      pause: 2.0\n', 2, '/field/rcs'),
         ('/**:\n  ros__parameters:\n    pause: 2.0\n    pause: 1.0\n', 4, 'pause'),
         ('/**:\n  ros__parameters: {pause: 2.0}\n/**:\n  ros__parameters: {}\n', 3, '/**'),
+        *((f'{each}:\n  ros__parameters: {{}}\n', 0, '') for each in ('/**', '/*', 'rcs', '/rcs')),
     ],
 )
-def test_what_ros_would_ignore_in_a_parameter_file_is_refused_with_its_line(
-    refusal: Refusal, tmp_path: pathlib.Path, text: str, line: int, said: str
+def test_what_ros_would_ignore_in_a_parameter_file_is_known_with_its_line(
+    tmp_path: pathlib.Path, text: str, line: int, said: str
 ) -> None:
     path = tmp_path / 'rcs.yaml'
     path.write_text(text, encoding='utf-8')
-    refused = refusal('--params-file', str(path))
-    assert f'{path}:{line}: ' in refused
-    assert said in refused
+    found = [*ignored(['--params-file', str(path)], '/rcs', alone=False)]
+    assert [each.startswith(f'{path}:{line}: ') and said in each for each in found] == (
+        [True] if line else []
+    )
 
 
-@pytest.mark.parametrize('section', ['/**', '/*', 'rcs', '/rcs'])
-def test_a_section_that_is_for_race_control_is_read(
-    refusal: Refusal, tmp_path: pathlib.Path, section: str
+def test_what_ros_would_ignore_in_a_parameter_file_is_refused(
+    refusal: Refusal, tmp_path: pathlib.Path
 ) -> None:
     path = tmp_path / 'rcs.yaml'
-    path.write_text(f'{section}:\n  ros__parameters:\n    pause: 99.0\n', encoding='utf-8')
-    assert 'parameter pause' in refusal('--params-file', str(path))
+    path.write_text('rcs_node:\n  ros__parameters: {pause: 2.0}\n', encoding='utf-8')
+    assert f'{path}:1: ' in refusal('--params-file', str(path))
 
 
 def test_a_port_in_use_says_so_and_may_be_free_later(refusal: Refusal) -> None:

@@ -1,13 +1,14 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A race on real parts, as a bag, read by a reader that shares nothing with the writer."""
+"""A race on real parts as a report, and as a bag that another reader than the writer's reads."""
 
 from __future__ import annotations
 
 import contextlib
 import itertools
 import pathlib
+import re
 import shutil
 import sqlite3
 import sys
@@ -80,6 +81,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
         official.bring_to(RaceState.GREEN_GREEN)
         official.call('in_garage', track_safe=True)
         official.bring_to(RaceState.RED_RED)
+        assert control.close() == 0
     return record
 
 
@@ -89,6 +91,18 @@ def race(recorded: pathlib.Path, tmp_path: pathlib.Path) -> pathlib.Path:
     return pathlib.Path(shutil.copy(recorded, tmp_path))
 
 
+def test_the_report_of_a_real_race_tells_who_stopped_it_and_of_its_end_no_alert(
+    race: pathlib.Path,
+) -> None:
+    page = race.with_name('report.html')
+    assert rcs_record(['report', str(race), '-o', str(page)]) == 0
+    text = re.sub('<[^>]*>', '', page.read_text(encoding='utf-8'))
+    assert 'Stopped: RED RED by official, ALL KILL, ' in text
+    assert 'no difference' in text
+    assert 'ended in good order at' in text
+    assert 'MSR' not in text
+
+
 def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their_times(
     race: pathlib.Path,
 ) -> None:
@@ -96,7 +110,7 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
     assert set(found) == {'/rcs/race', '/rcs/events', '/diagnostics'}
     with contextlib.closing(open_read_only(race)) as database:
         recorded = list(events(database, 1))
-        began = sessions(database)[0].began_ns
+        began = next(sessions(database)).began_ns
     told = [
         (at, event.sequence, event.text)
         for at, message in found['/rcs/events']

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import itertools
 import os
@@ -85,23 +85,57 @@ class Contact(Program):
         self.pin = pin
 
 
+class Desk:
+    """Race control with kart 1 in the race and kart 2 outside it, and its official."""
+
+    def __init__(self, control: RaceControl, official: Official) -> None:
+        self.control, self.official = control, official
+
+    def clear(self) -> None:
+        """Have a race in the garage without a hold, whatever the test before has left."""
+        for number in (1, 2):
+            self.official.wait_for_kart(number, lambda kart: not kart.connected, 'away')
+        self.official.command('record_msr')
+        self.official.command('in_garage', track_safe=True)
+        race = self.official.wait_for_race(
+            lambda race: state_of(race.state) is IN_GARAGE, 'the race in the garage'
+        )
+        for kart in race.karts:
+            if state_of(kart.hold) is not None:
+                self.official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
+
+
+@pytest.fixture(scope='module')
+def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    """Return race control and an official: no test here ends them."""
+    folder = tmp_path_factory.mktemp('race_control')
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, [1], [2], {'pause': 0.5}) as control,
+        Official(domain.number) as official,
+    ):
+        yield Desk(control, official)
+
+
+@pytest.fixture
+def desk(the_desk: Desk) -> Desk:
+    """Return race control and an official, with the race in the garage and no kart connected."""
+    the_desk.clear()
+    return the_desk
+
+
 class OneKartRace:
     """Race control with one kart in the race, its official, its bridge, and its team."""
 
     def __init__(
-        self,
-        control: RaceControl,
-        official: Official,
-        bridge: Bridge,
-        team: Team,
-        contact: Contact | None = None,
+        self, desk: Desk, bridge: Bridge, team: Team, contact: Contact | None = None
     ) -> None:
         self.contact = contact
-        self.control = control
-        self.official = official
+        self.control = desk.control
+        self.official = desk.official
         self.bridge = bridge
         self.team = team
-        official.wait_for_connected(1)
+        self.official.wait_for_connected(1)
         team.wait_for_state(IN_GARAGE)
 
     def grid(self) -> None:
@@ -143,8 +177,7 @@ def publish(kind: type, topic: str, qos: Any, message: object = None) -> Callabl
 
 @pytest.fixture
 def start_race(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
+    desk: Desk,
     start_bridge: StartBridge,
     join_team: JoinTeam,
     parts: contextlib.ExitStack,
@@ -157,13 +190,11 @@ def start_race(
     """
 
     def start(**bridge_has: Any) -> OneKartRace:
-        control = start_race_control(in_race=[1], others=[2])
-        bridge = start_bridge(control.port, 1, **bridge_has)
+        bridge = start_bridge(desk.control.port, 1, **bridge_has)
         contact = None
         if bridge_has.get('msr_timeout'):
             contact = parts.enter_context(Contact(bridge.domain, tmp_path / 'open'))
-        official, team = join_official(control), join_team(bridge)
-        return OneKartRace(control, official, bridge, team, contact)
+        return OneKartRace(desk, bridge, join_team(bridge), contact)
 
     return start
 
@@ -192,15 +223,22 @@ def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
     assert race.team.states[-5:] == [GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
 
 
+@pytest.mark.parametrize('may_drive', [False, True])
 def test_the_lock_is_on_in_the_garage_unless_the_team_may_drive_there(
-    start_race: StartRace,
+    start_race: StartRace, may_drive: bool
 ) -> None:
-    start_race().team.wait_for_stop(True)
-    start_race(drive_in_garage=True).team.wait_for_stop(False)
+    start_race(drive_in_garage=may_drive).team.wait_for_stop(not may_drive)
 
 
-def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None:
-    race = start_race()
+def test_a_race_control_that_hangs_stops_the_kart(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+) -> None:
+    control = start_race_control(in_race=[1])
+    bridge = start_bridge(control.port, 1)
+    race = OneKartRace(Desk(control, join_official(control)), bridge, join_team(bridge))
     race.green()
     race.control.freeze()
     try:
@@ -460,10 +498,9 @@ def test_a_middleware_that_is_not_installed_is_refused_in_one_sentence(program: 
 
 
 def test_a_remote_that_is_required_and_absent_stops_the_kart(
-    start_race_control: StartRaceControl, start_bridge: StartBridge, join_team: JoinTeam
+    desk: Desk, start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
-    control = start_race_control(in_race=[1])
-    team = join_team(start_bridge(control.port, 1, tsr_timeout=0.5))
+    team = join_team(start_bridge(desk.control.port, 1, tsr_timeout=0.5))
     told = team.wait_for(lambda state: state.connected and state.team_stop, 'the stop')
     assert 'nothing from the safety remote for 0.5 s' in told.reason
     assert state_of(told.state) is RED_RED
@@ -473,29 +510,27 @@ def test_a_remote_that_is_required_and_absent_stops_the_kart(
 @pytest.mark.parametrize('remote', ['tsr', 'msr'])
 def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
     remote: str,
-    start_race_control: StartRaceControl,
+    desk: Desk,
     start_bridge: StartBridge,
     join_team: JoinTeam,
     parts: contextlib.ExitStack,
 ) -> None:
-    control = start_race_control(in_race=[1])
-    first = start_bridge(control.port, 1)
+    first = start_bridge(desk.control.port, 1)
     team = join_team(first)
     team.wait_for_state(IN_GARAGE)
     publish(Bool, remote, latched(1), Bool(data=True))(team)
     team.wait_for(lambda state: state.team_stop, 'the stop')
     first.kill()
-    parts.enter_context(Bridge(first.domain, control.port, address_of(1)))
+    parts.enter_context(Bridge(first.domain, desk.control.port, address_of(1)))
     team.wait_for(lambda state: state.connected and state.team_stop, 'the stop, again')
     assert team.states[-1] is RED_RED
 
 
 def test_two_bridges_on_one_domain_stop_both_karts(
-    start_race_control: StartRaceControl, start_bridge: StartBridge, parts: contextlib.ExitStack
+    start_bridge: StartBridge, parts: contextlib.ExitStack
 ) -> None:
-    control = start_race_control(in_race=[1, 2])
-    first = start_bridge(control.port, 1)
-    second = parts.enter_context(Bridge(first.domain, control.port, address_of(2)))
+    first = start_bridge()
+    second = parts.enter_context(Bridge(first.domain, free_port(), address_of(2)))
     for bridge in (first, second):
         bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one')
 
@@ -725,17 +760,14 @@ def test_a_stack_that_fails_brakes_to_a_stop(
     race.team.wait_for_speed(lambda speed: speed == 0.0)
 
 
-def test_its_names_are_private(
-    parts: contextlib.ExitStack, start_race_control: StartRaceControl
-) -> None:
-    control = start_race_control(in_race=[1])
+def test_its_names_are_private(desk: Desk, parts: contextlib.ExitStack) -> None:
     domain = parts.enter_context(Domain())
     parts.enter_context(
         Process(
             'evgp_kart_bridge',
             'kart_bridge_node',
             domain.number,
-            {'host': '127.0.0.1', 'port': control.port, 'local_address': '127.0.1.1'},
+            {'host': '127.0.0.1', 'port': desk.control.port, 'local_address': '127.0.1.1'},
             ('-r', '__ns:=/kart1', '-r', '__node:=link'),
         )
     )
@@ -769,7 +801,6 @@ def test_a_wrong_setting_is_refused_in_one_sentence(
     assert len(bridge.lines) == 1, bridge.output
 
 
-@pytest.mark.parametrize('domain', [233, 300, 70000])
 @pytest.mark.parametrize(
     ('package', 'program', 'arguments'),
     [
@@ -780,11 +811,11 @@ def test_a_wrong_setting_is_refused_in_one_sentence(
     ],
 )
 def test_a_ros_domain_that_does_not_exist_is_refused_in_one_sentence(
-    package: str, program: str, arguments: tuple[str, ...], domain: int
+    package: str, program: str, arguments: tuple[str, ...]
 ) -> None:
-    done = refused(package, program, arguments, ROS_DOMAIN_ID=str(domain))
+    done = refused(package, program, arguments, ROS_DOMAIN_ID='233')
     said = (done.stdout + done.stderr).strip()
-    assert str(domain) in said
+    assert '233' in said
     assert len(said.splitlines()) == 1, said
 
 

@@ -36,8 +36,8 @@ def fields_of(entry: Entry) -> dict[str, str]:
         fields['hold'] = 'evgp_rcs_msgs/RaceState'
     if entry.names_heat:
         fields['heat'] = 'string'
-    if entry.names_opening:
-        fields['opening'] = 'uint32'
+    if entry.names_number:
+        fields[entry.names_number] = 'uint32'
     if entry.service_type.endswith(('/RaceCommand', '/KartCommand')):
         fields['age'] = 'double'  # the types of all stops; what is no stop does not use it
     # Under the same names, and of the same types, as the rules have them.
@@ -92,7 +92,7 @@ def test_commands_that_share_a_service_differ_in_a_field_of_the_request_alone(na
 
     def of_service(entry: Entry) -> tuple[object, ...]:
         called = entry.service_type, entry.overtakes, entry.needs_journal
-        return *called, entry.call_is_statement, fields_of(entry)
+        return *called, fields_of(entry)
 
     assert [of_service(entry) for entry in entries] == [of_service(entries[0])] * len(kinds)
     (field,) = entries[0].fixed if len(kinds) > 1 else ('',)

@@ -35,6 +35,7 @@ def run_demo(*arguments: str) -> subprocess.CompletedProcess[str]:
 # ----- the whole demonstration ------------------------------------------------------------
 
 
+@pytest.mark.early
 def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) -> None:
     record = tmp_path / 'demo.sqlite3'
 

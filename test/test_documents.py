@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+import functools
 import itertools
 import pathlib
 import re
 import subprocess
 
-from evgp_inspection.kart_sentences import BY_NAME, KART
-from evgp_rcs.record.report.results import COLUMNS
+from evgp_inspection.kart_sentences import BY_NAME
 from evgp_rcs_msgs.msg import Alert
 import pytest
 from race_oracle import PROPERTIES
@@ -32,6 +32,7 @@ def text_of(document: str) -> str:
     return (ROOT / document).read_text(encoding='utf-8')
 
 
+@functools.cache
 def functions_by_file() -> dict[str, set[str]]:
     """Return the functions and rules of each test file, by the file's name."""
     found: dict[str, set[str]] = {}
@@ -132,48 +133,17 @@ def test_an_official_finds_what_to_do_for_every_alert() -> None:
     assert sorted(found) == sorted({name for name in names if name.isupper()} - {'UNKNOWN'})
 
 
-def clause_rows() -> list[list[str]]:
+def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> None:
     every = rows_of('docs/clauses.md', '## Sentence by sentence')
     rows = [row for row in every if row[0].startswith('§')]
     assert len(rows) > 75
-    return rows
-
-
-def test_the_sentences_of_the_proposal_are_numbered_without_a_gap() -> None:
-    numbers = [re.fullmatch(r'§([2-4](?:\.[A-F])?)/(\d+)', row[0]) for row in clause_rows()]
-    assert all(numbers)
-    sections = [number[1] for number in numbers]
-    assert sections == sorted(sections)
-    for section in {*sections}:
-        counted = [int(number[2]) for number in numbers if number[1] == section]
-        assert counted == [*range(1, len(counted) + 1)], section
-
-
-def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> None:
-    for number, _, met, shown in clause_rows():
+    for number, _, met, shown in rows:
         clauses = set(re.findall(r'\bK-\d\w?-\d\d\b', shown))
         assert clauses <= BY_NAME.keys(), number
         assert met, number
         assert cited(shown) or clauses or re.search(r'\b(organiser|team|official)s?\b', shown), (
             number
         )
-
-
-def test_the_inspection_document_has_every_group_of_clauses() -> None:
-    """Each clause itself is printed by ``--list`` and ``--explain``, from its one home."""
-    last: dict[str, int] = {}
-    for clause in KART:
-        group, _, number = clause.name.rpartition('-')
-        last[group] = max(last.get(group, 0), int(number))
-    rows = [row[0] for row in rows_of('docs/inspection.md', '## The clauses')]
-    found = [re.fullmatch(r'(K-\w+)-01(?: to (\d+))?', each) for each in rows]
-    assert {each[1]: int(each[2] or 1) for each in found if each} == last
-
-
-def test_the_document_of_the_record_has_every_column_of_the_results() -> None:
-    cells = '\n'.join(row[0] for row in rows_of('docs/record.md', '## The columns'))
-    named = re.findall(r'`(\w+)`', cells)
-    assert named == list(COLUMNS)
 
 
 def anchors(document: pathlib.Path) -> set[str]:

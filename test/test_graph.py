@@ -148,16 +148,6 @@ def break_in(
     return found
 
 
-def join(control: RaceControl, parts: contextlib.ExitStack) -> Official:
-    """Let an official join whom no stranger finds either."""
-    graph.bind_graph()
-    official = Official(control.domain)
-    graph.fence_graph()
-    parts.callback(official.close)
-    return official
-
-
-@pytest.mark.own_process
 @pytest.mark.parametrize(
     'environment',
     [
@@ -175,7 +165,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
     start_in(environment, monkeypatch)
     with networks.own.inside():
         control = start_race_control(in_race=[1], address='0.0.0.0')
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     before = official.wait_for_race(lambda race: race.karts, 'the race')
 
     found = break_in(networks, control.domain, (KARTS, OFFICIALS))
@@ -193,7 +183,6 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
     assert 'from this machine only' in control.output
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize(
     'environment',
     [pytest.param({}, id='as it is', marks=pytest.mark.long), pytest.param(WIDEST, id='widest')],
@@ -293,7 +282,7 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
         )
         monkeypatch.delenv(graph.INTERFACE)
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     official.wait_for_connected(1)
     official.bring_to(RaceState.GREEN_GREEN, 1)
     networks.own.ip('link del officials')
@@ -304,7 +293,6 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
     kart.wait_for_state(RaceState.RED_RED)
 
 
-@pytest.mark.own_process
 def test_a_race_is_sent_red_flag_once_the_only_official_who_sees_it_is_cut_off(
     networks: TwoNetworks,
     start_race_control: StartRaceControl,
@@ -318,7 +306,9 @@ def test_a_race_is_sent_red_flag_once_the_only_official_who_sees_it_is_cut_off(
             WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
         )
         monkeypatch.delenv(graph.INTERFACE)
-        caller = join(control, parts)  # service calls alone: does not say that it is there
+        caller = parts.enter_context(
+            Official(control.domain)
+        )  # service calls alone: does not say that it is there
     with networks.official.inside():
         watching = subprocess.Popen(
             # At a terminal: script makes one.
@@ -354,7 +344,7 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
         control = start_race_control(in_race=[1], address=KARTS)
     with networks.official.inside():
         monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
-        official = join(control, parts)
+        official = parts.enter_context(Official(control.domain))
     official.command('kart/red_flag', kart=1)
 
     # A loose plug: the address goes and comes, and goes again while the fence moves.
@@ -419,24 +409,6 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     none = 'NO RACE CONTROL YET' in elsewhere[1]
     assert (elsewhere[0], none) == (2, True), elsewhere[1]  # make's own 2
     assert (wrong[0], f'Name one of: {OFFICIAL}' in wrong[1]) == (2, True), wrong[1]
-
-
-@pytest.mark.parametrize('target', ['run', 'console', 'ctl'])
-@pytest.mark.parametrize(('given', 'told'), [([f'OFFICIALS={OFFICIAL}'], OFFICIAL), ([], '')])
-def test_make_tells_race_control_and_both_consoles_the_officials_address_alike(
-    target: str, given: list[str], told: str
-) -> None:
-    printed = subprocess.run(
-        # In place of the program, which becomes the argument of a command that does nothing.
-        ['make', target, 'IN_WORKSPACE=env; :', *given],
-        cwd=ROOT,
-        env={name: value for name, value in os.environ.items() if name not in NOT_SET},
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-
-    assert f'EVGP_GRAPH_INTERFACE={told}' in printed.splitlines()
 
 
 def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(
@@ -506,7 +478,7 @@ def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_
 ) -> None:
     domain = parts.enter_context(Domain()).number
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
-    official = join(control, parts)
+    official = parts.enter_context(Official(control.domain))
     official.wait_for_race(lambda race: race.karts and not race.alerts, 'a race without an alert')
 
     parts.enter_context(crowd(domain, graph.CROWDED))
@@ -521,7 +493,6 @@ def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_
 # ----- what is refused --------------------------------------------------------------------
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize('address', ['0.0.0.0', OFFICIALS, '10.78.0.9'])
 def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_karts_connect(
     address: str,
@@ -540,7 +511,6 @@ def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_ka
     assert f'the ROS graph can be reached at {OFFICIALS}' in control.output
 
 
-@pytest.mark.own_process
 def test_race_control_starts_with_an_open_graph_that_was_accepted_by_name(
     networks: TwoNetworks, monkeypatch: pytest.MonkeyPatch, start_race_control: StartRaceControl
 ) -> None:

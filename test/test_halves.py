@@ -55,12 +55,26 @@ _SEIZE, _INTERRUPT, _DETACH = 0x4206, 0x4207, 17  # of ptrace
 _WALL = 0x40000000
 
 
+@contextlib.contextmanager
+def started(folder: pathlib.Path) -> Iterator[WireRace]:
+    """Yield a race of two karts, with one outside it; its record can be replayed afterwards."""
+    with WireRace(folder, RACING, [OUTSIDE]) as race:
+        yield race
+    replay_without_difference(folder / 'record.sqlite3')
+
+
 @pytest.fixture
 def scene(tmp_path: pathlib.Path) -> Iterator[WireRace]:
-    """Return a race of two karts, with one outside it; its record can be replayed afterwards."""
-    with WireRace(tmp_path, RACING, [OUTSIDE]) as race:
+    """Return a race for this test alone."""
+    with started(tmp_path) as race:
         yield race
-    replay_without_difference(tmp_path / 'record.sqlite3')
+
+
+@pytest.fixture(scope='module')
+def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return a race for the tests that end no process of it."""
+    with started(tmp_path_factory.mktemp('lasting')) as race:
+        yield race
 
 
 def wait_for_alert(official: Official, kind: int) -> msg.Race:
@@ -158,7 +172,7 @@ def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
     official.bring_to(GREEN_GREEN)
-    official.patience = 1.0
+    official.timeout = 1.0
     with pytest.raises(AssertionError):
         official.call('red_flag')
     kart.wait_for_end()
@@ -166,14 +180,14 @@ def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
     assert control.wait() == 1
 
 
-def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: WireRace) -> None:
-    scene.bring_to(GREEN_GREEN)
-    scene.control.signal(signal.SIGSTOP)
-    for kart in scene.karts:
+def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(lasting: WireRace) -> None:
+    lasting.bring_to(GREEN_GREEN)
+    lasting.control.signal(signal.SIGSTOP)
+    for kart in lasting.karts:
         kart.wait_for_frames(2)  # 0.3 s in all; after 0.8 the kart server may take it for gone
-    scene.control.signal(signal.SIGCONT)
-    scene.official.command('all_kill')
-    for kart in scene.karts[:2]:
+    lasting.control.signal(signal.SIGCONT)
+    lasting.official.command('all_kill')
+    for kart in lasting.karts[:2]:
         kart.wait_for_state(RED_RED)
         assert [state for _, state in kart.changes][-2:] == [GREEN_GREEN, RED_RED]
 
@@ -237,10 +251,10 @@ def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
 
 
 def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on(
-    scene: WireRace,
+    lasting: WireRace,
 ) -> None:
-    scene.bring_to(GRID_ACTIVE)
-    official = scene.official
+    lasting.bring_to(GRID_ACTIVE)
+    official = lasting.official
     shown: list[tuple[bool, bool]] = []  # whether GREEN_GREEN is offered; whether it is said
     heard = threading.Condition()
 
@@ -256,7 +270,7 @@ def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on
             heard.notify_all()
 
     official.node.create_subscription(msg.Race, '/rcs/race', hear, 100)
-    freeze(scene.control.record_pid)
+    freeze(lasting.control.record_pid)
 
     assert not official.call('green_green').success
 
@@ -268,7 +282,7 @@ def test_a_disk_that_hangs_is_one_alert_and_no_start_is_offered_until_it_goes_on
     assert not any(offered for offered, _ in since[1:])
     assert all(fails for _, fails in since[1:])
     assert not official.call('green_green').success
-    os.kill(scene.control.record_pid, signal.SIGCONT)
+    os.kill(lasting.control.record_pid, signal.SIGCONT)
     official.wait_for_available('green_green')
     failing, cleared = msg.Alert.RECORD_FAILING, msg.RaceEvent.ALERT_CLEARED
     official.wait_for_event(
@@ -288,9 +302,9 @@ def mapped(pid: int) -> str:
 
 
 def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_other_programs(
-    start_race_control: StartRaceControl,
+    lasting: WireRace,
 ) -> None:
-    control = start_race_control()
+    control = lasting.control
     assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
     for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
         assert what not in mapped(control.kart_server_pid)
@@ -344,13 +358,13 @@ def test_no_race_starts_while_the_record_fails(
 
 
 def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
-    scene: WireRace,
+    lasting: WireRace,
 ) -> None:
     if not may_come_first():
         cannot_run('it takes root, or a limit for the user')
-    control = scene.control
+    control = lasting.control
     processes = [control.pid, control.kart_server_pid, control.record_pid]
-    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)
+    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * lasting.domain)
     for each in (*processes, *taking_stops):
         assert os.getpriority(os.PRIO_PROCESS, each) == NICENESS
     session = pathlib.Path(f'/proc/{control.kart_server_pid}/autogroup')

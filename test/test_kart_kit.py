@@ -15,12 +15,10 @@ from collections.abc import Callable
 import contextlib
 import dataclasses
 import json
-import os
 import pathlib
 import random
 import re
 import shutil
-import signal
 import struct
 import subprocess
 import sys
@@ -34,7 +32,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import RaceState as Message
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
 from rig.needs import cannot_run
@@ -84,8 +82,8 @@ def lacks(what: str) -> None:
     pytest.skip(f'this machine has no {what} (docs/dev/testing.md)')
 
 
-@pytest.fixture
-def compile_kit(tmp_path: pathlib.Path) -> Compile:
+@pytest.fixture(scope='module')
+def compile_kit(tmp_path_factory: pytest.TempPathFactory) -> Compile:
     """Return a function that compiles a file of the kit without a warning."""
     if not COMPILERS:
         cannot_run('there is neither gcc nor clang')
@@ -95,9 +93,8 @@ def compile_kit(tmp_path: pathlib.Path) -> Compile:
         *flags: str,
         compiler: str = 'gcc' if 'gcc' in COMPILERS else 'clang',
         kit: pathlib.Path = KIT,
-        name: str = 'program',
     ) -> pathlib.Path:
-        program = tmp_path / name
+        program = tmp_path_factory.mktemp('kit') / 'program'
         command = [compiler, *WARNINGS, *flags, f'-I{kit}', str(KIT / source)]
         if 'c++' in flags and '-m32' not in flags:  # the driver of C links no C++
             command += ['-lstdc++']
@@ -587,30 +584,27 @@ def test_a_kart_takes_no_more_of_a_cortex_m0_than_the_readme_says() -> None:
 # ----- the examples --------------------------------------------------------------------------
 
 
-@pytest.fixture(params=['posix.c', 'ESP32', 'W5500', 'example.py'])
+@pytest.fixture(scope='module', params=['posix.c', 'ESP32', 'W5500', 'example.py'])
+def example(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    """Return the command of an example; race control's port, and the kart's address, follow."""
+    if request.param == 'example.py':
+        return sys.executable, str(ROOT / 'kit/python/example.py'), '127.0.0.1'
+    compile_it = request.getfixturevalue('compile_kit')
+    if request.param == 'posix.c':
+        return str(compile_it('examples/posix.c', *C99, *SANITIZED)), '127.0.0.1'
+    flags = (*CPP17, *SANITIZED, f'-I{KIT / "test/arduino"}', f'-D{request.param}')
+    race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
+    return (str(compile_it('examples/kart/kart.ino', race_control, *flags)),)
+
+
+@pytest.fixture
 def start_example(
-    request: pytest.FixtureRequest, parts: contextlib.ExitStack
+    example: tuple[str, ...], parts: contextlib.ExitStack
 ) -> Callable[[int], Program]:
     """Return a function that starts an example as kart 1, for race control at a port."""
-    own = address_of(1)
 
     def start(port: int) -> Program:
-        if request.param == 'example.py':
-            script = str(ROOT / 'kit/python/example.py')
-            command = [sys.executable, script, '127.0.0.1', str(port), own]
-        elif request.param == 'posix.c':
-            compile_it = request.getfixturevalue('compile_kit')
-            program = compile_it('examples/posix.c', *C99, *SANITIZED)
-            command = [str(program), '127.0.0.1', str(port), own]
-        else:
-            compile_it = request.getfixturevalue('compile_kit')
-            board = f'-I{KIT / "test/arduino"}'
-            flags = (*CPP17, *SANITIZED)
-            race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
-            kind = f'-D{request.param}'
-            program = compile_it('examples/kart/kart.ino', kind, race_control, board, *flags)
-            command = [str(program), str(port), own]
-        return parts.enter_context(Program(request.param, command))
+        return parts.enter_context(Program('example', [*example, str(port), address_of(1)]))
 
     return start
 
@@ -622,17 +616,10 @@ def lost(kart: Program, lose: Callable[[], object]) -> None:
     kart.wait_for_line('^obey RED_RED')
 
 
-def die(control: RaceControl) -> None:
-    """End without a RED_RED: that the connection ends is all there is."""
-    os.kill(control.kart_server_pid, signal.SIGKILL)
-
-
-@pytest.mark.parametrize('lose', [die, RaceControl.freeze], ids=['dies', 'hangs'])
-def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
+def test_an_example_drives_a_race_and_stops_when_the_real_race_control_hangs(
     start_example: Callable[[int], Program],
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
-    lose: Callable[[RaceControl], None],
 ) -> None:
     control = start_race_control(in_race=[1])
     official = join_official(control)
@@ -643,9 +630,8 @@ def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
         official.bring_to(state)  # returns when the kart has acknowledged it
         kart.wait_for_line(f'^obey {state.value}')
 
-    lost(kart, lambda: lose(control))
-    with contextlib.suppress(ProcessLookupError):  # it died
-        control.thaw()
+    lost(kart, control.freeze)
+    control.thaw()
 
 
 def test_an_example_obeys_the_last_of_all_frames_that_came_together(
@@ -685,3 +671,4 @@ def test_an_example_drives_off_by_no_green_of_a_new_connection(
     for state in (GRID, GREEN):
         control.say(state)
         control.wait_until_it_says(state)
+    lost(kart, control.hang_up)  # without a RED_RED

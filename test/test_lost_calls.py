@@ -52,14 +52,13 @@ def official_at_a_desk(folder: pathlib.Path) -> Iterator[tuple[Official, Machine
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize('lost', ['back', 'toward'], ids=['the call', 'the answer'])
 def test_what_the_officials_network_loses_of_a_stop_is_sent_again_at_once(
-    lost: str, tmp_path: pathlib.Path
+    tmp_path: pathlib.Path,
 ) -> None:
     need_networks()
     with official_at_a_desk(tmp_path) as (official, desk), ThreadPoolExecutor(1) as caller:
         official.command('all_kill')
-        for _ in range(3):
+        for lost in ('back', 'toward') * 3:  # the call, and the answer
             desk.air(**{lost: 1.0})
             answer = caller.submit(official.call, 'all_kill')
             time.sleep(OUTAGE)

@@ -6,8 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import contextlib
-import pathlib
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_console.client import THERE_QOS
@@ -53,11 +51,22 @@ def wait_for(race: WireRace, found: Callable[[msg.Race], object], what: str) -> 
     return race.official.wait_for_race(found, what)
 
 
+@pytest.fixture(scope='module')
+def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return the race of all tests of this file, with one kart, which acknowledges."""
+    parameters = {'nobody_there': 0.1, 'pause': 0.5}
+    with WireRace(tmp_path_factory.mktemp('race'), [1], parameters=parameters) as race:
+        yield race
+
+
 @pytest.fixture
-def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
-    """Return a race with one kart, which acknowledges."""
-    parameters = {'nobody_there': 0.1}
-    return parts.enter_context(WireRace(tmp_path, [1], parameters=parameters))
+def race(the_race: WireRace) -> WireRace:
+    """Return the race in the garage, with nobody there."""
+    the_race.bring_to(RaceState.IN_GARAGE)
+    wait_for(the_race, lambda seen: not seen.able_to_stop, 'nobody any more')
+    with the_race.official.news:
+        the_race.official.events.clear()
+    return the_race
 
 
 # Whatever its publisher offers, a program is heard.

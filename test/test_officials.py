@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import math
 import pathlib
@@ -38,10 +39,23 @@ NO_KART = 60000
 """No roster of these tests has it: a command to it is refused."""
 
 
+@pytest.fixture(scope='module')
+def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return a race with one kart, which acknowledges, in all tests that do not change it."""
+    with WireRace(tmp_path_factory.mktemp('race'), [1]) as race:
+        yield race
+
+
 @pytest.fixture
-def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
-    """Return a race with one kart, which acknowledges."""
-    return parts.enter_context(WireRace(tmp_path, [1]))
+def race(the_race: WireRace) -> WireRace:
+    """Return that race in the garage, as an official sees it who has just come."""
+    the_race.bring_to(IN_GARAGE)
+    official, name = the_race.official, 'the last before the test'
+    official.call('kart/finish', kart=NO_KART, official=name)
+    official.wait_for_event(lambda event: event.official == name, name)
+    with official.news:
+        official.events.clear()
+    return the_race
 
 
 def in_the_race(official: Official, *numbers: int) -> msg.Race:
@@ -119,7 +133,7 @@ def test_a_refused_command_says_why_and_changes_nothing(
 def test_the_race_says_until_when_a_pause_refuses_a_command_and_then_that_it_is_available(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
-    official = join_official(start_race_control(in_race=(1,), pause=10.0))
+    official = join_official(start_race_control(in_race=(1,), pause=5.0))
     garage = msg.CommandAvailability.IN_GARAGE
 
     def offered(race: msg.Race) -> msg.CommandAvailability:
@@ -133,7 +147,7 @@ def test_the_race_says_until_when_a_pause_refuses_a_command_and_then_that_it_is_
     assert not offered(race).available
     assert not refused.success
     assert offered(race).reason in refused.message
-    assert offered(race).available_from.sec - race.stamp.sec <= 10
+    assert offered(race).available_from.sec - race.stamp.sec <= 5
     assert not offered(ended).available_from.sec
     official.command('in_garage', track_safe=True)
 
@@ -179,7 +193,7 @@ def test_a_stop_of_any_age_is_taken_and_an_age_that_means_something_is_told(
         assert answer.success
         assert ('pressed' in answer.message) == bool(told)
         assert answer.message.endswith(told)
-    now = race.official.wait_for_race(lambda each: each.state_cause, 'the stop')
+    now = race.official.wait_for_race(lambda each: state_of(each.state) is RED_RED, 'the stop')
     assert now.state_cause.endswith(', pressed 65 s ago')
     # What is no stop has no age: it shares the type of its request.
     assert 'pressed' not in race.official.call('kart/undo_finish', kart=1, age=65.0).message
@@ -218,16 +232,16 @@ def test_every_command_tells_who_gave_it_accepted_or_refused(
 
 
 def test_an_official_without_a_name_is_told_as_unnamed_also_to_one_who_comes_late(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    race: WireRace, join_official: JoinOfficial
 ) -> None:
-    control = start_race_control()
-    join_official(control).command('all_kill', official='')
+    race.official.command('all_kill', official='')
+    told = race.official.wait_for_event(lambda event: event.command, 'the command')
+    assert (told.command, told.official) == (msg.CommandAvailability.ALL_KILL, UNNAMED)
 
-    late = join_official(control)
+    late = join_official(race.control)
 
     late.wait_for_race(lambda race: state_of(race.state) is RED_RED, 'RED_RED')
-    event = late.wait_for_event(lambda event: event.command, 'the command')
-    assert (event.command, event.official) == (msg.CommandAvailability.ALL_KILL, UNNAMED)
+    late.wait_for_event(lambda event: event == told, 'the same')
 
 
 def be_found(official: Official, service: str) -> None:

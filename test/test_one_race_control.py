@@ -148,7 +148,6 @@ def come_back(
 
 
 @pytest.mark.long
-@pytest.mark.own_process
 @pytest.mark.timeout(60 + 30 * RUNS)
 def test_an_old_race_control_that_comes_back_in_any_state_loosens_no_kart_and_one_ends(
     masters: Masters, record_property: Callable[[str, object], None]
@@ -172,7 +171,6 @@ def test_an_old_race_control_that_comes_back_in_any_state_loosens_no_kart_and_on
 # ----- in the short form ----------------------------------------------------------------------
 
 
-@pytest.mark.own_process
 @pytest.mark.early
 def test_an_old_race_control_that_comes_back_beside_a_new_one_ends_and_no_kart_is_loosened(
     masters: Masters,
@@ -181,7 +179,6 @@ def test_an_old_race_control_that_comes_back_beside_a_new_one_ends_and_no_kart_i
     come_back(masters, RaceState.IN_GARAGE, RaceState.GREEN_GREEN, seen=False)
 
 
-@pytest.mark.own_process
 def test_two_plain_race_controls_with_one_address_that_are_plugged_together_end_and_say_so(
     masters: Masters,
 ) -> None:
@@ -202,7 +199,6 @@ def test_two_plain_race_controls_with_one_address_that_are_plugged_together_end_
         assert RACE_CONTROL in text
 
 
-@pytest.mark.own_process
 def test_a_race_goes_to_red_red_when_race_control_loses_its_cable_and_the_process_stays(
     masters: Masters,
 ) -> None:
@@ -223,7 +219,6 @@ def test_a_race_goes_to_red_red_when_race_control_loses_its_cable_and_the_proces
     assert control.runs
 
 
-@pytest.mark.own_process
 @pytest.mark.parametrize('lost', ['the address', 'the interface', 'a moment of the cable'])
 def test_a_race_goes_to_red_red_when_its_address_or_its_interface_is_lost_and_is_followed(
     lost: str, masters: Masters
@@ -346,7 +341,6 @@ def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hide
             assert found == right or (found == 'NOT_KNOWN' and not raw), done.stdout
 
 
-@pytest.mark.own_process
 def test_race_control_as_the_shipped_service_asks_and_does_not_start_beside_another(
     masters: Masters, tmp_path: pathlib.Path
 ) -> None:
@@ -359,7 +353,6 @@ def test_race_control_as_the_shipped_service_asks_and_does_not_start_beside_anot
     assert hardware_of(masters.spare) in control.output
 
 
-@pytest.mark.own_process
 def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_nothing_is_hidden(
     masters: Masters, tmp_path: pathlib.Path
 ) -> None:
@@ -372,7 +365,6 @@ def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_not
     assert 'arping' in control.output
 
 
-@pytest.mark.own_process
 def test_race_control_that_may_only_ask_by_arping_ends_too_once_another_machine_has_its_address(
     masters: Masters, tmp_path: pathlib.Path
 ) -> None:

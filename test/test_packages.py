@@ -101,29 +101,9 @@ def test_the_change_log_can_be_read_and_is_of_this_version(path: pathlib.Path) -
 
 
 @every_package
-def test_the_readme_begins_with_the_name_and_its_links_lead_somewhere(path: pathlib.Path) -> None:
+def test_the_readme_begins_with_the_name(path: pathlib.Path) -> None:
     text = (path / 'README.md').read_text(encoding='utf-8')
     assert text.splitlines()[0] == f'# {path.name}'
-    prose = re.sub(r'^```.*?^```', '', text, flags=re.MULTILINE | re.DOTALL)
-    links = [part.partition(')')[0] for part in prose.split('](')[1:]]
-    for link in links:
-        file, _, anchor = link.partition('#')
-        if '://' not in link:
-            page = (path / file).read_text(encoding='utf-8')
-            assert not anchor or anchor in anchors(page), link
-
-
-def anchors(page: str) -> set[str]:
-    """Return the names by which the headings of a Markdown page are linked to."""
-    return {
-        ''.join(
-            letter
-            for letter in line.lstrip('#').strip().lower().replace(' ', '-')
-            if letter.isalnum() or letter in '-_'
-        )
-        for line in page.splitlines()
-        if line.startswith('#')
-    }
 
 
 @every_python_package
@@ -226,30 +206,26 @@ def test_every_source_file_has_a_header() -> None:
     assert (done.returncode, done.stdout) == (0, '')
 
 
+HEADER = 'Copyright 2026 EVGP race control contributors\n{} SPDX-License-Identifier: Apache-2.0\n'
+
+
 @pytest.mark.parametrize(
-    ('name', 'text', 'first_lines'),
+    ('name', 'begins', 'marks'),
     [
-        ('new.h', '#pragma once\n', ['// Copyright', '// SPDX', '', '#pragma']),
-        ('new.py', '"""New."""\n', ['# Copyright', '# SPDX', '', '"""New']),
-        ('run', '#!/bin/sh\necho\n', ['#!/bin/sh', '# Copyright', '# SPDX', '', 'echo']),
-        ('Makefile', '# All.\n', ['# Copyright', '# SPDX', '#', '# All.']),
-        ('page.html', '<!doctype html>\n<p>\n', ['<!doctype', '<!-- Copy', '<!-- SPDX', '<p>']),
-        ('page.css', 'p {}\n', ['/* Copyright', '/* SPDX', '', 'p {}']),
+        ('new.h', '', '//'),
+        ('new.py', '', '#'),
+        ('run', '#!/bin/sh\n', '#'),
+        ('Makefile', '', '#'),
+        ('page.html', '<!doctype html>\n', '<!--'),
     ],
 )
 def test_a_new_file_is_found_until_it_has_a_header(
-    name: str, text: str, first_lines: list[str], tmp_path: pathlib.Path
+    name: str, begins: str, marks: str, tmp_path: pathlib.Path
 ) -> None:
-    path = tmp_path / name
-    path.parent.mkdir(exist_ok=True)
-    path.write_text(text, encoding='utf-8')
-    [(found, _)] = headers.missing(tmp_path)
-    assert found == pathlib.Path(name)
-    path.write_text(headers.with_header(found, text), encoding='utf-8')
+    (tmp_path / name).write_text(f'{begins}text\n', encoding='utf-8')
+    assert list(headers.missing(tmp_path)) == [pathlib.Path(name)]
+    (tmp_path / name).write_text(f'{begins}{marks} {HEADER.format(marks)}text\n', encoding='utf-8')
     assert list(headers.missing(tmp_path)) == []
-    lines = path.read_text(encoding='utf-8').splitlines()
-    for line, beginning in zip(lines, first_lines, strict=False):
-        assert line.startswith(beginning)
 
 
 @pytest.mark.parametrize('name', ['empty.py', 'data.yaml', 'State.msg', 'build/made.py'])

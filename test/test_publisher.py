@@ -10,7 +10,6 @@ import dataclasses
 import threading
 import time
 
-from evgp_node.roster import Roster, RosterEntry
 from evgp_protocol import clock
 from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.rules.race import Event, EventKind, Kart, Race, StampedEvent
@@ -37,7 +36,6 @@ class Telling:
 
 @pytest.fixture
 def telling() -> Iterator[Telling]:
-    roster = Roster((RosterEntry(7, 'Team', '127.0.0.7', True),))
     failed = threading.Event()
     failures: list[BaseException] = []
 
@@ -50,7 +48,7 @@ def telling() -> Iterator[Telling]:
         RosSide('rcs', domain.number) as rcs,
         Official(domain.number) as official,
     ):
-        publisher = RacePublisher(rcs.node, roster, fail)
+        publisher = RacePublisher(rcs.node, fail)
         yield Telling(publisher, official, failed, failures)
         publisher.stop()
 

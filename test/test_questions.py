@@ -23,6 +23,7 @@ from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Command,
     Doubt,
+    Entrant,
     Kart,
     KartMemory,
     LastRun,
@@ -30,6 +31,7 @@ from evgp_rcs.rules.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    Roster,
     StartPhase,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
@@ -77,7 +79,7 @@ def given(button: Button) -> Command:
         seen.stated,
         frozenset(seen.karts),
         seen.hold,
-        opening=seen.opening,
+        **({name: seen.number} if (name := CATALOGUE[seen.command].names_number) else {}),
     )
 
 
@@ -159,6 +161,8 @@ class Walk:
                 frozenset(offered.karts),
                 self.race.karts[number].hold,
                 opening=self.race.opening,
+                roster=Roster(tuple(Entrant(each, 'Another', True) for each in NUMBERS)),
+                reading=self.race.reading,
             ),
             self.now,
         )

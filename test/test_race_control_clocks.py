@@ -40,19 +40,19 @@ def scene(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Scene:
     return Scene(parts, tmp_path)
 
 
-@pytest.mark.parametrize('offset', [-60.0, 60.0, -YEAR, 10 * YEAR])
-def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
-    scene: Scene, offset: float
-) -> None:
-    scene.clock.set_wall(offset)
-    scene.official.wait_for_race(
-        lambda race: abs(race.stamp.sec - time.time() - offset) < 5.0, 'the step in its stamps'
-    )
-    scene.kart.wait_for_frames(60)  # 3 s, and its ROS half may be silent for 1 s
-    assert scene.kart.state is GREEN_GREEN
-    scene.official.command('all_kill')
-    scene.kart.wait_for_state(RED_RED)
-    scene.official.wait_for_acks(RED_RED, 1)
+def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(scene: Scene) -> None:
+    for offset in (-60.0, 60.0, -YEAR, 10 * YEAR):
+        scene.bring_to(GREEN_GREEN)
+        scene.clock.set_wall(offset)
+        scene.official.wait_for_race(
+            lambda race, offset=offset: abs(race.stamp.sec - time.time() - offset) < 5.0,
+            'the step in its stamps',
+        )
+        scene.kart.wait_for_frames(40)  # 3 s, and its ROS half may be silent for 1 s
+        assert scene.kart.state is GREEN_GREEN
+        scene.official.command('all_kill')
+        scene.kart.wait_for_state(RED_RED)
+        scene.official.wait_for_acks(RED_RED, 1)
 
 
 def test_a_wall_clock_past_2038_ends_race_control_with_red_red(scene: Scene) -> None:

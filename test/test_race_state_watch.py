@@ -265,20 +265,14 @@ class BareBridge(RosSide):
     def say(self, state: RaceState) -> None:
         self.message = KartRaceState(bridge=self._identity, state=state_message(state))
 
-    def command(
-        self,
-        state: RaceState,
-        order: int,
-        obeyed: RaceState | None = None,
-        reached: RaceState | None = None,
-    ) -> None:
-        """Say that race control commands a state; this or another is to be obeyed, and said."""
+    def command(self, state: RaceState, order: int) -> None:
+        """Say that race control commands a state, which is to be obeyed, and said."""
         self.message = KartRaceState(
             bridge=self._identity,
-            state=state_message(obeyed or state),
+            state=state_message(state),
             commanded=state_message(state),
             order=order,
-            reached=state_message(reached or state),
+            reached=state_message(state),
         )
         self._publisher.publish(self.message)
 
@@ -593,35 +587,6 @@ def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_com
     acknowledge_in_vain(stack, bridge, first, grid)
 
 
-def test_a_red_flag_is_acknowledged_by_a_kart_that_stands_under_its_team_stop(
-    stack: Stack, bridge: BareBridge
-) -> None:
-    bridge.command(RaceState.RED_FLAG, 7)
-    flag = wait_for_order(stack, 7)
-    bridge.command(RaceState.RED_FLAG, 7, obeyed=RED_RED)  # a team stop
-    stack.wait_for_state(RED_RED)
-    stop = stack.watch.order
-    assert (stop.state, stop.number, stop.reached) == (RED_RED, 7, RaceState.RED_FLAG)
-    assert stop is not flag
-    acknowledge_until(stack, stop, lambda: bridge.asked)
-    assert set(bridge.asked) == {(7, RaceState.RED_FLAG)}
-
-
-def test_a_kart_that_has_stopped_itself_says_red_red_and_not_what_is_commanded(
-    stack: Stack, bridge: BareBridge
-) -> None:
-    bridge.command(GRID_ACTIVE, 6)
-    wait_for_order(stack, 6)
-    bridge.command(GREEN_GREEN, 7)
-    before = wait_for_order(stack, 7)
-    bridge.command(GREEN_GREEN, 8, obeyed=RED_RED, reached=RED_RED)
-    stop = wait_for_order(stack, 8)
-    assert (stop.state, stop.reached) == (RED_RED, RED_RED)
-    acknowledge_until(stack, stop, lambda: bridge.asked)
-    assert set(bridge.asked) == {(8, RED_RED)}
-    acknowledge_in_vain(stack, bridge, before)
-
-
 def test_an_acknowledgement_that_is_lost_or_refused_is_sent_again(
     stack: Stack, start_bare: StartBare
 ) -> None:
@@ -633,21 +598,6 @@ def test_an_acknowledgement_that_is_lost_or_refused_is_sent_again(
     bridge.answer()
     acknowledge_until(stack, order, lambda: len(bridge.asked) >= 3)
     assert set(bridge.asked) == {(7, RED_RED)}
-
-
-def test_an_order_of_a_bridge_that_is_gone_is_not_acknowledged_to_the_next(
-    stack: Stack, start_bare: StartBare
-) -> None:
-    first = start_bare(says=RED_RED)
-    first.command(RED_RED, 7)
-    order = wait_for_order(stack, 7)
-    first.close()
-    stack.wait_until(lambda: stack.watch.order is not order, lambda: 'that it is gone')
-    second = start_bare('second', says=RED_RED)
-    second.answer()
-    second.command(RED_RED, 7)  # the worst case: by chance it has the same number
-    wait_for_order(stack, 7)
-    acknowledge_in_vain(stack, second, order)
 
 
 def test_what_a_bridge_says_anew_again_and_again_does_not_flood_the_log(

@@ -25,6 +25,7 @@ from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.rules.inputs import Recovered
 from evgp_rcs.rules.race import LastRun
 from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
+from evgp_rcs.words import STATUS
 from evgp_rcs_console import results
 from evgp_rcs_console.view import show, table
 from evgp_rcs_msgs import msg
@@ -32,7 +33,7 @@ from evgp_timing.desk import Desk, Roster
 from evgp_timing.laps import LapSettings
 from evgp_timing.timekeeper import told_of
 import pytest
-from recorded_races import PaperRace
+from recorded_races import PaperRace, tables
 from recorded_races import timed as keep_results
 
 TEAMS = {1: 'Purdue', 2: 'Toledo', 3: 'Michigan', 4: 'Kennesaw State'}
@@ -204,7 +205,19 @@ def test_report_and_table_say_of_a_race_what_the_screens_said_of_it_last(
                 assert row['heat'] == found.heat
         assert rcs_record(['report', '--run', str(run_number), '-o', str(page), str(record)]) == 0
         capsys.readouterr()
-        text = re.sub('<[^>]*>', '', page.read_text())
+        html = page.read_text()
+        assert [row[:2] for each in tables(html, 'order') for row in each] == [
+            [f'{row["finish"]}.' if row['finish'] else '-', f'Kart {row["kart"]} ({row["team"]})']
+            for row in rows
+        ]
+        # Behind those of the races are those over all heats.
+        said = [each.karts for _, each in sorted(timed.said.items()) if each.karts]
+        for shown, karts in zip(tables(html, 'order results'), said, strict=False):
+            assert [(place, laps, status) for place, _, laps, *_, status in shown] == [
+                (f'{kart.place}.' if kart.place else '-', str(kart.laps), STATUS[kart.status])
+                for kart in karts
+            ]
+        text = re.sub('<[^>]*>', '', html)
         for row in rows:
             heat = f' ({row["heat"]})' if row['heat'] else ''
             assert f'Race {row["race"]}{heat}: ' in text

@@ -70,6 +70,11 @@ class BareRaceControl(Part):
             self._beating = False
         return time.monotonic()
 
+    def hang_up(self) -> None:
+        """End the connection; the kart may come back."""
+        with self._news:
+            self._drop()
+
     def wait_until_it_says(self, state: RaceState) -> None:
         """
         Return once the kart has said this state since the last `say`.

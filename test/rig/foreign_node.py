@@ -129,7 +129,10 @@ def look_around(seconds: float) -> Findings:
     topics: set[str] = set()
     after = None
     while time.monotonic() < began + seconds:
-        rclpy.spin_once(node, timeout_sec=0.2)
+        # In turns of their own: several hear each other, and would keep each other busy.
+        turn = time.monotonic() + 0.2
+        while (left := turn - time.monotonic()) > 0.0:
+            rclpy.spin_once(node, timeout_sec=left)
         there = [each for each in node.get_node_names_and_namespaces() if of_others(each[0])]
         for name, namespace in there:
             nodes.add(f'{namespace.rstrip("/")}/{name}')

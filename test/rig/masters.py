@@ -16,7 +16,6 @@ import pathlib
 import threading
 import time
 
-from evgp_node import graph
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
@@ -108,10 +107,8 @@ class Masters:
     def official(self, machine: Namespace, stack: contextlib.ExitStack | None = None) -> Official:
         """Return an official at a screen of a machine."""
         with machine.inside():
-            graph.bind_graph()
             official = Official(self.domain)
-        (stack or self.stack).callback(official.close)
-        return official
+        return (stack or self.stack).enter_context(official)
 
     def wait_for(self, state: RaceState, since: float = 0.0) -> float:
         """Return when the last kart was sent a state, by a connection younger than that."""

@@ -62,8 +62,8 @@ class Entry:
     :param names_karts: the request names the karts that the official saw (`karts`).
     :param names_hold: the request names the hold that the official saw (`hold`).
     :param names_heat: the request names a heat (`heat`).
-    :param names_opening: the request names the last opening of the track that the official saw
-        (`opening`).
+    :param names_number: the field of the request with a number that the official saw: `opening`,
+        of the track; `reading`, of the roster; empty: none.
     :param takes: further fields of the request, as ``Command`` has them.
     :param flag: the option of `rcs_ctl` for a statement, and what it states; empty: none.
     :param word: what `rcs_ctl` calls it, if not as the kind.
@@ -96,7 +96,7 @@ class Entry:
     names_karts: bool = False
     names_hold: bool = False
     names_heat: bool = False
-    names_opening: bool = False
+    names_number: str = ''
     takes: tuple[str, ...] = ()
     flag: tuple[str, str] | None = None
     word: str = ''

@@ -66,6 +66,7 @@ class Oracle:
         self.connection = self._from(self.since)
         heard = [item for item in self.connection if item.kind == 'heard']
         self.commanded: RaceState | None = heard[-1].value if heard else None
+        self._ready = self._acknowledged_grid()
 
     def _from(self, begin: int | None, end: int | None = None) -> History:
         return () if begin is None else self.history[begin:end]
@@ -137,8 +138,7 @@ class Oracle:
             return bool(self._signs(()))
         return self.stop_at(len(self.history) - 1)
 
-    @property
-    def _ready(self) -> int | None:
+    def _acknowledged_grid(self) -> int | None:
         """Where the GRID_ACTIVE was acknowledged here that still lets GREEN_GREEN be obeyed."""
         if self.since is None:
             return None

@@ -64,16 +64,6 @@ def kart() -> OneKart:
     return kart
 
 
-def test_what_was_read_and_not_decoded_when_the_order_went_out_does_not_answer_it(
-    kart: OneKart,
-) -> None:
-    word = encode(GRID)
-    kart.hearing.read(len(word))
-    kart.order(GRID)
-    assert [serial for _, serial in kart.hearing.decode(memoryview(word))] == [NO_ORDER]
-    assert kart.say(GRID) == [2]
-
-
 @pytest.mark.parametrize('begun', range(1, len(encode(GRID))))
 def test_a_frame_that_began_before_the_order_does_not_answer_it(kart: OneKart, begun: int) -> None:
     word = encode(GRID)

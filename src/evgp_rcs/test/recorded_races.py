@@ -10,6 +10,7 @@ import contextlib
 import itertools
 import pathlib
 import random
+import re
 import sqlite3
 from typing import Any, cast
 
@@ -170,7 +171,7 @@ class PaperRace:
         """Write what happened as a run into a record."""
         self.batches.append(self.log.take())
         record = Record(path)
-        record.begin(Rules(version or rules_version(), self.setup))
+        record.put(Batch(0, [Rules(version or rules_version(), self.setup)]))
         for batch in self.batches:
             record.put(batch)
             assert len(batch.entries) % 5 or record.write()
@@ -193,6 +194,23 @@ def kept(entries: Sequence[Entry]) -> Kept:
     """Return a run with these entries, as it is read from a record."""
     block = Block(0, b''.join(map(encode, entries)))
     return Kept(Session(1, BEGAN, None, 0, BEGAN, '1234'), [(1, block.compressed())])
+
+
+def named(event: StampedEvent | None) -> str:
+    """Return what an event is about: its command, or its kind."""
+    assert event is not None
+    return (event.event.command or event.event.kind).name
+
+
+def tables(page: str, kind: str) -> list[list[list[str]]]:
+    """Return the tables of a kind in a report, with what is in their cells."""
+    found = re.findall(rf'<table class="{kind}">.*?<tbody>(.*?)</table>', page, re.DOTALL)
+
+    def cells(row: str) -> list[str]:
+        each = re.split('</t[dh]>', row)[:-1]
+        return [' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in each]
+
+    return [[*map(cells, each.split('</tr>')[:-1])] for each in found]
 
 
 def timed(record: pathlib.Path, *results: Standings | Corrected) -> pathlib.Path:

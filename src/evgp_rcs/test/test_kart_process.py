@@ -16,7 +16,6 @@ import sys
 import threading
 from typing import Any
 
-from evgp_node.roster import Roster, RosterEntry
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -41,7 +40,7 @@ from evgp_rcs.record.store import events, open_read_only, sessions
 from evgp_rcs.ros import kart_client
 from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Command, EventKind, RaceTimes
+from evgp_rcs.rules.race import Command, Entrant, EventKind, RaceTimes, Roster
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import new_port
@@ -58,7 +57,7 @@ IN_GARAGE = RaceState.IN_GARAGE
 @pytest.fixture
 def begin(tmp_path: pathlib.Path) -> Begin:
     return Begin(
-        Roster((RosterEntry(1, 'A', '127.0.3.1', True), RosterEntry(2, 'B', '127.0.3.2', False))),
+        Roster((Entrant(1, 'A', True, '', '127.0.3.1'), Entrant(2, 'B', False, '', '127.0.3.2'))),
         RaceTimes(),
         ServerSettings(host='127.0.0.1', port=new_port()),
         tmp_path / 'record.sqlite3',
@@ -191,7 +190,7 @@ def test_record_and_mark_say_whether_the_end_was_in_order(
     half.say(End(in_order))
     half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
-        *_, run = sessions(database)
+        run, *_ = sessions(database)
     assert (run.ended_ns is not None) is in_order
     assert (mark_of(begin) != RUN_BEGAN) is in_order
 

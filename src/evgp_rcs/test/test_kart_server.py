@@ -89,11 +89,12 @@ class Running:
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._said: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._news = threading.Condition()
-        self.race = Race([Kart(number, '', number <= 2) for number in range(1, karts + 1)], times)
+        numbers = range(1, karts + 1)
+        entered = [Kart(each, '', each <= 2, address=address_of(each)) for each in numbers]
+        self.race = Race(entered, times)
         outside: Any = self
         self.server = KartServer(
             self.race,
-            {address_of(number): number for number in self.race.karts},
             ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
             outside,
             outside,

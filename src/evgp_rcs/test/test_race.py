@@ -468,7 +468,7 @@ def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() 
     availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT, 0, 0.0)
     assert not availability.available
     assert availability.reason == (
-        "the roster has no heats; list them under 'heats:' and restart race control"
+        "the roster has no heats; list them under 'heats:', and read it again"
     )
 
 
@@ -552,7 +552,7 @@ def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
     officials.connect(2)
     assert officials.alerts() == {
         AlertKind.LOST_IN_MOTION: (
-            'Use the MSR: kart 2 (Volta) lost its connection while it may have been moving; '
+            'Kart 2 (Volta) lost its connection while it may have been moving; '
             'it is back and has not stopped yet'
         )
     }

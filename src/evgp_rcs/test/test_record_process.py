@@ -192,6 +192,9 @@ def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
 ) -> None:
     monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 10_000)
     freeze(record.pid)
+    for _ in range(20_000):
+        record.remember(HOME)
+    assert not record._end.unsent  # it knows that already
     for number in range(20_000):
         record.remember((HOME, RACING)[number % 2])
     assert 10_000 < record._end.unsent < 20_000

@@ -28,7 +28,7 @@ from evgp_node.results import (
     Standings,
     Status,
 )
-from evgp_protocol.link import Grade
+from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record.report import wording
@@ -51,9 +51,9 @@ from evgp_rcs.record.timing import BOOK
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
-from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun, StampedEvent
+from evgp_rcs.rules.race import Event, EventKind, Heat, LastRun
 import pytest
-from recorded_races import change_event, edit, PaperRace, timed
+from recorded_races import change_event, edit, named, PaperRace, tables, timed
 
 RED_FLAG, RED_RED = RaceState.RED_FLAG.name, RaceState.RED_RED.name
 TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
@@ -81,32 +81,15 @@ def stops(account: Account) -> list[Stop]:
     return [account.stop(account.races[0], each) for each in account.races[0].stops]
 
 
-def named(event: StampedEvent | None) -> str:
-    """Return what an event is about: its command, or its kind."""
-    assert event is not None
-    return (event.event.command or event.event.kind).name
-
-
-def test_a_lane_shows_what_the_kart_was_sent_and_when_it_acknowledged(paper: PaperRace) -> None:
-    paper.drive()
+def test_the_race_is_shown_in_the_states_that_lasted(paper: PaperRace) -> None:
+    paper.drive()  # the grid is left at the moment at which it is formed
     paper.wait(10.0)
     paper.command(CommandKind.ALL_KILL)
     paper.wait(2.0)
-    paper.say(7)
     paper.go_home()
     paper.wait(1.0)
-    account = paper.account()
-    # The grid was left at the moment at which it was formed: it did not last.
-    assert sent(account, 7) == [IN_GARAGE, GREEN_GREEN, RED_RED, IN_GARAGE]
-    _, green, red, _ = account.lanes[7].bands
-    assert green.acknowledged == green.start
-    assert red.acknowledged == pytest.approx(red.start + 2.0)
-    assert [band.what for band in account.race_bands] == [
-        IN_GARAGE,
-        GREEN_GREEN,
-        RED_RED,
-        IN_GARAGE,
-    ]
+    found = [band.what for band in paper.account().race_bands]
+    assert found == [IN_GARAGE, GREEN_GREEN, RED_RED, IN_GARAGE]
 
 
 def test_a_stop_has_its_two_times_for_each_kart(paper: PaperRace) -> None:
@@ -123,28 +106,14 @@ def test_a_stop_has_its_two_times_for_each_kart(paper: PaperRace) -> None:
     assert cells == ['0.031 s', '0.620 s', 'not seen']
 
 
-def test_a_lane_shows_how_good_the_link_was(paper: PaperRace) -> None:
-    for grade in (Grade.GOOD, Grade.POOR):
-        paper.measure(7, grade)
-        paper.wait(3.0)
-    paper.lose(7)
-    paper.wait(2.0)
-    paper.connect(7)
-    paper.measure(7, Grade.FAIR)
-    paper.wait(1.0)
-    paper.say(8)
-    links = paper.account().lanes[7].links
-    found = [(band.what, round(band.end - band.start, 2)) for band in links]
-    known = [('GOOD', 3.0), ('POOR', 3.0), ('UNKNOWN', 2.0), ('FAIR', 1.0)]
-    assert found == [('UNKNOWN', 1.0), *known]
+Truth = tuple[str, str, str, float | None]
+"""What a kart was sent, its hold, the grade of its link, and when it acknowledged."""
 
 
-def test_what_was_sent_held_and_placed_is_what_the_rules_had_at_every_moment(
-    chance: random.Random,
-) -> None:
+def test_a_lane_shows_what_the_rules_had_at_every_moment(chance: random.Random) -> None:
     paper = PaperRace(dict.fromkeys(range(1, 6), ''))
     paper.connect(1)
-    truth: list[tuple[float, int, str, str]] = []
+    truth: list[tuple[float, int, Truth]] = []
     for _ in range(300):
         number = chance.randint(1, 5)
         chance.choice(
@@ -154,42 +123,36 @@ def test_what_was_sent_held_and_placed_is_what_the_rules_had_at_every_moment(
                 lambda n=number: paper.say(n),
                 lambda n=number: paper.say(n, chance.choice(list(RaceState))),
                 lambda n=number: paper.command(chance.choice(list(CommandKind)), n),
+                lambda n=number: paper.measure(n, chance.choice(list(GRADES))),
+                lambda n=number: paper.tell([Event(EventKind.MALFORMED, '', n, success=False)]),
                 paper.acknowledge,
                 paper.drive,
             ]
         )()
-        at = paper.now - paper.stamped[0].monotonic
         for kart in paper.race.karts.values():
             what = kart.sent.name if kart.connected else NOT_CONNECTED
-            truth.append((at + 0.1, kart.number, what, kart.hold.name if kart.hold else ''))
+            hold = kart.hold.name if kart.hold else ''
+            grade = kart.link.grade.name if kart.link else Grade.UNKNOWN.name
+            truth.append((paper.now, kart.number, (what, hold, grade, kart.acknowledged_at)))
         paper.wait(0.5)
     account = paper.account()
+    began = paper.stamped[0].monotonic
     looked = 0
-    for at, number, what, held in truth:
-        if at < account.length and paper.stamped:
+    for when, number, (*told, acknowledged) in truth:
+        at = when - began + 0.1
+        if at < account.length:
             lane = account.lanes[number]
-            (band,) = [each for each in lane.bands if each.start <= at < each.end]
-            assert band.what == what
-            (hold,) = [each for each in lane.holds if each.start <= at < each.end]
-            assert hold.what == held
+            bands = lane.bands, lane.holds, lane.links
+            now = [next(each for each in one if each.start <= at < each.end) for one in bands]
+            assert [each.what for each in now] == told
+            if acknowledged is not None:
+                assert now[0].acknowledged is not None
+                assert now[0].start <= now[0].acknowledged <= at
             looked += 1
     assert looked > 1000
     placed = sorted((kart.place, kart.number) for kart in paper.race.karts.values() if kart.place)
     if placed:
         assert list(account.races[-1].finished) == [number for _, number in placed]
-
-
-@pytest.mark.parametrize('kind', [EventKind.MALFORMED, EventKind.REFUSED_CONNECTION])
-def test_what_the_server_tells_of_a_kart_ends_no_hold(paper: PaperRace, kind: EventKind) -> None:
-    paper.drive()
-    paper.command(CommandKind.KART_RED_RED, 7)
-    paper.wait(5.0)
-    paper.tell([Event(kind, 'it is so', 7, success=False)])
-    paper.wait(5.0)
-    paper.command(CommandKind.RACE_OVER)
-    account = paper.account()
-    assert account.lanes[7].holds[-1].end == account.length
-    assert [each.what for each in account.lanes[7].holds] == ['', RED_RED]
 
 
 def test_every_change_of_state_has_the_command_that_caused_it(paper: PaperRace) -> None:
@@ -217,6 +180,16 @@ def test_every_kind_of_event_has_a_name() -> None:
     assert wording.KINDS.keys() == set(EventKind)
 
 
+def test_a_kart_that_takes_its_stop_back_is_an_incident(paper: PaperRace) -> None:
+    paper.drive()
+    paper.say(7, RaceState.GRID_ACTIVE)
+    paper.command(CommandKind.ALL_KILL)
+    paper.acknowledge()
+    paper.say(7, RaceState.GREEN_GREEN)
+    (race,) = paper.account().races
+    assert list(map(named, race.incidents)) == ['ALL_KILL', 'WITHDRAWN']
+
+
 @pytest.mark.parametrize('waits', [1.0, 8.0], ids=['at once', 'after its RED_FLAG'])
 def test_a_starter_that_was_stopped_and_has_no_place_is_an_incident(
     paper: PaperRace, waits: float
@@ -231,25 +204,6 @@ def test_a_starter_that_was_stopped_and_has_no_place_is_an_incident(
     (race,) = paper.account().races
     assert bool(race.incidents) is (7 in race.out) is stopped
     assert all(out.event in race.incidents for out in race.out.values())
-
-
-def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: PaperRace) -> None:
-    paper.drive()
-    paper.wait(5.0)
-    paper.command(CommandKind.KART_RED_RED, 7)
-    paper.wait(5.0)
-    paper.lose(8)
-    paper.wait(5.0)
-    paper.command(CommandKind.ALL_KILL)
-    account = paper.account()
-    (race,) = account.races
-    out = {result.kart: result.out for result in account.results(race)}
-    assert {kart: (why.why, named(why.event)) for kart, why in out.items() if why} == {
-        7: (Why.STOPPED_ALONE, 'KART_RED_RED'),
-        8: (Why.LOST, 'DISCONNECTED'),
-        9: (Why.RACE_STOPPED, 'ALL_KILL'),
-    }
-    assert list(map(named, race.incidents)) == ['KART_RED_RED', 'DISCONNECTED', 'ALL_KILL']
 
 
 def test_a_stop_has_who_was_told_who_acknowledged_and_who_was_slowest(paper: PaperRace) -> None:
@@ -296,6 +250,8 @@ def test_a_stop_has_who_was_told_who_acknowledged_and_who_was_slowest(paper: Pap
     }
     assert told(again)[7] == (NOT_CONNECTED, None, '')
     # Kart 9 had been told before: it says nothing about these stops.
+    silent = [[each.kart for each in stop.told if each.is_silent] for stop in stops(account)]
+    assert silent == [[], [8], [7], []]
     slowest = [each.slowest() for each in (alone, flag, kill, again)]
     assert [each and each.kart for each in slowest] == [9, 7, 8, None]
 
@@ -325,18 +281,6 @@ def test_a_race_that_goes_over_by_itself_has_a_stop_without_a_command(paper: Pap
     assert [each.band.what for each in last.told] == [RED_RED] * 3
 
 
-def test_a_stop_at_which_race_control_ends_unacknowledged_lost_no_connection(
-    paper: PaperRace,
-) -> None:
-    paper.drive()
-    paper.command(CommandKind.ALL_KILL)
-    paper.wait(1.0)
-    paper.end()
-    account = paper.account()
-    (stop,) = stops(account)
-    assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
-
-
 def test_every_lost_connection_of_a_race_is_counted_also_one_that_the_kart_closed(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
@@ -347,9 +291,12 @@ def test_every_lost_connection_of_a_race_is_counted_also_one_that_the_kart_close
     assert (account.lost, account.closed) == (1, 1)
     paper.lose(7)
     paper.wait(1.0)
-    paper.connect(7, 7)  # the second pushes the first one out, which no input says
+    paper.connect(9)  # it pushes the first one out, which no input says
     account = paper.account()
     assert (account.lost, account.closed) == (3, 1)
+    results = account.results(account.races[0])
+    why = {result.kart: result.out.why for result in results if result.out}
+    assert why == {7: Why.LOST, 8: Why.LOST, 9: Why.LOST}
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert 'it lost its connection' in page
     assert '3 lost connections during a race, of which karts closed 1 themselves' in page
@@ -388,7 +335,7 @@ def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
     paper.command(CommandKind.ALL_KILL)
     account = paper.account()
     assert account.races == []
-    assert len(account.outside) == 1
+    assert len(account.outside.incidents) == 1
 
 
 def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
@@ -408,6 +355,60 @@ def test_an_alert_stands_until_it_is_cleared_also_beside_another_of_that_kart(
     assert unanswered.ended == pytest.approx(unanswered.raised + 1.0)
 
 
+def started_in_doubt(paper: PaperRace) -> None:
+    paper.feed(inputs.Recovered(paper.now, None, LastRun.UNKNOWN))
+
+
+def started_after_a_crash_in_a_race(paper: PaperRace) -> None:
+    before = PaperRace(TEAMS)
+    before.connect(*TEAMS)
+    before.drive()
+    paper.feed(inputs.Recovered(paper.now, before.race.memory(), LastRun.UNKNOWN))
+
+
+def ended_in_a_race(paper: PaperRace) -> None:
+    paper.connect(*TEAMS)
+    paper.drive()
+    paper.end()
+
+
+def came_when_all_were_stopped(paper: PaperRace) -> None:
+    paper.connect(7, 8)
+    paper.command(CommandKind.ALL_KILL)
+    paper.acknowledge()
+    paper.wait(60.0)
+    paper.connect(9)
+    paper.wait(1.0)
+    paper.say(9)
+
+
+def lost_in_a_race(paper: PaperRace) -> None:
+    paper.connect(*TEAMS)
+    paper.drive()
+    paper.lose(7)
+
+
+@pytest.mark.parametrize(
+    ('happens', 'asks_for_it'),
+    [
+        (started_in_doubt, False),
+        (ended_in_a_race, False),
+        (came_when_all_were_stopped, False),
+        (started_after_a_crash_in_a_race, True),
+        (lost_in_a_race, True),
+    ],
+)
+def test_the_msr_is_spoken_of_only_where_a_kart_may_move_that_must_not_or_nobody_knows(
+    happens: Callable[[PaperRace], None], asks_for_it: bool, tmp_path: pathlib.Path
+) -> None:
+    paper = PaperRace(TEAMS)
+    happens(paper)
+    if not paper.account().ended:
+        paper.wait(10.0)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert ('MSR' in page) is asks_for_it
+
+
 @pytest.mark.parametrize('what', ['a gap', 'a difference'])
 def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is_said(
     paper: PaperRace, tmp_path: pathlib.Path, what: str
@@ -419,7 +420,7 @@ def test_where_the_rules_cannot_follow_the_events_are_listed_and_nothing_else_is
     paper.wait(5.0)
     path = tmp_path / 'record.sqlite3'
     record = Record(path)
-    record.begin(inputs.Rules('', paper.setup))
+    record.put(inputs.Batch(0, [inputs.Rules('', paper.setup)]))
     record.put(paper.log.take())
     if what == 'a gap':
         paper.command(CommandKind.KART_FINISH, 8)
@@ -469,32 +470,17 @@ def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> 
     assert all(each.holds for each in account.lanes.values())
 
 
-def test_a_connection_that_ends_with_race_control_is_no_incident(paper: PaperRace) -> None:
+def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace) -> None:
     paper.drive()
+    paper.wait(1.0)
+    paper.command(CommandKind.ALL_KILL)
     paper.wait(1.0)
     paper.end()
     account = paper.account()
-    assert account.ended is not None
-    assert account.outside == []
-    assert account.races[0].incidents == []
-
-
-def test_a_wall_clock_that_was_set_changes_no_duration(paper: PaperRace) -> None:
-    paper.drive()
-    paper.wait(10.0)
-    paper.wall_offset_ns -= 3600 * 10**9
-    paper.command(CommandKind.ALL_KILL)
-    account = paper.account()
-    (step,) = account.replay.clock_steps
-    assert step.by == pytest.approx(-3600.0)
-    assert account.length == pytest.approx(11.0)
-
-
-def test_a_command_to_a_kart_that_does_not_exist_makes_no_lane(paper: PaperRace) -> None:
-    paper.command(CommandKind.KART_RED_RED, 99)
-    account = paper.account()
-    assert list(account.lanes) == [7, 8, 9]
-    assert len(account.commands) == 1
+    assert account.outside.incidents == []
+    assert list(map(named, account.races[0].incidents)) == ['ALL_KILL']
+    (stop,) = stops(account)
+    assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
 
 
 def test_a_part_has_its_events_alone_and_its_timeline_what_was_sent_before(
@@ -549,10 +535,9 @@ def test_the_times_that_are_shown_add_up(chance: random.Random, began_ns: int) -
 
     for _ in range(1000):
         start = chance.uniform(0.0, 50.0)
-        end = start + chance.uniform(0.0, 9.0)
+        start, end = round(start, 3), round(start + chance.uniform(0.0, 9.0), 3)
         took = float(wording.exact(start, end).removesuffix(' s'))
         assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
-        assert took == wording.between(start, end)
 
 
 def test_a_time_of_day_is_rounded_never_cut() -> None:
@@ -592,21 +577,17 @@ def report(record: pathlib.Path, *arguments: str) -> str:
 
 @pytest.mark.parametrize('is_in_order', [True, False])
 def test_that_a_run_ended_in_good_order_is_what_its_events_say(
-    written: pathlib.Path, is_in_order: bool, capsys: pytest.CaptureFixture[str]
+    written: pathlib.Path, is_in_order: bool
 ) -> None:
     if not is_in_order:
         change_event(written, lambda each: each.event.kind is EventKind.ENDED, success=False)
-    capsys.readouterr()
-    assert rcs_record([str(written), '--list']) == 0
-    assert ('not ended in good order' in capsys.readouterr().out) is not is_in_order
     assert ('ended in good order at' in report(written)) is is_in_order
 
 
 def table(page: str, kind: str) -> list[list[str]]:
     """Return the cells of the only table of this kind."""
-    (found,) = re.findall(rf'<table class="{kind}">.*?<tbody>(.*?)</table>', page, re.DOTALL)
-    rows = [re.split('</t[dh]>', row)[:-1] for row in found.split('</tr>')[:-1]]
-    return [[' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in row] for row in rows]
+    (found,) = tables(page, kind)
+    return found
 
 
 def drive_and_stop(paper: PaperRace) -> None:
@@ -651,8 +632,8 @@ def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_char
     page = report(timed(paper.write(tmp_path / 'record.sqlite3'), Standings(race=1), LAPS))
     assert 'no difference' in page
     assert table(page, 'order results') == [
-        ['1.', 'Kart 8 (Michigan)', '2', '28.000 s', '12.000 s', '', 'CLASSIFIED'],
-        ['-', 'Kart 9 (Kennesaw)', '1', '16.000 s', '13.000 s', '', 'DNF'],
+        ['1.', 'Kart 8 (Michigan)', '2', '28.000 s', '12.000 s', '', 'classified'],
+        ['-', 'Kart 9 (Kennesaw)', '1', '16.000 s', '13.000 s', '', 'did not finish'],
         [
             '-',
             'Kart 7 (Purdue)',
@@ -660,7 +641,7 @@ def test_a_race_has_the_results_of_the_timekeeper_its_lap_times_and_its_lap_char
             '29.000 s',
             '14.000 s',
             'disqualified: it was pushed (Grace)',
-            'DISQUALIFIED',
+            'disqualified',
         ],
     ]
     assert [row[1] for row in table(page, 'laps')] == [
@@ -709,31 +690,24 @@ def test_a_race_has_the_corrections_of_the_timekeeper_but_no_laps_by_hand(
     ]
 
 
-def without(book: pathlib.Path) -> None:
-    book.unlink()
+def in_database(statement: str) -> Callable[[pathlib.Path], None]:
+    def harm(book: pathlib.Path) -> None:
+        with contextlib.closing(sqlite3.connect(book)) as database, database:
+            database.execute(statement)
 
-
-def no_database(book: pathlib.Path) -> None:
-    book.write_bytes(bytes(range(256)) * 40)
-
-
-def damaged_blocks(book: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(book)) as database, database:
-        database.execute("UPDATE block SET data = x'00112233'")
-
-
-def another_version(book: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(book)) as database:
-        database.execute('PRAGMA user_version = 1')
+    return harm
 
 
 @pytest.mark.parametrize(
     ('harm', 'sentence'),
     [
-        (without, 'there is only the order of FINISH'),
-        (no_database, 'results of the timekeeper are missing'),
-        (damaged_blocks, 'results may be missing'),
-        (another_version, 'its version is 1, not'),
+        (pathlib.Path.unlink, 'there is only the order of FINISH'),
+        (
+            lambda book: book.write_bytes(bytes(10_000)),
+            'results of the timekeeper are missing',
+        ),
+        (in_database("UPDATE block SET data = x'00112233'"), 'results may be missing'),
+        (in_database('PRAGMA user_version = 1'), 'its version is 1, not'),
     ],
 )
 def test_without_a_book_that_can_be_read_there_is_a_sentence_and_the_order_of_finish(
@@ -831,14 +805,6 @@ def test_a_part_that_has_nothing_in_it_is_refused(
     assert not written.with_name('report.html').exists()
 
 
-def test_a_report_that_cannot_be_written_is_a_sentence(
-    written: pathlib.Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    output = written / 'report.html'
-    assert rcs_record(['report', str(written), '-o', str(output)]) == 1
-    assert str(output) in capsys.readouterr().err
-
-
 def test_a_report_has_the_event_the_officials_and_room_to_sign(written: pathlib.Path) -> None:
     page = report(written)
     assert 'Event: <span class="blank">' in page
@@ -853,33 +819,16 @@ def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) ->
     assert '<html' in report(written, '--from', '+0')
 
 
-def test_a_kart_has_the_name_of_its_team(written: pathlib.Path) -> None:
-    assert 'Kart 7 (<bdi>Purdue</bdi>)' in report(written)
-
-
-def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:
+def test_what_others_have_written_is_nothing_but_text(tmp_path: pathlib.Path) -> None:
     paper = PaperRace(dict(enumerate(HOSTILE, 1)))
     paper.connect(*paper.race.karts)
     paper.drive()
     for number, name in enumerate(HOSTILE, 1):
         paper.command(CommandKind.KART_RED_RED, number, official=name)
     paper.wait(1.0)
-    page = report(paper.write(tmp_path / 'record.sqlite3'))
-    assert '<script' not in page
-    assert '<img' not in page
-    assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
-
-
-def test_what_others_say_of_laps_is_nothing_but_text(
-    paper: PaperRace, tmp_path: pathlib.Path
-) -> None:
-    drive_and_stop(paper)
+    penalties = tuple(Penalty(1, 1, 0, False, each, each) for each in HOSTILE)
     hostile = LAPS._replace(
-        karts=(
-            LAPS.karts[0]._replace(
-                penalties=tuple(Penalty(8, 1, 0, False, each, each) for each in HOSTILE)
-            ),
-        ),
+        karts=(LAPS.karts[0]._replace(kart=1, penalties=penalties),),
         passings=tuple(
             Judged(Passing(each, each, 1, 0, each), 0, Mark.STRUCK, 1.0, each) for each in HOSTILE
         ),
@@ -899,13 +848,3 @@ def test_a_page_lets_nothing_in_but_its_own_style(written: pathlib.Path) -> None
     assert 'unsafe' not in policy
     assert 'script' not in policy
     assert not re.search(r'\s(src|href|style|on\w+)=', page)
-
-
-def test_an_event_has_one_time_of_day_wherever_it_stands_unless_the_clock_was_set() -> None:
-    began = 1_795_348_011_109_400_000
-    clock = Clock(began)
-    for apart in (-1_400_000, 0, 1_400_000):
-        wall_ns = began + 1_000_000_000 + apart
-        assert clock.time(clock.of(wall_ns, 1.0), 3) == clock.at(1.0, 3)
-    set_back = began - 59_000_000_000
-    assert clock.of(set_back, 1.0) == set_back

@@ -101,26 +101,6 @@ def test_of_two_race_controls_at_one_port_the_second_is_refused_and_changes_noth
 # ----- what proves nothing -----------------------------------------------------------------
 
 
-def cut_off(path: pathlib.Path) -> None:
-    path.write_bytes(path.read_bytes()[:3])
-
-
-def empty(path: pathlib.Path) -> None:
-    path.write_bytes(b'')
-
-
-def zeros(path: pathlib.Path) -> None:
-    path.write_bytes(bytes(32))
-
-
-def rubbish(path: pathlib.Path) -> None:
-    path.write_bytes(b'\xff' * 10_000)
-
-
-def more_than_a_word(path: pathlib.Path) -> None:
-    path.write_text('ended ended\n')
-
-
 def a_pipe(path: pathlib.Path) -> None:
     path.unlink()
     os.mkfifo(path)
@@ -150,12 +130,12 @@ def a_file_for_a_folder(path: pathlib.Path) -> None:
     path.parent.write_text('ended')
 
 
-@pytest.mark.parametrize('harm', [cut_off, empty, zeros, rubbish, more_than_a_word])
+@pytest.mark.parametrize('said', [b'end', b'', bytes(32), b'\xff' * 10_000, b'ended ended\n'])
 def test_a_mark_that_is_damaged_proves_nothing_and_is_written_anew(
-    path: pathlib.Path, harm: Callable[[pathlib.Path], None]
+    path: pathlib.Path, said: bytes
 ) -> None:
     run(path, LastRun.ENDED)
-    harm(path)
+    path.write_bytes(said)
     mark = RunMark(path)
     assert (mark.last_run, mark.error) == (LastRun.UNKNOWN, '')
     assert mark.why
@@ -219,6 +199,13 @@ def test_a_mark_that_cannot_be_written_proves_nothing_until_it_can(
     mark.keep()
     assert mark.error == ''
     assert path.read_text().strip() == RUN_BEGAN
+    path.unlink()
+    path.mkdir()
+    mark.keep()
+    assert str(path) in mark.error
+    path.rmdir()
+    mark.keep()
+    assert mark.error == ''
     mark.end(LastRun.UNKNOWN)
     assert run(path) is LastRun.UNKNOWN
 

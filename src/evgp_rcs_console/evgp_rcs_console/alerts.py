@@ -87,8 +87,8 @@ class AlertsArea(Panel):
     nothing.
     """
 
-    seen = Signal(int)
-    all_seen = Signal()
+    seen = Signal(list)
+    """The official has seen the alerts of these numbers."""
     changed = Signal()
     """SEEN was pressed just after the alerts had changed: nothing was marked."""
     mute = Signal()
@@ -102,9 +102,9 @@ class AlertsArea(Panel):
         self._see_all = Push('seen_all', texts.SEEN_ALL, kind='quiet small')
         self._mute = Push('mute', kind='quiet small')
         self._see.pressed.connect(self.press_first)
-        self._see_all.clicked.connect(self._press_all)
+        self._see_all.clicked.connect(lambda: self._press(None))
         self._mute.clicked.connect(self.mute)
-        fixed(self._summary, height=30)
+        fixed(self._summary, height=26)
         buttons = self._see, self._see_all, self._mute
         for button in buttons:
             fixed(button, height=24)
@@ -189,18 +189,14 @@ class AlertsArea(Panel):
 
     def press_first(self) -> None:
         """Mark the first alert that is not seen as seen, if it could be read long enough."""
-        stood = self._aim.seen(clock.now())
-        if stood is not None and self._unseen[:1] != stood[:1]:
-            self.changed.emit()
-        elif self._unseen:
-            self.seen.emit(self._unseen[0])
+        self._press(1)
 
-    def _press_all(self) -> None:
+    def _press(self, count: int | None) -> None:
         stood = self._aim.seen(clock.now())
-        if stood is not None and set(self._unseen) - set(stood):
+        if stood is not None and set(self._unseen[:count]) - set(stood[:count]):
             self.changed.emit()
         else:
-            self.all_seen.emit()
+            self.seen.emit(self._unseen[:count])
 
 
 class Alarm:
@@ -245,17 +241,9 @@ class Alarm:
         self._at, self._known = at, known
         self._area.show_notices(self._book.shown, at, known=known)
 
-    def see(self, number: int) -> None:
-        """Mark an alert as seen."""
-        self._book.see(number)
-        self._show_own()
-
-    def see_all(self) -> None:
-        """Mark every alert as seen."""
-        self._book.see_all()
-        self._show_own()
-
-    def _show_own(self) -> None:
+    def see(self, numbers: list[int]) -> None:
+        """Mark alerts as seen."""
+        self._book.see(numbers)
         self._area.show_notices(self._book.shown, self._at, own=True, known=self._known)
 
     def toggle_sound(self) -> None:

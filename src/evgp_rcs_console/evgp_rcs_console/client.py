@@ -42,7 +42,7 @@ from evgp_node.states import state_message
 from evgp_protocol.clock import duration, now
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import event_of
-from evgp_rcs.rules.race import Answer, StampedEvent
+from evgp_rcs.rules.race import Answer, LEAST_PAUSE, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import STATES
 from evgp_rcs_console import texts
@@ -109,9 +109,9 @@ class Sources:
 GIVE_UP = 15.0
 """Time for which an answer to a command that is no stop is waited for, in seconds."""
 
-THEN_WITHIN = 0.5
-"""Maximum time from a press to the last command that it gives, in seconds. It is below the pause
-after a stop, in which race control takes none that loosens anything."""
+THEN_WITHIN = LEAST_PAUSE / 2
+"""Maximum time from a press to the last command that it gives, in seconds. So it still comes in
+the pause after a stop of another official, in which race control takes none that loosens."""
 
 PRESSES = 10
 """Number of unanswered presses of one stop whose answers are still waited for."""

@@ -188,7 +188,9 @@ def parser() -> argparse.ArgumentParser:
                 nargs='*',
                 help='the karts that you mean; without any, it lists them and sends nothing',
             )
-        if entry.names_opening:
+        if entry.names_number == 'reading':
+            each.add_argument('reading', type=_count, help='its number, as reload-roster says it')
+        elif entry.names_number:
             each.add_argument(
                 '--closes',
                 type=_count,

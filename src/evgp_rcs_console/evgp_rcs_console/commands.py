@@ -41,7 +41,8 @@ class Given:
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
     :param heat: for putting a heat into the race: its name.
-    :param opening: for GRID_ACTIVE: the last opening of the track that the official saw.
+    :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
+        TAKE_ROSTER: the reading of the roster.
     :param official: who gave it, as sent to race control.
     :param taken: the further fields of its request (``Entry.takes``).
     :param then: commands that are given once this one is accepted, one after the other, if that is
@@ -57,7 +58,7 @@ class Given:
     karts: tuple[int, ...] = ()
     hold: RaceState | None = None
     heat: str = ''
-    opening: int = 0
+    number: int = 0
     official: str = ''
     taken: Mapping[str, int | bool | str] = field(default_factory=dict)
     then: tuple[Given, ...] = ()
@@ -97,8 +98,8 @@ def request(
         fields['hold'] = given.hold
     if entry.names_heat:
         fields['heat'] = given.heat
-    if entry.names_opening:
-        fields['opening'] = given.opening
+    if entry.names_number:
+        fields[entry.names_number] = given.number
     if entry.stop:
         fields['age'] = max(0.0, at - given.at) + given.waited
     return fields

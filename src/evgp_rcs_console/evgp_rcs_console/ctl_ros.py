@@ -173,9 +173,9 @@ def _give(
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = None
-    opening = 0
+    opening = getattr(wanted, 'reading', 0)
     released = ''
-    if (entry.names_karts and not karts) or entry.names_hold or entry.names_opening:
+    if (entry.names_karts and not karts) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
@@ -184,7 +184,7 @@ def _give(
         # IN GARAGE may be for no kart; then there is none to name.
         unnamed = concerned.karts or not concerned.available or not wanted.stated
         unnamed = entry.names_karts and not karts and unnamed
-        if entry.names_opening:
+        if entry.names_number:
             track = hearing.race.track
             opening = track.opening if wanted.closes is None else wanted.closes
             unnamed = unnamed or (track.open and wanted.closes is None)
@@ -307,7 +307,7 @@ def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stat
     flag, _ = entry.flag or ('', '')
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
-    parts += ['--closes', race.track.opening] if entry.names_opening and race.track.open else []
+    parts += ['--closes', race.track.opening] if entry.names_number and race.track.open else []
     parts += ['--official', tidy(wanted.official)] if wanted.official else []
     return as_called(shlex.join(str(part) for part in parts if part != ''))
 

@@ -159,7 +159,7 @@ class Areas(QtWidgets.QWidget):
         self.strip = Strip(press)
         self.karts = KartList(press, self.seen.scrolling)
         how = '\n\n'.join(texts.HOW_TO_BEGIN)
-        self.how_to_begin = Text('how_to_begin', 'large', CENTER, wrap=True, text=how)
+        self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
         self.number_field = NumberField()
         self.alerts = AlertsArea()
         self.events = EventPanel()
@@ -187,22 +187,26 @@ class Areas(QtWidgets.QWidget):
             (self.steps, 0, 60),
             (self.strip, 0, 28),
             (self.number_field, 0, 48),
-            (self.alerts, 0, 230),
+            (self.alerts, 0, 198),
             (self.foot, 0, 32),
         )
         for part, width, height in sizes:
             fixed(part, width, height)
         top, side = QtWidgets.QWidget(), QtWidgets.QWidget()
         fixed(top, height=78)
-        grid = lay(top, (self.state, self.track, self.clock), gap=GAP, columns=(0, 1, 0))
+        # Of two parts in one place the gap is that of the last one: it is the one that is there.
+        grid = lay(top, gap=GAP, columns=(0, 1, 0))
         grid.addWidget(self.danger, 0, 0, 1, 2)
+        for column, part in enumerate((self.state, self.track, self.clock)):
+            grid.addWidget(part, 0, column)
         lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
         grid = lay(self, gap=GAP, margins=MARGINS, columns=(1, 0), heights=(0, 0, 0, 0, 1))
         self._banner.hide()
         grid.addWidget(self._banner, 0, 0, 1, 2)
+        grid.addWidget(self.how_to_begin, 4, 0)
         for row, part in enumerate((top, self.steps, self.strip, self.karts), 1):
             grid.addWidget(part, row, 0)
-        grid.addWidget(self.how_to_begin, 4, 0)
+        self.how_to_begin.raise_()
         grid.addWidget(self.kill, 1, 1, 2, 1)
         grid.addWidget(side, 3, 1, 2, 1)
         grid.addWidget(self.foot, 5, 0, 1, 2)
@@ -292,31 +296,14 @@ class Inbox(QtCore.QObject):
     def __init__(self) -> None:
         super().__init__()
         self.waiting: deque[Heard] = deque()
+        self.on_event, self.on_results = self.event.emit, self.results.emit
+        self.on_answer, self.on_pressing = self.answer.emit, self.pressing.emit
+        self.on_dropped = self.dropped.emit
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """Hand over a snapshot."""
         self.waiting.append(Heard(race, at, two))
         self.came.emit()
-
-    def on_event(self, event: StampedEvent) -> None:
-        """Hand over an event."""
-        self.event.emit(event)
-
-    def on_results(self, results: Standings) -> None:
-        """Hand over the results."""
-        self.results.emit(results)
-
-    def on_answer(self, given: Given, answer: Answer) -> None:
-        """Hand over an answer."""
-        self.answer.emit(given, answer)
-
-    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Hand over the stops that race control has not accepted yet."""
-        self.pressing.emit(stops)
-
-    def on_dropped(self, given: Given, why: str) -> None:
-        """Hand over a stop that is not sent any more."""
-        self.dropped.emit(given, why)
 
 
 class ChosenKart(KartField):
@@ -605,7 +592,7 @@ class Display(QtCore.QObject):
         areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
-        areas.heats.show_heats(screen.heats)
+        areas.heats.show_heats(screen.heats, screen.rosters)
         areas.officials.show_names(race.officials)
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)

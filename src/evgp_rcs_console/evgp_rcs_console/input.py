@@ -452,8 +452,6 @@ class Keyboard:
                 return
         if button is not None:
             self._presses.press(button)
-        elif CommandKind.SET_HEAT in stroke.commands:
-            self._bottom.say(texts.NO_HEATS, Tone.WAIT)
 
     def _do(self, act: Act, at: float) -> None:
         if act is Act.ERASE:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import NamedTuple
 
-from evgp_rcs.words import Tone
+from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
@@ -33,6 +33,8 @@ Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 
 COMMAND, BESIDE = 72, 10
 """Width of the column of a command, and room beside what is in the other columns."""
+
+NUMBER, TEAM, SENT, ANSWER, LINK, PLACE = range(len(COLUMNS))
 
 HEADING, TILES = 22, 36
 """Heights of the heading and of the tiles."""
@@ -77,8 +79,8 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         if not index.column() and (row.use_msr or is_chosen):
             edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
             painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
-        for each in self.words(row, index.column(), room, painter):
-            if each.text:
+        if index.column() < len(COLUMNS):  # in the others are buttons
+            for each in self.words(row, index.column(), room, painter):
                 draw(painter, *each)
         painter.restore()
 
@@ -90,98 +92,86 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         painter: QtGui.QPainter | None = None,
     ) -> Iterator[Words]:
         """Yield what stands in a cell; with a painter, draw the pictures below it."""
-        room = cell.adjusted(look.px(BESIDE if not column else 0), 0, -look.px(BESIDE), -1)
-        strong = row.in_race and not self._table.stale
+        room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
+        said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
+        if self._table.stale:
+            said, below = (each._replace(tone=Tone.FAINT) for each in (said, below))
+        strong, high = row.in_race and not self._table.stale, cell.height()
         ink = look.palette.ink if strong else look.palette.faint
-        high = cell.height()
-        upper, lower = _halves(room)
-        small = font(min(look.px(SMALL - 1), high * 10 // 27))
-        if column == 0:
+        if column == NUMBER:
             plate = _centred(room, 32)
             _box(painter, plate, ink if strong else '', '' if strong else look.palette.line)
-            number = str(row.number)
-            size = min(look.px(LARGE - 2), high * 6 // 10, plate.width() * 3 // (2 * len(number)))
-            large = font(size, True)
-            yield Words(plate, number, large, look.palette.card if strong else ink, CENTER)
-        elif column == 1:
-            yield from self._team(row, room, ink, painter)
-        elif column == 2:
-            yield from self._sent(row, room, small, painter)
-        elif column == 3:
-            below = Words(lower if row.answer.text else room, row.says, small, look.palette.faint)
-            tone = Tone.FAINT if self._table.stale else row.answer.tone
-            type_ = font(min(look.px(TEXT), high * 13 // 28), tone is not Tone.FAINT)
-            text = row.answer.text
-            yield Words(upper if row.says else room, text, type_, look.text(tone))
-            yield below
-        elif column == 4:
-            yield from self._link(row, room, small, painter)
-        elif column == 5:
-            yield Words(upper if row.gap else room, row.place, _bold(high), ink)
-            yield Words(lower, row.gap, small, look.palette.faint)
-
-    def _team(
-        self, row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
-    ) -> Iterator[Words]:
-        tone = Tone.FAINT if self._table.stale else row.note.tone
-        bad, high = tone is Tone.BAD, room.height()
-        small = font(min(look.px(SMALL), high * 10 // 27), bad)
-        metrics = QtGui.QFontMetrics(small)
-        is_long = metrics.horizontalAdvance(row.note.text) > room.width() - look.px(6)
-        upper, lower = _halves(room, is_long)
-        note = look.text(tone)
-        if row.note.text and row.use_msr:
-            ground = lower if is_long else lower.adjusted(0, 0, 0, look.px(2))
-            _box(painter, ground, FILLS[Tone.BAD][1], radius=3)
-            note = FILLS[Tone.BAD][0]
-            lower = lower.adjusted(look.px(4), 0, 0, 0)
-        yield Words(upper if row.note.text else room, row.team, _bold(high), ink, LEFT, high > 40)
-        yield Words(lower, row.note.text, small, note, LEFT, is_long)
-
-    def _sent(
-        self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
-    ) -> Iterator[Words]:
-        chip = _centred(room, 30)
-        known = not self._table.stale and row.sent.tone is not Tone.FAINT
-        faint = look.palette.faint, look.palette.raised
-        ink, fill = look.fill(row.sent.tone) if known else faint
-        _box(painter, chip, fill)
-        if painter is not None and row.waits and known:
-            stripes = QtGui.QColor(255, 255, 255, 70)
-            brush = QtGui.QBrush(stripes, QtCore.Qt.BrushStyle.BDiagPattern)
-            painter.fillRect(chip, brush)
-        inside = chip.adjusted(look.px(6), 0, -look.px(6), 0)
-        since = QtGui.QFontMetrics(small).horizontalAdvance(row.since) + look.px(2)
-        bold = font(small.pixelSize(), True)
-        yield Words(inside.adjusted(0, 0, -since - look.px(4), 0), row.sent.text, bold, ink)
-        yield Words(inside.adjusted(inside.width() - since, 0, 0, 0), row.since, small, ink, RIGHT)
-
-    def _link(
-        self, row: Row, room: QtCore.QRect, small: QtGui.QFont, painter: QtGui.QPainter | None
-    ) -> Iterator[Words]:
-        """Yield how good its link is: bars, a word and a time; a poor one on a ground."""
-        tone = Tone.FAINT if self._table.stale else row.link.tone
-        ink = look.text(tone)
-        if tone is Tone.WAIT:
+            fitting = plate.width() * 3 // (2 * len(said.text))
+            of = font(min(look.px(LARGE - 2), high * 6 // 10, fitting), True)
+            yield Words(plate, said.text, of, look.palette.card if strong else ink, CENTER)
+            return
+        small = font(
+            min(look.px(SMALL - (column != TEAM)), high * 10 // 27), below.tone is Tone.BAD
+        )
+        if column == SENT:
+            yield from self._sent(row, room, small, said, below, painter)
+            return
+        large = font(min(look.px(TEXT), high * 13 // 28), said.tone is not Tone.FAINT)
+        if column == LINK:
+            large = font(small.pixelSize() + look.px(1), said.tone is Tone.BAD)
+        ink = ink if said.tone is Tone.PLAIN else look.text(said.tone)
+        faint = look.palette.faint if below.tone is Tone.PLAIN else look.text(below.tone)
+        if column == LINK and said.tone is Tone.WAIT:
             ink, fill = look.fill(Tone.WAIT)
+            faint = ink
             _box(painter, _centred(room, 40), fill, radius=3)
-        if row.bars:
-            high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
-            foot = room.top() + (room.height() + high) // 2
-            for bar in range(1, MOST_BARS + 1):
-                tall = high * bar // MOST_BARS
-                shade = ink if bar <= row.bars else f'#30{ink[1:]}'
-                _box(painter, QtCore.QRect(left, foot - tall, look.px(4), tall), shade, radius=1)
-                left += look.px(6)
-            room = room.adjusted(left + look.px(3) - room.left(), 0, 0, 0)
-        upper, lower = _halves(room)
-        bold = font(small.pixelSize() + look.px(1), tone is Tone.BAD)
-        yield Words(upper if row.link_time else room, row.link.text, bold, ink)
-        yield Words(lower, row.link_time, small, ink if tone is Tone.WAIT else look.palette.faint)
+        if column == LINK and row.bars:
+            room = self._bars(row, room, ink, painter)
+        is_team = column == TEAM
+        wide = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(6)
+        is_long = is_team and wide > room.width()
+        upper, lower = _halves(room, is_long)
+        if is_team and below.text and row.use_msr:
+            ground = lower if is_long else lower.adjusted(0, 0, 0, look.px(2))
+            faint, fill = FILLS[Tone.BAD]
+            _box(painter, ground, fill, radius=3)
+            lower = lower.adjusted(look.px(4), 0, 0, 0)
+        upper, lower = upper if below.text else room, lower if said.text else room
+        yield Words(upper, said.text, large, ink, LEFT, is_team and high > 40)
+        yield Words(lower, below.text, small, faint, LEFT, is_long)
 
+    @staticmethod
+    def _sent(
+        row: Row,
+        room: QtCore.QRect,
+        small: QtGui.QFont,
+        said: Cell,
+        below: Cell,
+        painter: QtGui.QPainter | None,
+    ) -> Iterator[Words]:
+        """Yield what it is sent and for how long, striped until it has done it."""
+        chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
+        ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
+        _box(painter, chip, fill)
+        if painter is not None and row.waits and said.tone is not Tone.FAINT:
+            stripes = QtGui.QColor(255, 255, 255, 70)
+            painter.fillRect(chip, QtGui.QBrush(stripes, QtCore.Qt.BrushStyle.BDiagPattern))
+        inside = chip.adjusted(look.px(6), 0, -look.px(6), 0)
+        since = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(2)
+        bold = font(small.pixelSize(), True)
+        yield Words(inside.adjusted(0, 0, -since - look.px(4), 0), said.text, bold, ink)
+        yield Words(
+            inside.adjusted(inside.width() - since, 0, 0, 0), below.text, small, ink, RIGHT
+        )
 
-def _bold(high: int) -> QtGui.QFont:
-    return font(min(look.px(TEXT + 1), high * 12 // 28), True)
+    @staticmethod
+    def _bars(
+        row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
+    ) -> QtCore.QRect:
+        """Draw how good a link is; return the room beside that."""
+        high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
+        foot = room.top() + (room.height() + high) // 2
+        for bar in range(1, MOST_BARS + 1):
+            tall = high * bar // MOST_BARS
+            shade = ink if bar <= row.bars else f'#30{ink[1:]}'
+            _box(painter, QtCore.QRect(left, foot - tall, look.px(4), tall), shade, radius=1)
+            left += look.px(6)
+        return room.adjusted(left + look.px(3) - room.left(), 0, 0, 0)
 
 
 def _box(

@@ -10,9 +10,8 @@ Pure: the newest snapshot goes in, lines come out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
-import re
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
@@ -64,15 +63,11 @@ class Notice:
 
     @property
     def text(self) -> str:
-        """Return the alert's sentence, without what the heading says; ended, its name only."""
+        """Return the alert's sentence; ended, its name only."""
         # Its sentence says what to do, which is over. Several that ended have one of their own.
         if self.said or self.alert is None:
             return self.said
-        if not self.standing:
-            return texts.alert_was(self.alert.kind, self.kart)
-        # Race control begins its sentence with that, for screens that have no heading.
-        text = self.alert.text.removeprefix(texts.MSR_PREFIX)
-        return text[:1].upper() + text[1:]
+        return self.alert.text if self.standing else texts.alert_was(self.alert.kind, self.kart)
 
     def __str__(self) -> str:
         """Return all of it in one line."""
@@ -130,20 +125,15 @@ class AlertBook:
         self._count += 1
         self._notices.append(Notice(self._count, None, said=text))
 
-    def see(self, number: int) -> None:
-        """Mark an alert as seen; one that has ended with all that have."""
-        if any(notice.number == number and not notice.standing for notice in self._notices):
+    def see(self, numbers: Collection[int]) -> None:
+        """Mark alerts as seen; one that has ended with all that have."""
+        if any(each.number in numbers and not each.standing for each in self._notices):
             self.begin_race()
         self._notices = [
-            replace(notice, seen=True) if notice.number == number else notice
+            replace(notice, seen=True) if notice.number in numbers else notice
             for notice in self._notices
-            if notice.number != number or (notice.standing and notice.alert)
+            if notice.number not in numbers or notice.alert
         ]
-
-    def see_all(self) -> None:
-        """Mark every alert as seen."""
-        for notice in self.unseen:
-            self.see(notice.number)
 
     @property
     def unseen(self) -> list[Notice]:
@@ -271,11 +261,6 @@ class Added(NamedTuple):
     replaces: bool = False
 
 
-_TEAM = re.compile(r'([Kk]art \d+) \((?:[^()]|\([^()]*\))*\)')
-"""A kart as race control calls it, with its team."""
-
-_PRESSED = re.compile(r'pressed \d+ s ago')
-
 _BY_LABEL = frozenset(
     kind
     for kind, entry in CATALOGUE.items()
@@ -398,16 +383,13 @@ class EventLog:
     def _told(self, event: Event) -> str:
         """Return the sentence and who caused it: by name, where that is enough."""
         self.officials.take(event.official)
-        text = _TEAM.sub(r'\1', self.officials.in_text(event.text)).removesuffix('.')
-        if event.kind is EventKind.ALERT_RAISED:  # whether the MSR is needed, the alert says
-            text = text.removeprefix(texts.MSR_PREFIX)
-            text = f'{text[:1].upper()}{text[1:]}'
+        text = self.officials.in_text(event.text).removesuffix('.')
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
-            pressed = _PRESSED.search(text)
-            finished = event.command is CommandKind.KART_FINISH
-            said = (pressed and pressed[0], f'P{event.place}' * finished)
-            name = texts.command_name(event.command, event.kart)
-            text = ', '.join(filter(None, (name, *said)))
+            text = texts.command_name(event.command, event.kart)
+            if event.after:
+                text += texts.LOG_PRESSED.format(age=round(event.after))
+            if event.command is CommandKind.KART_FINISH:
+                text += texts.LOG_PLACE.format(place=event.place)
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:

@@ -35,6 +35,9 @@ from evgp_rcs_console.widgets import (
 EVENTS = 100
 """Maximum number of events in the window."""
 
+LONG = 15
+"""Number of letters from which on what to do has two lines, in smaller type."""
+
 
 class StatePanel(Panel):
     """The state of the race in its colour: since when, and by whom."""
@@ -150,7 +153,6 @@ class Strip(Panel):
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
         self.heat = CommandButton(pressed, kind='quiet')
         fixed(self.heat, 128)
-        self.heat.hide()
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
@@ -175,11 +177,9 @@ class Strip(Panel):
         ):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
+            part.setMinimumWidth(1)  # or the hint is never smaller than the last one
             part.setMinimumWidth(part.sizeHint().width())  # it is never cut
-        # There are heats or there are none, as long as the roster is the same.
-        self.heat.setVisible(screen.heat_button is not None)
-        if screen.heat_button is not None:
-            self.heat.show_button(screen.heat_button)
+        self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):
@@ -188,7 +188,7 @@ class DangerPanel(Panel):
     def __init__(self) -> None:
         super().__init__('danger', '')
         self._title = Text('danger_title', 'large bold')
-        self._detail = Text('danger_detail', wrap=True)
+        self._detail = Text('danger_detail', 'small', wrap=True)
         self._advice = Text('danger_advice', 'huge bold', CENTER, True)
         fixed(self._title, height=28)
         grid = lay(self, gap=2, margins=(10, 3, 10, 3), columns=(3, 2), heights=(0, 1))
@@ -200,6 +200,7 @@ class DangerPanel(Panel):
         """Say it."""
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
+        mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
         self._detail.show_text(danger.detail)
 
 
@@ -264,8 +265,9 @@ class EventPanel(Panel):
                 self._put(line)
 
     def _put(self, line: Line) -> None:
-        item = QtWidgets.QListWidgetItem(f'{line.clock} {line.text}')
-        item.setFont(font(look.px(SMALL), line.is_command))
+        text = texts.without_teams(line.text, self._teams)
+        item = QtWidgets.QListWidgetItem(f'{line.clock} {text}')
+        item.setFont(font(look.px(SMALL - 1), line.is_command))
         ink = look.palette.ink if line.success else look.palette.bad
         item.setForeground(QtGui.QColor(ink))
         self._list.insertItem(0, item)

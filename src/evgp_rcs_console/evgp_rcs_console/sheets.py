@@ -213,77 +213,78 @@ class Question(Sheet):
             yes.bar(bool(problem) or not self.settled)
 
 
-class Heats(Sheet):
-    """Offers the heats of the roster."""
+class Choice(Sheet):
+    """Offers one button for each of some things, below what it is about."""
 
-    def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
-        super().__init__(parent, 'heats', texts.HEATS_TITLE)
-        self._pressed = pressed
-        self._heats: list[CommandButton] = []
-        does = Text('', wrap=True, flows=True, text=texts.HEATS_CONSEQUENCE)
+    def __init__(self, parent: QtWidgets.QWidget, name: str, title: str, about: str) -> None:
+        super().__init__(parent, name, title)
+        self._offered: list[Push] = []
         self._close = self.closing(texts.HEATS_CLOSE)
-        self.add(does, 0, self._close, 36)
+        self.add(Text('', wrap=True, flows=True, text=about), 0, self._close, 36)
 
-    def show_heats(self, buttons: Sequence[Button]) -> None:
-        """Show one button for each heat."""
-        for _ in range(len(self._heats), len(buttons)):
-            button = CommandButton(self._choose)
-            self._heats.append(button)
-            self.add(button, 34)
-            self._column.addWidget(self._close)
-        for number, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False), 1):
-            widget.show_button(heat)
-            widget.setObjectName(f'heat_{number}')
-        for number, widget in enumerate(self._heats):
-            if widget.isHidden() is not (number >= len(buttons)):
-                widget.setVisible(number < len(buttons))
+    def _offer(self, buttons: Sequence[Push]) -> None:
+        """Show these buttons instead of those that there are."""
+        for each in self._offered:
+            each.deleteLater()
+            self.parts.remove(each)
+        self._offered = [*buttons]
+        for each in buttons:
+            self.add(each, 34)
+        self._column.addWidget(self._close)
 
     @property
     def first(self) -> QtWidgets.QWidget:
-        """Return the button of the first heat."""
-        return self._heats[0]
+        """Return the first button, or what closes the sheet if there is no other."""
+        return self._offered[0] if self._offered else self._close
 
     def focus_on(self, number: str) -> None:
-        """Move the focus to the heat of a number, if there is one; Enter puts it in."""
-        for widget in self._heats:
-            if widget.isVisible() and widget.key == number:
-                widget.setFocus()
+        """Move the focus to the button of a number, if there is one; Enter presses it."""
+        for each in self._offered:
+            if each.isVisible() and each.key == number:
+                each.setFocus()
+
+
+class Heats(Choice):
+    """Offers the heats of the roster, and to read the roster again."""
+
+    def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
+        super().__init__(parent, 'heats', texts.HEATS_TITLE, texts.HEATS_CONSEQUENCE)
+        self._pressed = pressed
+
+    def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
+        """Show one button for each heat, and those of the roster; to read it closes nothing."""
+        buttons = *heats, *rosters
+        if len(buttons) != len(self._offered):
+            chosen = [CommandButton(self._choose) for _ in buttons[1:]]
+            chosen.insert(len(heats), CommandButton(self._pressed))
+            self._offer(chosen)
+        for number, (widget, button) in enumerate(zip(self._offered, buttons, strict=True), 1):
+            assert isinstance(widget, CommandButton)
+            widget.show_button(button)
+            if number <= len(heats):
+                widget.setObjectName(f'heat_{number}')
 
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
         self._pressed(down, button)
 
 
-class Officials(Sheet):
+class Officials(Choice):
     """Offers the event's officials: one click says who commands from this window."""
 
     signed = Signal(str)
     """An official has said who they are."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'officials', texts.NAME_TITLE)
-        self._names: list[Push] = []
-        about = Text('', wrap=True, flows=True, text=texts.NAME_ABOUT)
-        self._close = self.closing(texts.HEATS_CLOSE)
-        self.add(about, 0, self._close, 36)
-
-    @property
-    def first(self) -> QtWidgets.QWidget:
-        """Return the first name, or what closes the sheet if there is none."""
-        return self._names[0] if self._names else self._close
+        super().__init__(parent, 'officials', texts.NAME_TITLE, texts.NAME_ABOUT)
 
     def show_names(self, names: Sequence[str]) -> None:
         """Show one button for each name."""
-        if [each.words for each in self._names] == [*names]:
+        if [each.words for each in self._offered] == [*names]:
             return
-        for each in self._names:
-            each.deleteLater()
-            self.parts.remove(each)
-        self._names = [Push(f'official_{place}', name) for place, name in enumerate(names, 1)]
-        for each in self._names:
+        self._offer([Push(f'official_{place}', name) for place, name in enumerate(names, 1)])
+        for each in self._offered:
             each.clicked.connect(functools.partial(self.signed.emit, each.words))
-            self.add(each, 34)
-        self._column.addWidget(self._close)
 
 
 class Help(Sheet):

@@ -10,7 +10,7 @@ labels of the commands are in the catalogue.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 
 from evgp_node.results import Act, Standings
@@ -96,7 +96,6 @@ MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
 CAN_STOP = '{count} official{s} can stop: {who}'
 NOBODY_CAN_STOP = 'No official can stop: no screen or button is heard'
 COMMANDED_BY = 'commands by {names}'
-OVER = 'race over'
 IS_OVER = 'the race is over'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
@@ -152,7 +151,6 @@ ALERT_WAS = {
 """What is said of an alert that has ended."""
 
 SEVERAL_ENDED = '{count} alerts: {karts}'
-MSR_PREFIX = 'Use the MSR: '
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
 MARK_YES = '✓'
@@ -167,6 +165,7 @@ WHOSE_EVENTS = 'To see the events of one kart only, type its number or click its
 LOG_CONNECTED = ' connected'
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 LOG_SENT = ': {state}'
+LOG_PRESSED, LOG_PLACE = ', pressed {age} s ago', ', P{place}'
 LOG_FLAG = 'Kart {kart}: {state} (finished, P{place})'
 LOG_ALL_OF = 'All {count} acknowledged {state}'
 LOG_ALL = 'Every kart of the race acknowledged {state}'
@@ -242,7 +241,6 @@ TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.
 JUST_DONE = '{name} WAS NOT SENT: {done} was sent by the click before it. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
-NO_HEATS = 'The roster names no heats.'
 BARRED = '{command}: {reason}'
 AGAIN_IN = '{reason} (again in {seconds} s)'
 
@@ -352,6 +350,13 @@ def alert_was(kind: AlertKind, kart: int) -> str:
     """Return what an alert that has ended was about."""
     said = ALERT_WAS[kind].format(kart=f'kart {kart}')
     return f'{said[:1].upper()}{said[1:]}'
+
+
+def without_teams(text: str, teams: Mapping[int, str]) -> str:
+    """Return a sentence of race control with the number of each kart only."""
+    for number, team in teams.items():
+        text = text.replace(f' {number} ({team})', f' {number}')
+    return text
 
 
 def inspected(kart: KartSnapshot) -> str:

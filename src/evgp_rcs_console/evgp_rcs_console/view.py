@@ -114,7 +114,8 @@ class Button:
     :param warning: why not to confirm it; empty if nothing is known against it.
     :param caution: what else to know before it is confirmed; the question stays the same without.
     :param heat: the name of the heat that it puts into the race.
-    :param opening: the last opening of the track, if the command closes it.
+    :param number: of the last opening of the track, or of the roster that was read, if the command
+        names it.
     :param also: what an official can confirm together with it, as its second YES.
     :param key: the key that presses it; empty if none does.
     :param phrase: for a command to the race: since when its result holds, what it would do, or
@@ -137,7 +138,7 @@ class Button:
     warning: str = ''
     caution: str = ''
     heat: str = ''
-    opening: int = 0
+    number: int = 0
     also: tuple[Given, ...] = ()
     key: str = ''
     phrase: str = ''
@@ -160,7 +161,7 @@ class Button:
             karts=self.karts,
             hold=self.hold,
             heat=self.heat,
-            opening=self.opening,
+            number=self.number,
             then=self.also if also else (),
         )
 
@@ -170,7 +171,7 @@ class Button:
         def seen(button: Button) -> tuple[object, ...]:
             said = button.condition, button.consequence, button.warning
             also = [(each.command, each.kart, each.hold) for each in button.also]
-            return *said, button.statement, button.karts, button.hold, button.opening, *also
+            return *said, button.statement, button.karts, button.hold, button.number, *also
 
         return seen(self) == seen(other)
 
@@ -312,8 +313,9 @@ class Screen:
     :param msr: every kart for which the MSR is to be used, or that it is in use; empty if neither.
     :param reminder: who is to be given FINISH; or that each kart must have begun to drive by now;
         empty if none must.
-    :param heat_button: opens the choice of a heat; None if the roster names none.
+    :param heat_button: opens the choice of a heat.
     :param heats: one button for each heat of the roster.
+    :param rosters: to read its file again, and to take what was read.
     :param places: the results of the race, or of the last one, or the order of FINISH where there
         is no timing; empty if there are none.
     :param timing: that there is no timing; empty if there is.
@@ -330,8 +332,9 @@ class Screen:
     missing: str
     msr: Cell
     reminder: str
-    heat_button: Button | None
+    heat_button: Button
     heats: tuple[Button, ...]
+    rosters: tuple[Button, ...]
     places: str
     timing: str
     can_stop: str
@@ -345,7 +348,7 @@ class Screen:
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
         buttons = [*self.race, *self.all_karts]
-        buttons += filter(None, [self.track_button, self.heat_button])
+        buttons += [*filter(None, [self.track_button]), self.heat_button, *self.rosters]
         for row in self.rows:
             if row.number == kart:
                 buttons += (row.finish, *row.buttons)
@@ -474,8 +477,9 @@ def show(
         missing=texts.missing(race),
         msr=_msr(race),
         reminder='' if danger is not None else _finish_now(buttons) or _reminder(buttons),
-        heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
+        heat_button=buttons.heats(),
         heats=tuple(buttons.heat(*each) for each in enumerate(race.heats, 1)),
+        rosters=(buttons.race(CommandKind.READ_ROSTER), buttons.race(CommandKind.TAKE_ROSTER)),
         places=_places(buttons),
         timing=texts.NO_TIMING if untimed else '',
         can_stop=texts.can_stop(race),
@@ -502,7 +506,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return for how long the race has been in its state, by whom, and whether it is over."""
+    """Return for how long the race has been in its state, by whom."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
@@ -510,8 +514,7 @@ def _since(race: Snapshot, now: float) -> str:
         since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
     if headline(race) != STATE_CELLS[race.state]:
         since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
-    is_said = race.state_cause.lower().startswith(texts.OVER)
-    return f'{since}, {texts.OVER}' if race.over and not is_said else since
+    return since
 
 
 def _reminder(buttons: _Buttons) -> str:
@@ -836,6 +839,14 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
 
+    def heats(self) -> Button:
+        """Return the button of the sheet where heats are chosen and the roster is read again."""
+        button = self.race(CommandKind.SET_HEAT)
+        if self.snapshot.heats:
+            return button
+        read = self.race(CommandKind.READ_ROSTER)
+        return replace(button, enabled=read.enabled, reason=read.reason)
+
     def heat(self, number: int, heat: Heat) -> Button:
         """Return the button that puts a heat into the race; its number moves the focus there."""
         is_next = heat.name == texts.next_heat(self.snapshot, self.results)
@@ -901,7 +912,7 @@ class _Buttons:
             statement=offered.statement,
             karts=offered.karts,
             hold=kart.hold if kart and entry.names_hold else None,
-            opening=self.snapshot.track.opening if entry.names_opening else 0,
+            number=self.snapshot.numbered(entry.names_number),
             also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
             warning=warning,
             caution=caution,
@@ -939,10 +950,11 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         columns.append([' '.join(filter(None, each)) for each in cells])
     lines += [*aligned(columns), '']
     lines += [_line(button) for button in screen.race]
-    if screen.heat_button is not None:
-        lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
+    lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
+    lines += map(_line, screen.rosters)
     return lines
 
 
 def _line(button: Button) -> str:
-    return f'{button.label:12} {"possible" if button.enabled else button.reason}'
+    said = 'possible' if button.enabled else button.reason
+    return f'{button.label:12} {said}{f" ({button.phrase})" if button.current else ""}'

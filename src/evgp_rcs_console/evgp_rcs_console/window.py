@@ -58,7 +58,6 @@ class ConsoleWindow(Areas):
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
         self.alerts.seen.connect(alarm.see)
-        self.alerts.all_seen.connect(alarm.see_all)
         self.alerts.mute.connect(alarm.toggle_sound)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # Queued in any case: the signals come from other threads.

@@ -280,7 +280,7 @@ def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None
     book = AlertBook()
     alert = Alert(AlertKind.LOST_IN_MOTION, 7, 0.0, 'kart 7 was lost', True)
     book.update((alert,))
-    book.see(book.shown[0].number)
+    book.see([book.shown[0].number])
     before = book.shown[0].heading
 
     book.update((replace(alert, use_msr=False),))

@@ -471,7 +471,8 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
     # After a takeover the newest one has the runs before it, too.
     newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
     with contextlib.closing(open_read_only(newest)) as database:
-        return [event for run in sessions(database) for event in events(database, run.number)]
+        runs = [*sessions(database)][::-1]
+        return [event for run in runs for event in events(database, run.number)]
 
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:

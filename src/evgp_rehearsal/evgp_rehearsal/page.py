@@ -84,7 +84,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             'possible': [
                 row.name for row in INCIDENTS.values() if can_begin(row, field, rehearsal.state)
             ],
-            'alerts': [alert.text for alert in race.alerts] if race else [],
+            'alerts': [alert.told for alert in race.alerts] if race else [],
         }
 
 

@@ -53,7 +53,7 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         return {} if held is None else {'hold': held.hold}
     number = getattr(msg.CommandAvailability, kind.name)
     saw = {'karts': next(each.karts for each in race.commands if each.command == number)}
-    return saw | ({'opening': race.track.opening} if CATALOGUE[kind].names_opening else {})
+    return saw | ({'opening': race.track.opening} if CATALOGUE[kind].names_number else {})
 
 
 def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:

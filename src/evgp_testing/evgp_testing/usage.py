@@ -5,11 +5,8 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
 import re
-
-TICK = os.sysconf('SC_CLK_TCK')
 
 
 def family(pid: int) -> list[int]:
@@ -18,20 +15,9 @@ def family(pid: int) -> list[int]:
     return [pid, *(each for child in children.split() for each in family(int(child)))]
 
 
-def cpu_seconds(pid: int) -> float:
-    """Return the CPU time that a process and those it has started have used, s."""
-    return sum(map(_cpu_seconds, family(pid)))
-
-
 def resident(pid: int) -> int:
     """Return how much memory a process and those it has started have, in KiB."""
     return sum(map(_resident, family(pid)))
-
-
-def _cpu_seconds(pid: int) -> float:
-    fields = pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rsplit(')', 1)[1]
-    user, system = fields.split()[11:13]
-    return (int(user) + int(system)) / TICK
 
 
 def _resident(pid: int) -> int:

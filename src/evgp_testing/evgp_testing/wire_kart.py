@@ -131,11 +131,6 @@ class KartLink:
         """Return the state it was sent last; None before the first frame."""
         return self.changes[-1][1] if self.changes else None
 
-    def worst_gap(self, since: float) -> float:
-        """Return the longest time between two frames since then, s."""
-        times = [at for at in [*self.times, time.monotonic()] if at >= since]
-        return max((late - early for early, late in itertools.pairwise(times)), default=0.0)
-
     def take(self, after: float) -> list[tuple[RaceState, bool]] | None:
         """
         Read what there is, and return each state, and whether it is a change.

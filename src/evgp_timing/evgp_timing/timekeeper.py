@@ -145,6 +145,17 @@ class Settings:
     laps: LapSettings
 
 
+def read_roster(path: pathlib.Path) -> Roster:
+    """
+    Return what the desk knows of the roster in a file.
+
+    :raises RosterError: if it cannot be read, or is none.
+    """
+    roster = load_roster(path)
+    owners = {name: each.number for each in roster.entries for name in each.transponders}
+    return Roster(tuple(each.number for each in roster.entries), owners, roster.heats)
+
+
 class Timekeeper(StrictNode):
     """
     The node.
@@ -160,10 +171,8 @@ class Timekeeper(StrictNode):
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
-        roster = load_roster(settings.roster)
-        karts = tuple(entry.number for entry in roster.entries)
-        owners = {name: each.number for each in roster.entries for name in each.transponders}
-        self._desk = Desk(Roster(karts, owners, roster.heats), settings.laps)
+        self._roster = settings.roster
+        self._desk = Desk(read_roster(self._roster), settings.laps)
         self._last: dict[str, int] = {}  # the number of the newest event of each run
         self._book = Book(settings.book)
         self._awake = -math.inf
@@ -251,11 +260,20 @@ class Timekeeper(StrictNode):
             told = told_of(event, message.run)
             if told is not None:
                 self._take(told)
+            if event.command == msg.CommandAvailability.TAKE_ROSTER and event.success:
+                self._read_roster()
         now = clock.now()
         if message.events and now - self._noted_at > KEPT_EVERY:
             self._noted_at = now
             self._take(Heard(now, message.run, self._last[message.run]))
         self._look()
+
+    def _read_roster(self) -> None:
+        try:
+            self._desk.roster = read_roster(self._roster)
+            self.get_logger().info(f'{self._roster} was read again, as race control took it')
+        except RosterError as error:
+            self.get_logger().error(f'The roster stays as it was: {error}')
 
     def _see(self, message: msg.Passing) -> None:
         if sum(len(each.passings) for each in self._waiting) >= MOST_WAITING:

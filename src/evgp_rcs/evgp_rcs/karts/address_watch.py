@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import ctypes
 import errno
-import functools
 import ipaddress
 import os
 import re
@@ -532,11 +531,11 @@ class AddressWatch:
             on_news()
 
 
-def watch_for_race_control(host: str, karts: Iterable[str]) -> AddressWatch:
+def watch_for_race_control(host: str, karts: Callable[[], Iterable[str]]) -> AddressWatch:
     """
     Return the watch of the address at which race control listens.
 
     :param host: one address, or `EVERY`.
-    :param karts: the addresses of the roster.
+    :param karts: returns the addresses of the roster.
     """
-    return AddressWatch(functools.partial(to_be_asked, host, tuple(karts)))
+    return AddressWatch(lambda there: to_be_asked(host, karts(), there))

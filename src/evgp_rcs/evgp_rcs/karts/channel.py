@@ -5,9 +5,9 @@
 What the processes of race control say to each other, over local socket pairs.
 
 The *kart server* (``karts.process``) has one pair with the *ROS half* (``ros.node``) and one with
-the *record* (``karts.record_process``). Each message is one of the classes below, a ``Snapshot``,
-``Rules`` or ``Batch``, pickled, behind its length. All are this package and nobody
-else can reach a pair, so pickle is safe here.
+the *record* (``karts.record_process``). Each message is one of the classes below, a ``Snapshot``
+or ``Batch``, pickled, behind its length. All are this package and nobody else can reach a pair, so
+pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -24,7 +24,6 @@ import socket
 import struct
 from typing import Any, NamedTuple
 
-from evgp_node.roster import Roster
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.link import BEAT_RATE
 from evgp_rcs.rules.race import (
@@ -34,6 +33,7 @@ from evgp_rcs.rules.race import (
     LastRun,
     RaceMemory,
     RaceTimes,
+    Roster,
     StampedEvent,
 )
 
@@ -166,7 +166,7 @@ class Failed:
     text: str
 
 
-# ----- from the kart server to the record; also inputs.Rules and inputs.Batch -----------------
+# ----- from the kart server to the record; also inputs.Batch ----------------------------------
 
 
 class Remember(NamedTuple):

@@ -27,6 +27,7 @@ from evgp_protocol.link import (
     unsent,
 )
 from evgp_protocol.states import RaceState
+from evgp_rcs.record.run_mark import in_words
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
 
@@ -127,7 +128,8 @@ class KartLink(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Tell the owner."""
         if exc is not None:
-            self.reason = in_words(exc)
+            no_answer = isinstance(exc, TimeoutError)
+            self.reason = 'its network link stopped answering' if no_answer else in_words(exc)
             # Not what its own system answers, as when a program of the kart is gone.
             self.silent = not isinstance(exc, ConnectionError)
         self._transport = None
@@ -244,12 +246,3 @@ class KartLink(asyncio.BufferedProtocol):
         if self._socket is None or self._transport is None:
             return 0
         return unread(self._socket)
-
-
-def in_words(error: BaseException) -> str:
-    """Return what an error says to an official, without the number of the system's."""
-    if isinstance(error, TimeoutError):
-        return 'its network link stopped answering'
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return str(error) or type(error).__name__

@@ -29,8 +29,8 @@ from evgp_rcs.karts.record_process import RecordProcess, wake_when_the_parent_di
 from evgp_rcs.karts.server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import run_mark
 from evgp_rcs.record.store import RecordError, rules_version
-from evgp_rcs.rules.inputs import Entrant, Recovered, Rules, Setup
-from evgp_rcs.rules.race import Heat, LastRun
+from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
+from evgp_rcs.rules.race import LastRun
 
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
@@ -38,20 +38,6 @@ FIRST_SIGN = 2.0
 LAST_WORDS_TIMEOUT = 2.0
 """Maximum time at the end for the record to be finished, and for the ROS half to take the last
 messages, each, in seconds."""
-
-
-def setup_of(begin: Begin, now: float) -> Setup:
-    """Return with what the rules begin: every kart of the roster."""
-    entries = begin.roster.entries
-    return Setup(
-        tuple(
-            Entrant(entry.number, entry.team, entry.in_race, entry.inspected) for entry in entries
-        ),
-        begin.times,
-        tuple(Heat(heat.name, heat.karts) for heat in begin.roster.heats),
-        now,
-        begin.run,
-    )
 
 
 async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
@@ -62,13 +48,12 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     :raises BaseException: what ended it.
     """
     loop = asyncio.get_running_loop()
-    setup = setup_of(begin, loop.time())
+    setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
     record.attach(loop)
-    record.begin(Rules(rules_version(), setup))
+    record.put(Batch(0, [Rules(rules_version(), setup)]))
     race = setup.race()
     server = KartServer(
         race,
-        {entry.address: entry.number for entry in begin.roster.entries},
         begin.settings,
         ros_half,
         record,

@@ -42,7 +42,7 @@ from evgp_rcs.karts.channel import (
 )
 from evgp_rcs.record.run_mark import InUseError, RunMark
 from evgp_rcs.record.store import Record, RecordError
-from evgp_rcs.rules.inputs import Batch, Rules
+from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import LastRun, RaceMemory
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
@@ -112,10 +112,6 @@ class RecordProcess:
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
         self._end.attach(loop, self.look)
-
-    def begin(self, rules: Rules) -> None:
-        """Record with what the rules begin."""
-        self._end.send(pack(rules))
 
     def put(self, batch: Batch) -> None:
         """Record what follows in the stream."""
@@ -285,8 +281,6 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
                 elif isinstance(message, Remember):
                     record.remember(message.memory, bool(message.confirm))
                     confirm += [message.confirm] if message.confirm else []
-                elif isinstance(message, Rules):
-                    record.begin(message)
                 else:
                     assert isinstance(message, Ended)
                     record.end()

@@ -20,8 +20,8 @@ Rules of what lives in this file:
 from __future__ import annotations
 
 import asyncio
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections import defaultdict, deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import itertools
 import socket
@@ -41,8 +41,9 @@ from evgp_rcs.karts.channel import (
     Request,
     ServerSettings,
 )
-from evgp_rcs.karts.link import in_words, KartLink
+from evgp_rcs.karts.link import KartLink
 from evgp_rcs.karts.record_process import RecordProcess
+from evgp_rcs.record.run_mark import in_words
 from evgp_rcs.rules import inputs
 from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.link_quality import LinkQuality
@@ -163,7 +164,6 @@ class KartServer:
     The karts' sockets and the race, in one asyncio loop.
 
     :param race: the race; from ``serve`` on it belongs to this server.
-    :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
     :param settings: how to listen and send.
     :param ros_half: the pair with the ROS half.
     :param record: the record's process.
@@ -173,7 +173,6 @@ class KartServer:
     def __init__(
         self,
         race: Race,
-        addresses: Mapping[str, int],
         settings: ServerSettings,
         ros_half: LocalEnd,
         record: RecordProcess,
@@ -181,7 +180,6 @@ class KartServer:
     ) -> None:
         """Take note of everything; nothing is opened before ``serve``."""
         self._race = race
-        self._addresses = dict(addresses)
         self._settings = settings
         self._ros_half = ros_half
         self._ros_half_heard_at: float | None = None
@@ -197,13 +195,12 @@ class KartServer:
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
-        self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
-        self._takeovers: dict[int, deque[float]] = {
-            number: deque(maxlen=TAKEOVERS[0]) for number in race.karts
-        }
-        self._too_often = {number: _Allowance(1) for number in race.karts}
-        self._rubbish = {number: _Allowance(5) for number in race.karts}
-        self._reports = {number: _Allowance(20) for number in race.karts}
+        # Of each kart, by its number.
+        self._connections = defaultdict[int, _Allowance](lambda: _Allowance(*CONNECTIONS))
+        self._takeovers = defaultdict[int, deque[float]](lambda: deque(maxlen=TAKEOVERS[0]))
+        self._too_often = defaultdict[int, _Allowance](lambda: _Allowance(1))
+        self._rubbish = defaultdict[int, _Allowance](lambda: _Allowance(5))
+        self._reports = defaultdict[int, _Allowance](lambda: _Allowance(20))
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._shown_at = 0.0
@@ -559,7 +556,8 @@ class KartServer:
 
     def link_made(self, link: KartLink, address: str) -> None:
         """Take a new connection, or refuse it if its address is not in the roster (§4.A)."""
-        number = self._addresses.get(address)
+        karts = self._race.karts.values()
+        number = next((each.number for each in karts if each.address == address), None)
         now = self.now()
         if number is None:
             link.drop('its address is not in the roster')

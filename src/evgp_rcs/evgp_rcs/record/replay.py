@@ -123,14 +123,12 @@ class Replay:
         self.missing = ''
         self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
-        # Of the last input: what it was, and what it made that was not compared yet.
+        # The last input, what the rules made of it, and what the stream has after it.
         self._given: Input | None = None
         self._outcome: Outcome | None = None
-        self._orders: Sequence[Order] = ()
-        self._made: list[Event] = []
+        self._orders: list[Order] = []
         self._told: list[StampedEvent] = []
         self._last: StampedEvent | None = None
-        self._timed: StampedEvent | None = None
 
     def __str__(self) -> str:
         """Return the counts."""
@@ -138,6 +136,13 @@ class Replay:
             f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders and '
             f'{self.events} events compared'
         )
+
+    @property
+    def lacks(self) -> str:
+        """Return why the race is not known from some time on, as a clause; empty: it is."""
+        if self.difference is not None:
+            return f'the record is not what the rules make of it ({self.difference.what} differs)'
+        return self.missing or ('' if self.rules else 'with what the rules began is missing')
 
     def run(self) -> Replay:
         """Take all steps."""
@@ -148,9 +153,9 @@ class Replay:
     def steps(self) -> Iterator[Step]:
         """Yield the run step by step; where it ends to be known, the events as they stand."""
         for entry in self.kept.entries():
-            if isinstance(entry, StampedEvent):
-                self._look_at_the_clock(entry)
             try:
+                if isinstance(entry, StampedEvent):
+                    self._look_at_its_place(entry)
                 yield from self._follow(entry)
             except _EndError:
                 yield from self._give_up()
@@ -168,7 +173,11 @@ class Replay:
 
     def _follow(self, entry: Entry | Gap) -> Iterator[Step]:
         if isinstance(entry, Rules) and self.rules is None and not self.missing:
-            self._begin(entry)
+            self.rules = entry
+            try:
+                self._race = entry.setup.race()
+            except ValueError as error:
+                self._differ('the setup', str(entry.setup), repr(error))
         elif isinstance(entry, Gap):
             self._stop_at(entry)
         elif self._race is None:
@@ -176,27 +185,17 @@ class Replay:
         elif isinstance(entry, Rules | Began):
             self._differ('an entry', type(entry).__name__, 'the run has begun already')
         elif isinstance(entry, Ordered):
-            self._compare_orders(entry)
-        elif isinstance(entry, StampedEvent):
-            self._look_at_the_order(entry)
-            if entry.event.kind in OF_THE_SERVER:
-                yield from self._finish()
-                yield Step(entry, self._race, None, (entry,))
-            else:
-                self._compare_event(entry)
+            self._orders += entry.orders
+        elif isinstance(entry, StampedEvent) and entry.event.kind not in OF_THE_SERVER:
+            self._told.append(entry)
         else:
             yield from self._finish()
-            if isinstance(entry, Shown):
+            if isinstance(entry, StampedEvent):
+                yield Step(entry, self._race, None, (entry,))
+            elif isinstance(entry, Shown):
                 yield Step(entry, self._race)
             else:
                 self._feed(entry, self._race)
-
-    def _begin(self, rules: Rules) -> None:
-        self.rules = rules
-        try:
-            self._race = rules.setup.race()
-        except ValueError as error:
-            self._differ('the setup', str(rules.setup), repr(error))
 
     def _stop_at(self, gap: Gap) -> None:
         if self._race is None:
@@ -211,10 +210,11 @@ class Replay:
 
     def _give_up(self) -> Iterator[Step]:
         """Go on with the stream alone."""
-        given, told = self._given, tuple(self._told)
-        self._race = self._given = None
-        if given is not None:
-            yield Step(given, None, None, told)
+        self._race = None
+        if self._given is not None:
+            yield Step(self._given, None, None, tuple(self._told))
+        else:
+            yield from (Step(each, None, None, (each,)) for each in self._told)
 
     def _feed(self, given: Input, race: Race) -> None:
         assert self.rules is not None
@@ -224,65 +224,54 @@ class Replay:
             self._differ('an input', f'its time is {given.at!r}', 'times do not go back')
         self._given, self.seconds = given, seconds
         try:
-            self._outcome = outcome = inputs.feed(given, race)
+            self._outcome = inputs.feed(given, race)
         except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
             self._differ('an error of the rules', 'it was taken', repr(error))
-        self._orders, self._made = outcome.orders, list(outcome.events)
 
     def _finish(self) -> Iterator[Step]:
-        """Take it that the last input has brought about nothing more."""
-        if self._orders:
-            self._differ('an order', 'none', _order(self._orders[0]))
-        for event in self._made:
-            if not event.chatter:
-                self._differ('an event', 'none', _fields(event))
-        given, self._given = self._given, None
-        told, self._told = self._told, []
-        self._made = []
-        if given is not None:
-            yield Step(given, self._race, self._outcome, tuple(told))
-
-    # ----- comparing ----------------------------------------------------------------------
-
-    def _compare_orders(self, entry: Ordered) -> None:
-        orders, self._orders = self._orders, ()
-        for recorded, replayed in zip_longest(entry.orders, orders):
+        """Take it that the last input has brought about nothing more, and compare."""
+        outcome = self._outcome or Outcome((), ())
+        for recorded, replayed in zip_longest(self._orders, outcome.orders):
             if recorded != replayed:
                 self._differ('an order', _order(recorded), _order(replayed))
             self.orders += 1
+        made = iter(outcome.events)
+        for told in self._told:
+            self._compare_event(told, made)
+        for event in made:
+            if not event.chatter:
+                self._differ('an event', 'none', _fields(event))
+        if self._given is not None:
+            yield Step(self._given, self._race, outcome, tuple(self._told))
+        self._given = self._outcome = None
+        self._orders, self._told = [], []
 
-    def _look_at_the_order(self, entry: StampedEvent) -> None:
-        """Compare number and time of an event with those of the one before."""
+    # ----- comparing ----------------------------------------------------------------------
+
+    def _look_at_its_place(self, entry: StampedEvent) -> None:
+        """Compare number and times of an event with those of the one before."""
         before, self._last = self._last, entry
         number = 1 if before is None else before.sequence + 1
-        if entry.sequence != number:
+        before = before or entry
+        by = (entry.wall_ns - before.wall_ns) / 1e9 - entry.monotonic + before.monotonic
+        if abs(by) > MOST_CLOCK_STEP:
+            self.clock_steps.append(ClockStep(entry, by))
+        if self._race is not None and entry.sequence != number:
             what = f'event {entry.sequence} is in its place'
             self._differ(f'event {number}', what, f'event {number}')
-        if before is not None and entry.monotonic < before.monotonic:
+        if self._race is not None and entry.monotonic < before.monotonic:
             what = f'its time is {entry.monotonic!r}'
             least = f'not before event {before.sequence}, {before.monotonic!r}'
             self._differ(f'event {number}', what, least)
 
-    def _look_at_the_clock(self, entry: StampedEvent) -> None:
-        """Compare how far wall time and time went on since the event before."""
-        before, self._timed = self._timed or entry, entry
-        by = (entry.wall_ns - before.wall_ns) / 1e9 - entry.monotonic + before.monotonic
-        if abs(by) > MOST_CLOCK_STEP:
-            self.clock_steps.append(ClockStep(entry, by))
-
-    def _compare_event(self, entry: StampedEvent) -> None:
-        name, made = f'event {entry.sequence}', self._made
-        left = list(made)
+    def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
+        name = f'event {entry.sequence}'
         # What karts say too often is left out.
-        while left and left[0].chatter and left[0] != entry.event:
-            left.pop(0)
-        first = next(iter(left or made), None)
-        if self._given is None or not left or first != entry.event:
-            self._differ(name, _fields(entry.event), _fields(first) if first else 'no such event')
-        elif entry.monotonic != self._given.at:
+        event = next((each for each in made if not each.chatter or each == entry.event), None)
+        if event is None or event != entry.event:
+            self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
+        if self._given is not None and entry.monotonic != self._given.at:
             self._differ(name, f'time {entry.monotonic!r}', f'time {self._given.at!r}')
-        self._made = left[1:]
-        self._told.append(entry)
         self.events += 1
 
     def _differ(self, what: str, recorded: str, replayed: str) -> None:
@@ -374,9 +363,7 @@ def options() -> argparse.ArgumentParser:
         'crashed up to its end.',
         epilog='No input gives the wall times, and none makes the events of the server itself '
         '(refused connections, messages that mean nothing, the end): of these, only number and '
-        'order are checked. Exit code 0: no difference; 1: the first difference is printed; 2: '
-        'the run cannot be read, or its beginning is missing; 3: no difference, but not all of '
-        'the run could be replayed.',
+        'order are checked. The exit codes are those of rcs_record.',
     )
     add_run_arguments(parser)
     return parser

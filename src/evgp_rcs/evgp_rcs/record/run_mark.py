@@ -14,6 +14,7 @@ Where `FOLDER` is not the machine's, or is lost with its power, no mark can be w
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import ipaddress
@@ -35,16 +36,9 @@ record, in seconds."""
 KEEP_EVERY = 1.0
 """Time between two looks whether the mark is still there, in seconds."""
 
-RUN_BEGAN = 'began'
+RUN_BEGAN = LastRun.UNKNOWN.value
 """What the mark says while race control runs, and after a run that did not end well."""
 
-_WORDS = {
-    LastRun.UNKNOWN: RUN_BEGAN,
-    LastRun.NONE: LastRun.NONE.value,
-    LastRun.ENDED: LastRun.ENDED.value,
-    LastRun.ENDED_OPEN: LastRun.ENDED_OPEN.value,
-}
-_MEANINGS = {word: meaning for meaning, word in _WORDS.items()}
 _SIZE = 32  # each word is written over the last one, by one write within one sector
 _MOUNTS = pathlib.Path('/proc/self/mountinfo')
 
@@ -62,6 +56,13 @@ def place(address: str, port: int) -> pathlib.Path:
     """
     loopback = ipaddress.IPv4Address(address).is_loopback
     return FOLDER / (f'{address}:{port}' if loopback else str(port))
+
+
+def in_words(error: BaseException) -> str:
+    """Return what an error says to an official, without the number of the system's."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    return str(error) or type(error).__name__
 
 
 def claim(file: int) -> bool:
@@ -113,15 +114,16 @@ class RunMark:
         self._looked_at = clock.now()
         self.error = ''
         """Why the mark cannot be written now, as a phrase; empty: it can."""
-        word = RUN_BEGAN
-        try:
-            word = self._begin()
-        except OSError as error:
-            self.error = self._in_words(error)
-        self.last_run = _MEANINGS.get(word, LastRun.UNKNOWN)
+        self.last_run = LastRun.UNKNOWN
         """What is known of how the last run ended."""
-        self.why = self.error or ('' if word in _MEANINGS else f'{path} is damaged')
+        self.why = ''
         """Why nothing can be known of the last run; empty: it can."""
+        try:
+            self.last_run = LastRun(self._begin())
+        except OSError as error:
+            self.error = self.why = self._in_words(error)
+        except ValueError:
+            self.why = f'{path} is damaged'
 
     def due_in(self) -> float:
         """Return after which time ``keep`` is to be called, in seconds."""
@@ -144,10 +146,8 @@ class RunMark:
         If it cannot be written, the next start is careful.
         """
         if self._file is not None:
-            try:
+            with contextlib.suppress(OSError):
                 _write(self._file, ends_as)
-            except OSError:
-                pass
             os.close(self._file)
 
     def _begin(self) -> str:
@@ -190,10 +190,8 @@ class RunMark:
         return os.path.samestat(there, os.fstat(file))
 
     def _in_words(self, error: Exception) -> str:
-        reason = str(error)
-        if isinstance(error, OSError) and error.strerror:
-            reason = error.strerror.lower()
-        return f'{self._path}, by which the next start knows of a crash, cannot be used: {reason}'
+        what = f'{self._path}, by which the next start knows of a crash, cannot be used'
+        return f'{what}: {in_words(error)}'
 
 
 def leave_began(path: pathlib.Path) -> None:
@@ -215,11 +213,8 @@ def leave_began(path: pathlib.Path) -> None:
 
 def _open_folder(path: pathlib.Path) -> int:
     """Open the folder of the marks; make it if there is none."""
-    try:
+    with contextlib.suppress(FileExistsError):
         path.mkdir()
-    except FileExistsError:
-        pass
-    else:
         _sync(path.parent)
     folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     _let_all_write(folder, 0o777)
@@ -270,7 +265,7 @@ def _read(file: int) -> str:
 
 
 def _write(file: int, meaning: LastRun) -> None:
-    data = f'{_WORDS[meaning]:<{_SIZE - 1}}\n'.encode()
+    data = f'{meaning.value:<{_SIZE - 1}}\n'.encode()
     if os.pwrite(file, data, 0) != len(data):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     os.ftruncate(file, len(data))

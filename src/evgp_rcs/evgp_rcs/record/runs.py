@@ -17,7 +17,6 @@ import sqlite3
 import subprocess
 import sys
 import tempfile
-from typing import TypeVar
 
 from evgp_node.stream import Block, DamagedError, Gap, SCHEMA_VERSION
 from evgp_rcs.record.plain import plain
@@ -48,8 +47,6 @@ NIGHT_NS = 6 * 3600 * 10**9
 """Minimum time without race control between two days of an event, in nanoseconds. The date would
 depend on the time zone of whoever reads the record."""
 
-_Row = TypeVar('_Row')
-
 
 class UnreadableError(RuntimeError):
     """The record, or the run in it, cannot be read; the text says why and what would be right."""
@@ -64,14 +61,23 @@ def say(text: str) -> None:
     print(f'{CALLED}: {plain(text)}', file=sys.stderr)
 
 
-def watched(items: Iterable[_Row], total: int, what: str) -> Iterable[_Row]:
-    """Return the items; a terminal shows meanwhile how many of about so many are done."""
-    if not sys.stderr.isatty():
-        return items
-    from rich.console import Console  # loads in 0.1 s, and most never need it
-    from rich.progress import track
+def put(text: str, output: pathlib.Path | None, what: str) -> int:
+    """
+    Print a text, or write it into a file and say what that has.
 
-    return track(items, what, total, console=Console(stderr=True), transient=True)
+    :return: `DONE` or `FAILED`.
+    """
+    if output is None:
+        print(text, end='')
+        return DONE
+    try:
+        with output.open('w', encoding='utf-8', errors='replace', newline='') as stream:
+            stream.write(text)
+    except OSError as error:
+        say(f'{output} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(output))}: {what}')
+    return DONE
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,13 @@ class Kept:
 
     def entries(self) -> Iterator[Entry | Gap]:
         """Yield what is in it, and what is missing; a terminal shows how far that is."""
-        return entries_of(watched(self.blocks, len(self.blocks), 'Reading'))
+        blocks: Iterable[tuple[int, bytes]] = self.blocks
+        if sys.stderr.isatty():
+            from rich.console import Console  # loads in 0.1 s, and most never need it
+            from rich.progress import track
+
+            blocks = track(blocks, 'Reading', console=Console(stderr=True), transient=True)
+        return entries_of(blocks)
 
     def lines(self) -> Iterator[bytes]:
         """Yield the entries of each block as they stand in it, a line each."""
@@ -191,7 +203,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
                 folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
                 database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
-            runs = Runs(file, database, sessions(database), None, damage)
+            runs = Runs(file, database, [*sessions(database)][::-1], None, damage)
             # Race control writes the newest run only.
             if runs.listed and is_being_written(file):
                 runs.present = runs.listed[-1]

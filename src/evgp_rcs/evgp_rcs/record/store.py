@@ -34,7 +34,7 @@ from evgp_node.encoding import read, written
 from evgp_node.folder import rcs_folder
 from evgp_node.stream import Began, Block, Gap, joined, SCHEMA_VERSION
 from evgp_protocol import clock, states
-from evgp_rcs.record.run_mark import claim
+from evgp_rcs.record.run_mark import claim, in_words
 from evgp_rcs.rules import catalogue, race
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
@@ -135,11 +135,9 @@ class Record:
         self._waiting: list[Block] = []
         self._since = 0.0  # when the first of them came
         self._urgent = False  # they have an event
-        self._own = 1  # entries before those of the log: Began
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
-        self._remembered: RaceMemory | None = None
         self._surely = False  # the memory must be in the file itself
         self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
@@ -157,25 +155,15 @@ class Record:
 
     # ----- what is to be written; none of these waits -------------------------------------
 
-    def begin(self, rules: Rules) -> None:
-        """Take with what the rules begin."""
-        self._add(rules)
-
     def put(self, batch: Batch) -> None:
         """Take what follows in the stream."""
         entries = [entry for entry in batch.entries if entry is not None]
         if entries:
             if not self._waiting:
                 self._since = clock.now()
-            block = Block(self._own + batch.first, b''.join(map(encode, entries)))
-            self._waiting.append(block)
-            self._urgent |= any(isinstance(entry, StampedEvent) for entry in entries)
-
-    def _add(self, entry: Entry) -> None:
-        """Take an entry that stands before those of the log."""
-        self._waiting.append(Block(self._own, encode(entry)))
-        self._own += 1
-        self._urgent = True
+            # Before them all is Began.
+            self._waiting.append(Block(1 + batch.first, b''.join(map(encode, entries))))
+            self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in entries)
 
     def remember(self, memory: RaceMemory, surely: bool = False) -> None:
         """
@@ -183,8 +171,7 @@ class Record:
 
         :param surely: have it in the file itself.
         """
-        if surely or memory != (self._memory or self._remembered):
-            self._memory = memory
+        self._memory = memory
         self._surely |= surely
 
     def due_in(self) -> float | None:
@@ -192,7 +179,7 @@ class Record:
         now = clock.now()
         if self.error:
             return max(0.0, self._failed_at + RETRY - now)
-        if self._urgent or self._memory or self._surely:
+        if self._urgent or self._memory:
             return 0.0
         return max(0.0, self._since + INPUTS_EVERY - now) if self._waiting else None
 
@@ -221,7 +208,7 @@ class Record:
         self._release()
 
     def _fail(self, error: Exception) -> None:
-        self.error = _in_words(error)
+        self.error = in_words(error)
         self._failed_at = clock.now()
 
     def _claim(self) -> None:
@@ -301,7 +288,7 @@ class Record:
         self._urgent = False
         self._blocks_written += len(blocks)
         self._blocks.clear()
-        self._remembered, self._memory = self._memory or self._remembered, None
+        self._memory = None
         if self._surely:
             _checkpoint(self._database)
             self._surely = False
@@ -316,12 +303,6 @@ class Record:
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
 """What a file raises that cannot be written, or is damaged, or is something else."""
-
-
-def _in_words(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return str(error)
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:
@@ -347,17 +328,15 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
     """Return what is known of the last run; None: nothing."""
-    last = next(newest_first(database), None)
+    last = next(sessions(database), None)
     if last is None:
         return None  # there is no run
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
     if found is None:
         return None  # it wrote nothing
-    try:
-        known = read(RaceMemory, found[0])
-    except ValueError:
-        return None  # damaged
-    return known
+    with contextlib.suppress(ValueError):  # damaged
+        return read(RaceMemory, found[0])
+    return None
 
 
 # ----- to read a record -----------------------------------------------------------------------
@@ -405,16 +384,7 @@ def blocks_of(
     yield from database.execute(query, (run,))
 
 
-def sessions(database: sqlite3.Connection) -> list[Session]:
-    """
-    Return the runs of race control in a record, oldest first.
-
-    :raises sqlite3.DatabaseError: if the record is damaged.
-    """
-    return list(newest_first(database))[::-1]
-
-
-def newest_first(database: sqlite3.Connection) -> Iterator[Session]:
+def sessions(database: sqlite3.Connection) -> Iterator[Session]:
     """
     Yield the runs of race control in a record, newest first.
 

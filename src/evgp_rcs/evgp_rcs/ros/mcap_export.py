@@ -6,15 +6,12 @@
 from __future__ import annotations
 
 import argparse
-import bisect
 from collections.abc import Iterator, Sequence
-import heapq
 import math
 import pathlib
 import sys
 from typing import Any
 
-from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.runs import (
@@ -28,7 +25,8 @@ from evgp_rcs.record.runs import (
     UNREADABLE,
 )
 from evgp_rcs.rules.inputs import Shown
-from evgp_rcs.rules.snapshot import Snapshot, snapshot_of
+from evgp_rcs.rules.race import StampedEvent
+from evgp_rcs.rules.snapshot import snapshot_of
 
 NS = 1_000_000_000
 
@@ -72,15 +70,16 @@ def main(arguments: Sequence[str]) -> int:
         )
         return UNREADABLE
     with open_runs(wanted.file) as runs:
-        bagged = _Bagged(runs.read(runs.choose(wanted.run)))
+        kept = runs.read(runs.choose(wanted.run))
+    replay = Replay(kept)
     try:
-        written = write_bag(wanted.out, bagged.messages())
+        written = write_bag(wanted.out, _messages(kept, replay))
     except OSError as error:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
-    if bagged.lacks:
-        print(plain(f'The bag has the race up to there only, and then events: {bagged.lacks}.'))
+    if lacks := replay.lacks:
+        print(plain(f'The bag has the race up to there only, and then events: {lacks}.'))
         return PARTLY
     return runs.code
 
@@ -89,65 +88,34 @@ Message = tuple[str, int, Any]
 """A topic, the time in the bag (ns since the epoch), and a message."""
 
 
-class _Bagged:
+def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
     """
-    A run as messages.
+    Yield a run as messages, and the race among them as far as the rules can follow.
 
     A reader puts messages in the order of their times in the bag. So these go by the clock of the
     rules, which nobody sets; the messages themselves have the wall time.
     """
+    from evgp_node.codec import message_of
+    from evgp_rcs.ros.messages import diagnostics_message, events_message
+    from evgp_rcs_msgs import msg
 
-    def __init__(self, kept: Kept) -> None:
-        self._happened = [each for each in kept.events() if not isinstance(each, Gap)]
-        self._clocks = [event.monotonic for event in self._happened]
-        self._replay = Replay(kept)
-
-    @property
-    def lacks(self) -> str:
-        """Return why the bag lacks the race from some time on; empty: it does not."""
-        difference = self._replay.difference
-        if difference is not None:
-            return f'{difference.what} differs, which {CALLED} replay explains'
-        if self._replay.rules is None:
-            return 'the record does not have with what the rules began'
-        return self._replay.missing
-
-    def messages(self) -> Iterator[Message]:
-        """Yield the messages in order; what they lack is known then."""
-        both = self._events(), self._races()
-        return heapq.merge(*both, key=lambda message: message[1])
-
-    def _in_bag(self, at: float) -> int:
-        return self._happened[0].wall_ns + round((at - self._clocks[0]) * NS)
-
-    def _wall_ns(self, at: float) -> int:
-        """Return the wall time by the last event before: the clock may have been set meanwhile."""
-        place = max(0, bisect.bisect(self._clocks, at) - 1)
-        return self._happened[place].wall_ns + round((at - self._clocks[place]) * NS)
-
-    def _events(self) -> Iterator[Message]:
-        from evgp_rcs.ros.messages import events_message
-
-        for each in self._happened:
-            yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([each])
-
-    def _races(self) -> Iterator[Message]:
-        """Yield the race as often as it was published, and diagnostics."""
-        from evgp_node.codec import message_of
-        from evgp_rcs.ros.messages import diagnostics_message
-        from evgp_rcs_msgs import msg
-
-        told = -math.inf
-        for race in self._shown():
-            at, in_bag, wall_ns = race.stamp, self._in_bag(race.stamp), self._wall_ns(race.stamp)
-            clock_ns = wall_ns - round(at * NS)
-            yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, clock_ns)
+    first = next((each for each in kept.events() if isinstance(each, StampedEvent)), None)
+    if first is None:
+        return
+    last, told = first, -math.inf
+    for step in replay.steps():
+        for last in step.events:
+            yield f'/{NODE}/events', _wall_ns(last.monotonic, first), events_message([last])
+        if step.race is not None and isinstance(step.entry, Shown):
+            race, at = snapshot_of(step.race, step.entry.at), step.entry.at
+            # The clock may have been set since the first event, but hardly since the last one.
+            in_bag, wall_ns = _wall_ns(at, first), _wall_ns(at, last)
+            yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, wall_ns - round(at * NS))
             if at - told >= DIAGNOSTICS_EVERY:
                 told = at
                 yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE)
 
-    def _shown(self) -> Iterator[Snapshot]:
-        """Yield every snapshot that the ROS half was sent, as far as the rules can follow."""
-        for step in self._replay.steps() if self._happened else ():
-            if isinstance(step.entry, Shown) and step.race is not None:
-                yield snapshot_of(step.race, step.entry.at)
+
+def _wall_ns(at: float, event: StampedEvent) -> int:
+    """Return the wall time at a time of the rules, counted from an event."""
+    return event.wall_ns + round((at - event.monotonic) * NS)

@@ -73,11 +73,11 @@ def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticAr
     alerts, state = race.alerts, race.state.value if race.state else 'UNKNOWN'
     level, summary = DiagnosticStatus.OK, f'The race is in {state}'
     if alerts:
-        level, summary = DiagnosticStatus.WARN, alerts[0].text
+        level, summary = DiagnosticStatus.WARN, alerts[0].told
     severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
     if severe:
         severe.sort(key=lambda alert: not alert.use_msr)
-        level, summary = DiagnosticStatus.ERROR, severe[0].text
+        level, summary = DiagnosticStatus.ERROR, severe[0].told
     array = DiagnosticArray()
     array.header.stamp = stamp_of(wall_ns)
     array.status = [

@@ -53,9 +53,10 @@ from evgp_rcs.ros.kart_client import KartServerClient
 from evgp_rcs.ros.presence import MOST_PROGRAMS, Presences
 from evgp_rcs.ros.publisher import RacePublisher
 from evgp_rcs.ros.rival import claim_the_graph, look_for_rivals, refuse_rivals, RivalError
-from evgp_rcs.ros.settings import read_settings
+from evgp_rcs.ros.settings import read_roster, read_settings
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.rules.race import Answer, Command
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.duration import Infinite
@@ -151,12 +152,12 @@ class RcsNode(StrictNode):
             "The event's officials, by name: a window offers them as who commands from it.",
         )
         begin = read_settings(parameters)
+        self._roster = str(self.get_parameter('roster').value)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
         # It asks while the graph is looked at, and goes on until the end.
-        self._watch = watch_for_race_control(
-            begin.settings.host, (entry.address for entry in begin.roster.entries)
-        )
+        self._karts = [each.address for each in begin.roster.karts]  # their addresses
+        self._watch = watch_for_race_control(begin.settings.host, lambda: self._karts)
         try:
             refuse_rivals(self)
             begin = self._after_the_first_look(begin)
@@ -174,7 +175,6 @@ class RcsNode(StrictNode):
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
         self._publisher = RacePublisher(
             self,
-            begin.roster,
             self._publisher_failed,
             self._banner,
             tuple(filter(None, map(tidy, officials))),
@@ -183,7 +183,7 @@ class RcsNode(StrictNode):
         self._server = KartServerClient(
             begin,
             on_events=self._publisher.events,
-            on_snapshot=self._publisher.race,
+            on_snapshot=self._take_snapshot,
             on_end=self._kart_server_ended,
         )
         self._presences = Presences()
@@ -194,7 +194,7 @@ class RcsNode(StrictNode):
         self._asking.start()
         self._watch.tell(self._hear_watch)
         self.get_logger().info(
-            f'Race control listens for {len(begin.roster.entries)} karts at '
+            f'Race control listens for {len(self._karts)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
         )
         self.get_logger().info(where_reachable())
@@ -239,6 +239,10 @@ class RcsNode(StrictNode):
             return begin
         self.get_logger().warning(f'Is there a second race control? {not_known}')
         return dataclasses.replace(begin, cannot_know=not_known)
+
+    def _take_snapshot(self, race: Snapshot) -> None:
+        self._karts = [kart.address for kart in race.karts if kart.address]
+        self._publisher.race(race)
 
     def _hear_watch(self) -> None:
         """Hand on what the watch of the address has found, in its thread."""
@@ -379,10 +383,12 @@ class RcsNode(StrictNode):
 
     def _command(self, command: Command) -> Answer:
         try:
+            if command.kind is CommandKind.READ_ROSTER:
+                command = command._replace(roster=read_roster(self._roster))
             answer = self._server.command(command, clock.now())
             if answer is not None:
                 return answer
-        except KartServerError as error:
+        except (KartServerError, RosterError) as error:
             return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
             False,
@@ -407,8 +413,8 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
     if entry.names_heat:
         taken['heat'] = request.heat  # as the roster has it
-    if entry.names_opening:
-        taken['opening'] = request.opening
+    if entry.names_number:
+        taken[entry.names_number] = getattr(request, entry.names_number)
     return Command(
         kind,
         request.kart if entry.to_one_kart else 0,

@@ -25,7 +25,6 @@ from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
-from evgp_node.roster import Roster
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
@@ -76,7 +75,6 @@ class RacePublisher:
     def __init__(
         self,
         node: Node,
-        roster: Roster,
         on_failure: Callable[[BaseException], None],
         banner: str = '',
         officials: tuple[str, ...] = (),
@@ -87,7 +85,6 @@ class RacePublisher:
         self._on_failure = on_failure
         self._banner, self._officials = banner, officials
         self._run_id = run
-        self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
@@ -210,9 +207,6 @@ class RacePublisher:
     def _tell_race(self, race: Snapshot) -> None:
         clock_ns = time.time_ns() - round(clock.now() * 1e9)
         race = race._replace(
-            karts=tuple(
-                kart._replace(address=self._addresses.get(kart.number, '')) for kart in race.karts
-            ),
             alerts=(*race.alerts, *self._graph_alerts),
             banner=self._banner,
             officials=self._officials,

@@ -13,7 +13,7 @@ from evgp_node.parameters import check_address, ParameterError, Parameters
 from evgp_node.roster import load_roster
 from evgp_rcs.karts.channel import Begin, ServerSettings
 from evgp_rcs.record.store import default_path
-from evgp_rcs.rules.race import RaceTimes
+from evgp_rcs.rules.race import Entrant, Heat, LEAST_PAUSE, RaceTimes, Roster
 
 _SECONDS = (0.1, 3600)
 
@@ -44,10 +44,26 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'pause',
         'After a stop, commands that loosen or start anything are refused for this long, s.',
-        (0.5, 10),
+        (LEAST_PAUSE, 10),
     ),
 )
 """Parameters of the rules, likewise; their defaults are `RaceTimes`."""
+
+
+def read_roster(path: str) -> Roster:
+    """
+    Return what the rules know of the roster in a file.
+
+    :raises RosterError: if it cannot be read, or is none.
+    """
+    roster = load_roster(pathlib.Path(path))
+    return Roster(
+        tuple(
+            Entrant(each.number, each.team, each.in_race, each.inspected, each.address)
+            for each in roster.entries
+        ),
+        tuple(Heat(heat.name, heat.karts) for heat in roster.heats),
+    )
 
 
 def read_settings(parameters: Parameters) -> Begin:
@@ -103,7 +119,7 @@ def read_settings(parameters: Parameters) -> Begin:
             'as in: --ros-args -p roster:=config/karts.yaml'
         )
     return Begin(
-        roster=load_roster(pathlib.Path(path)),
+        roster=read_roster(path),
         times=RaceTimes(
             finish_delays=tuple(delays),
             settle=settle,

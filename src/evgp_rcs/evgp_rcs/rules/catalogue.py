@@ -40,6 +40,8 @@ class CommandKind(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
+    TAKE_ROSTER = 'TAKE_ROSTER'
+    READ_ROSTER = 'READ_ROSTER'
 
     __hash__ = object.__hash__  # as RaceState has it
 
@@ -116,7 +118,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.GRID_ACTIVE,)),
         statement='track_clear',
         names_karts=True,
-        names_opening=True,
+        names_number='opening',
         flag=('--track-is-clear', 'you state that the track is clear of humans'),
         place=1,
         key='F2',
@@ -229,6 +231,25 @@ CATALOGUE: dict[CommandKind, Entry] = {
         names_heat=True,
         word='heat',
         key='Ctrl+H',
+        bookkeeping=True,
+    ),
+    CommandKind.TAKE_ROSTER: Entry(
+        'TAKE ROSTER',
+        'take the roster that was read: karts and heats',
+        'reload_roster',
+        fixed={'take': True},
+        names_number='reading',
+        call_is_statement=True,
+        loosens=True,
+        bookkeeping=True,
+    ),
+    CommandKind.READ_ROSTER: Entry(
+        'READ ROSTER',
+        'read the file of the roster again, and say what would change',
+        'reload_roster',
+        fixed={'take': False},
+        takes=('reading',),
+        word='reload-roster',
         bookkeeping=True,
     ),
     CommandKind.OPEN_TRACK: Entry(

@@ -30,6 +30,7 @@ from evgp_rcs.rules.link_quality import LinkQuality
 from evgp_rcs.rules.race import (
     Attendance,
     Command,
+    Entrant,
     Heat,
     Kart,
     LastRun,
@@ -43,15 +44,6 @@ from evgp_rcs.rules.race import (
 )
 
 # ----- with what the rules begin --------------------------------------------------------------
-
-
-class Entrant(NamedTuple):
-    """A kart of the roster, as far as the rules know it."""
-
-    number: int
-    team: str
-    in_race: bool
-    inspected: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,8 +64,14 @@ class Setup:
     def race(self) -> Race:
         """Return a race that has just begun."""
         karts = [
-            Kart(kart.number, kart.team, kart.in_race, inspected=kart.inspected)
-            for kart in self.karts
+            Kart(
+                each.number,
+                each.team,
+                each.in_race,
+                inspected=each.inspected,
+                address=each.address,
+            )
+            for each in self.karts
         ]
         return Race(karts, self.times, self.now, self.heats, self.run)
 
@@ -338,11 +336,11 @@ class Batch(NamedTuple):
 
 
 class Log:
-    """Everything that goes into the rules of one race and comes out of them."""
+    """Everything that goes into the rules of one race and comes out of them, behind ``Rules``."""
 
     def __init__(self) -> None:
         self._new: list[Entry | None] = []
-        self._taken = 0
+        self._taken = 1
 
     def add(self, *entries: Entry | None) -> None:
         """

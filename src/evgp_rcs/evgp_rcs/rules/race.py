@@ -142,6 +142,30 @@ class Doubt(enum.IntEnum):
     MOVING = 2
 
 
+class Heat(NamedTuple):
+    """Karts that race together, by a name of the roster; their numbers in ascending order."""
+
+    name: str
+    karts: tuple[int, ...]
+
+
+class Entrant(NamedTuple):
+    """A kart of the roster; the meanings are those of ``Kart``."""
+
+    number: int
+    team: str
+    in_race: bool
+    inspected: str = ''
+    address: str = ''
+
+
+class Roster(NamedTuple):
+    """The roster, as far as the rules know it; no number and no address is in it twice."""
+
+    karts: tuple[Entrant, ...]
+    heats: tuple[Heat, ...] = ()
+
+
 class Command(NamedTuple):
     """
     An official's command (§4.B).
@@ -155,6 +179,8 @@ class Command(NamedTuple):
     :param heat: for SET_HEAT: the name of the heat.
     :param opening: for GRID_ACTIVE, which closes the track: the number of its last opening, as the
         official saw it (``TrackAccess.opening``).
+    :param roster: for READ_ROSTER: what the file says; ``reading``: for TAKE_ROSTER, the number of
+        the reading that the official saw (``Race.reading``).
     :param official: who gives it, by their own word (``official``). No rule depends on it.
     :param run: for FINISH by the timekeeper: the id of the run of race control, with ``race``, the
         number of the race, and ``attempt``, how often the kart's finish was undone in it; empty:
@@ -174,19 +200,14 @@ class Command(NamedTuple):
     race: int = 0
     attempt: int = 0
     opening: int = 0
+    roster: Roster = Roster(())
+    reading: int = 0
     age: float = 0.0
 
     @property
     def pressed(self) -> str:
         """Return how long ago it was pressed; empty: just now."""
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
-
-
-class Heat(NamedTuple):
-    """Karts that race together, by a name of the roster; their numbers in ascending order."""
-
-    name: str
-    karts: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -233,7 +254,8 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
-    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
+        COMMAND: the age of an old press, 0 if it is not old; s.
     :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
     :param place: the place of this kart in the order of FINISH then; 0: it had none.
@@ -301,6 +323,11 @@ class Alert:
     text: str
     use_msr: bool
 
+    @property
+    def told(self) -> str:
+        """Return it for a screen that does not show ``use_msr`` beside it."""
+        return f'Use the MSR. {self.text}' if self.use_msr else self.text
+
 
 class Availability(NamedTuple):
     """
@@ -339,6 +366,10 @@ class TrackAccess:
     settled_by: CommandKind | None = None
 
 
+LEAST_PAUSE = 1.0
+"""Minimum of ``RaceTimes.pause`` that race control takes as a parameter, in seconds."""
+
+
 @dataclass(frozen=True)
 class RaceTimes:
     """
@@ -354,7 +385,8 @@ class RaceTimes:
     :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
     :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
     :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
-    :param pause: time after a stop for which no command that loosens or starts anything is taken.
+    :param pause: time after a stop for which no command that loosens or starts anything is taken;
+        at least ``LEAST_PAUSE``.
     :param pause_after_held_up: the same after race control was held up: what officials sent
         meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
@@ -416,6 +448,7 @@ class Kart:
         latest, s; a time that is over: nobody knows when; None: it says no such thing.
     :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
+    :param address: the IPv4 address from which it connects; empty: it is in no roster any more.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
     :param link: how good its link is; None: not measured on this connection. No rule asks for it,
@@ -448,6 +481,7 @@ class Kart:
     counts_at: float | None = None
     counts_in: float = 0.0
     inspected: str = ''
+    address: str = ''
     ordered_at: float = 0.0
     delivered_at: float | None = None
     acknowledged_at: float | None = None
@@ -485,6 +519,15 @@ class Kart:
         return self.lost_since is None and not (self.connected or self.held_alone)
 
     @property
+    def bound(self) -> str:
+        """Return why the roster must keep it and its address, in a phrase; empty: it need not."""
+        if self.connected:
+            return 'is connected'
+        if self.hold is not None or self.doubt:
+            return 'is held, or may be moving'
+        return 'is contested by two programs' if self.contested else ''
+
+    @property
     def stopped_itself(self) -> bool:
         """
         Return whether it last said RED_RED while it is sent to the grid or to race.
@@ -505,13 +548,14 @@ class LastRun(enum.Enum):
 
     ``NONE``: no run is known to have begun. ``ENDED``: it ended in good order with nothing under
     way, held or in doubt, and the track closed; ``ENDED_OPEN``: likewise, with the track open.
-    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known.
+    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known. The values
+    are what the mark of the machine says (``run_mark``).
     """
 
     NONE = 'none'
     ENDED = 'ended'
     ENDED_OPEN = 'ended, track open'
-    UNKNOWN = 'unknown'
+    UNKNOWN = 'began'
 
 
 @dataclass(frozen=True)
@@ -633,6 +677,10 @@ class Race:
             self.karts[kart.number] = kart
             kart.sent_since = now
         self.heats = tuple(heats)
+        self.reading = 0
+        """Number of the roster that was read and not taken; 0: there is none."""
+        self._readings = 0
+        self._read = Roster(())
         self.state = IN_GARAGE
         self.state_since = now
         self.state_cause = ''
@@ -903,6 +951,7 @@ class Race:
                 command=command.kind,
                 success=answer.success,
                 official=command.official,
+                after=command.age if command.pressed else 0.0,
             ),
         )
         return answer
@@ -1298,6 +1347,7 @@ class Race:
         self.number = self.grids
         self.race_since = now
         self.track_open = self.msr_used = False
+        self.reading = 0
         self.starters = ()
         self.nobody_since = None  # if nobody is there now, nobody was in this race yet
         self.places_given = 0
@@ -1438,6 +1488,28 @@ class Race:
             text += f'; not connected: {_listed(absent)}'
         held = _held(chosen)
         return text + (f'; still held: {held}' if held else '')
+
+    def _read_roster(self, command: Command, now: float) -> str:
+        self._readings += 1
+        self.reading, self._read = self._readings, command.roster
+        return (
+            f'The file of the roster was read, reading {self.reading}: {self._changes(command)}. '
+            f'Nothing has changed yet: TAKE_ROSTER {self.reading} takes it'
+        )
+
+    def _take_roster(self, command: Command, now: float) -> str:
+        changes, self.reading = self._changes(command), 0
+        before, self.karts = self.karts, {}
+        for each in self._read.karts:
+            kart = before.pop(each.number, None) or Kart(
+                each.number, in_race=each.in_race, sent_since=now
+            )
+            kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
+            self.karts[each.number] = kart
+        # What is bound is in the roster, or was in no roster before.
+        self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
+        self.heats = self._read.heats
+        return f'The roster is as it was read: {changes}'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -1599,7 +1671,7 @@ class Race:
 
     def _no_set_heat(self, command: Command) -> str:
         if not self.heats:
-            return "the roster has no heats; list them under 'heats:' and restart race control"
+            return "the roster has no heats; list them under 'heats:', and read it again"
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
         return ''
@@ -1612,7 +1684,7 @@ class Race:
             return ''
         return (
             f'not inspected: {_listed(missing)}. Race without it; or inspect it, write the date '
-            'into the roster, and restart race control'
+            'into the roster, and read it again'
         )
 
     def _no_leave(self, command: Command) -> str:
@@ -1625,6 +1697,28 @@ class Race:
                 'Stop it with RED_RED instead'
             )
         return ''
+
+    def _no_read_roster(self, command: Command) -> str:
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; the roster is read again in IN_GARAGE'
+        return self._bound(command.roster) if command.roster.karts else ''
+
+    def _no_take_roster(self, command: Command) -> str:
+        if self.state is IN_GARAGE and not self.reading:
+            return 'no roster waits to be taken; READ_ROSTER reads it'
+        return self._no_read_roster(command._replace(roster=self._read))
+
+    def _bound(self, roster: Roster) -> str:
+        """Return which karts a roster lacks, or gives another address, that must keep both."""
+        addresses = {each.number: each.address for each in roster.karts}
+        bound = [
+            f'{kart} {kart.bound}'
+            for kart in self.karts.values()
+            if kart.bound and addresses.get(kart.number, '') != kart.address
+        ]
+        if not bound:
+            return ''
+        return f'{_cut(bound)}; until that ends, the roster must keep its number and address'
 
     # ----- what the official saw ----------------------------------------------------------
 
@@ -1652,7 +1746,11 @@ class Race:
             return self._no_such_heat(command.heat)
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
-        if entry.names_opening and command.opening != self.opening:
+        if command.kind is CommandKind.READ_ROSTER and not command.roster.karts:
+            return 'the roster has no kart'
+        if command.kind is CommandKind.TAKE_ROSTER and command.reading != self.reading:
+            return f'the last reading is {self.reading}, you named {command.reading}; look again'
+        if entry.names_number == 'opening' and command.opening != self.opening:
             how, at = self._opened
             return (
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
@@ -1707,6 +1805,36 @@ class Race:
     def _state_made_safe(self, command: Command) -> str:
         kart = self.karts[command.kart]
         return '' if kart.stands else f'{kart} was made safe by hand'
+
+    def _changes(self, command: Command) -> str:
+        """Return what taking the roster that was read would change, in phrases."""
+        if not self.reading:
+            return ''
+        named = {each.number: each for each in self._read.karts}
+        said = [
+            f'{called(each.number, each.team)} comes in, at {each.address}'
+            for each in self._read.karts
+            if each.number not in self.karts
+        ]
+        for kart in self.karts.values():
+            new = named.get(kart.number)
+            if new is None:
+                said += [] if kart.bound else [f'{kart} goes out']
+                continue
+            if new.address != kart.address:
+                said.append(f'{kart} connects from {new.address}')
+            if new.team != kart.team:
+                said.append(f'{kart} becomes {called(kart.number, new.team)}')
+            if new.inspected != kart.inspected:
+                said.append(f'{kart} was inspected {new.inspected or "no more"}')
+        before, heats = dict(self.heats), dict(self._read.heats)
+        said += [
+            f'"{name}": {_numbers(karts)}'
+            for name, karts in heats.items()
+            if before.get(name) != karts
+        ]
+        said += [f'"{name}" goes out' for name in before if name not in heats]
+        return '; '.join(said) or 'the same karts and heats'
 
     # ----- derived ------------------------------------------------------------------------
 
@@ -1890,7 +2018,6 @@ class Race:
         self, now: float
     ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
         """Yield each alert, since when it holds (None: since it was first seen), and its text."""
-        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
@@ -1901,7 +2028,7 @@ class Race:
             if kart.lost_since is not None:
                 # A kart that is back has not stopped yet: only its word ends the alarm.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart, msr)
+                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart)
                 elif not kart.connected:
                     text = f'{_capital(kart)} lost its connection'
                     yield AlertKind.KART_LOST, kart, kart.lost_since, text
@@ -1932,14 +2059,11 @@ class Race:
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if kart.stopped_itself:
                     text = f'{kart} stopped itself; it is sent {kart.sent.value}'
-                if alert in MSR_ALERTS:
-                    text = f'{msr}: {text}'
-                elif not kart.connected:
+                if alert not in MSR_ALERTS and not kart.connected:
                     text += ': it is not connected'
                 yield alert, kart, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            doubt = any(each.doubt for each in self.karts.values())
-            text = f'Clear the track{", or use the MSR" * doubt}: {self._humans_allowed()[1]}'
+            text = f'Clear the track: {self._humans_allowed()[1]}'
             yield AlertKind.TRACK_UNSAFE, None, None, text
         if self.has_rival:
             yield (
@@ -1962,20 +2086,20 @@ class Race:
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
 
-    def _lost(self, kart: Kart, msr: str) -> str:
-        text = f'{kart} lost its connection while it may have been moving'
+    @staticmethod
+    def _lost(kart: Kart) -> str:
+        text = f'{_capital(kart)} lost its connection while it may have been moving'
         if not kart.connected:
-            return f'{msr}: {text}'
+            return text
         if not kart.stopped:
-            return f'{msr}: {text}; it is back and has not stopped yet'
-        rolls = '' if self.msr_used else ' if it still rolls'
-        return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
+            return f'{text}; it is back and has not stopped yet'
+        return f'{text}; it is back, and says that it has stopped: look whether it still rolls'
 
     def _tell_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
         for key, alert in current.items():
             if key not in self._alerts:
-                self._tell(EventKind.ALERT_RAISED, alert.text, alert.kart, alert=alert.kind)
+                self._tell(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
                 of = f', {self.karts[alert.kart]}' if alert.kart else ''
@@ -2163,6 +2287,8 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join),
     CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave),
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat),
+    CommandKind.READ_ROSTER: Rule(Race._read_roster, Race._no_read_roster),
+    CommandKind.TAKE_ROSTER: Rule(Race._take_roster, Race._no_take_roster, Race._changes),
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
 }

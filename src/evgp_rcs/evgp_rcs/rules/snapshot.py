@@ -118,6 +118,7 @@ class Snapshot(NamedTuple):
     number: int = 0
     heats: tuple[Heat, ...] = ()
     heat: str = ''
+    reading: int = 0
     banner: str = ''
     officials: tuple[str, ...] = ()
     able_to_stop: int = 0
@@ -141,6 +142,10 @@ class Snapshot(NamedTuple):
         is_known = self.track.allowed or self.track.settled_by is CommandKind.OPEN_TRACK
         doubted = any(kart.may_be_moving for kart in self.karts)
         return is_known and not doubted and not any(alert.use_msr for alert in self.alerts)
+
+    def numbered(self, what: str) -> int:
+        """Return the number that a command names (``Entry.names_number``); 0: it names none."""
+        return {'opening': self.track.opening, 'reading': self.reading}.get(what, 0)
 
     def kart(self, number: int) -> KartSnapshot | None:
         """Return the kart with this number, if the roster has it."""
@@ -187,6 +192,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         number=race.number,
         heats=race.heats,
         heat=race.heat,
+        reading=race.reading,
         able_to_stop=race.there.able,
         who_can_stop=race.there.who,
         button_fault=race.there.button_fault,
@@ -199,7 +205,6 @@ _AS_IN_THE_RULES = {name for name in KartSnapshot._fields if hasattr(Kart, name)
 def _kart(race: Race, kart: Kart, now: float) -> KartSnapshot:
     return KartSnapshot(
         **{name: getattr(kart, name) for name in _AS_IN_THE_RULES},
-        address='',
         link=kart.link or NOT_MEASURED,
         poor_lately=kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,
         delivered_after=_since(kart.ordered_at, kart.delivered_at),

@@ -35,7 +35,7 @@ from evgp_node.stream import BOOK
 from evgp_protocol import clock
 from evgp_rcs.karts.channel import ServerSettings
 from evgp_rcs.record.run_mark import leave_began, place
-from evgp_rcs.record.store import newest_first
+from evgp_rcs.record.store import sessions
 import yaml
 
 COPY_EVERY = 5.0
@@ -176,7 +176,7 @@ def _newest_event(record: pathlib.Path) -> int:
     # Nobody writes it, so SQLite need not make files beside it.
     uri = f'{record.absolute().as_uri()}?immutable=1'
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
-        newest = next(newest_first(database), None)
+        newest = next(sessions(database), None)
         return 0 if newest is None else newest.last_ns
 
 

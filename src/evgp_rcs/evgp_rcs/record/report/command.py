@@ -12,21 +12,11 @@ import hashlib
 import pathlib
 import re
 
-from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import Account, Part
 from evgp_rcs.record.report.page import page
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import (
-    add_run_arguments,
-    CALLED,
-    FAILED,
-    Kept,
-    open_runs,
-    PARTLY,
-    Runs,
-    say,
-)
-from evgp_rcs.record.store import is_being_written, Session
+from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, put, Runs
+from evgp_rcs.record.store import is_being_written
 from evgp_rcs.record.timing import timing_of
 
 
@@ -74,17 +64,12 @@ def main(arguments: Sequence[str]) -> int:
     # With the record closed: the race must not wait for what follows.
     account = Account(kept, timing_of(wanted.file))
     try:
-        part = _part(account, run, wanted.start, wanted.end, wanted.kart)
+        part = _part(account, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
     written = page(runs, account, part, sums, wanted.event)
-    try:
-        wanted.output.write_text(written, encoding='utf-8', errors='replace')
-    except OSError as error:
-        say(f'{wanted.output} cannot be written: {error.strerror}')
-        return FAILED
-    print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.events)} events')
-    return PARTLY if account.gaps else runs.code
+    what = f'run {run.number}, {len(account.events)} events'
+    return put(written, wanted.output, what) or (PARTLY if account.gaps else runs.code)
 
 
 def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
@@ -98,17 +83,16 @@ def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     digest = hashlib.sha256()
     for line in kept.lines():
         digest.update(line)
-    sums = [('SHA-256 of the stream of this run (rcs_record show --stream)', digest.hexdigest())]
-    if runs.present is None:
-        files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
-        of_files = [
-            (f'SHA-256 of the file {file.name}', _sum_of(file))
-            for file in files
-            if file.exists() and (file.stat().st_size or file == runs.file)
-        ]
-        if not is_being_written(runs.file):
-            return [*of_files, *sums]
-    return [('SHA-256 of the file', 'none: race control was writing it'), *sums]
+    files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
+    sums = [
+        (f'SHA-256 of the file {file.name}', _sum_of(file))
+        for file in files
+        if file.exists() and (file.stat().st_size or file == runs.file)
+    ]
+    if is_being_written(runs.file):
+        sums = [('SHA-256 of the file', 'none: race control was writing it')]
+    of_stream = 'SHA-256 of the stream of this run (rcs_record show --stream)'
+    return [*sums, (of_stream, digest.hexdigest())]
 
 
 def _sum_of(file: pathlib.Path) -> str:
@@ -119,18 +103,16 @@ def _sum_of(file: pathlib.Path) -> str:
     return digest.hexdigest()
 
 
-def _part(
-    account: Account, run: Session, start: str | None, end: str | None, kart: int | None
-) -> Part:
-    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
-
-    def at(text: str | None) -> float | None:
-        return None if text is None else seconds_of(text, clock)
-
-    part = Part(at(start), at(end), kart)
-    if part.start is not None and part.start > account.length:
+def _part(account: Account, start: str | None, end: str | None, kart: int | None) -> Part:
+    clock = Clock(account.began_ns)
+    part = Part(kart=kart)
+    if start is not None:
+        part = part._replace(start=seconds_of(start, clock))
+    if end is not None:
+        part = part._replace(end=seconds_of(end, clock))
+    if part.start > account.length:
         raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
-    if part.end is not None and part.end < (part.start or 0.0):
+    if part.end < part.start:
         raise ValueError(f'--to {end}: that is before the part begins')
     if kart is not None and kart not in account.lanes:
         known = ', '.join(map(str, account.lanes)) or 'no kart'

@@ -46,6 +46,10 @@ class Shape(NamedTuple):
     hint: str = ''
 
 
+Label = tuple[float, float, str, str]
+"""From when to when, its look, and its words."""
+
+
 class Drawing(NamedTuple):
     """A timeline."""
 
@@ -76,45 +80,13 @@ class _Timeline:
     def shapes(self) -> Iterator[Shape]:
         lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
         events = self._part.events(self._account, self._account.events)
-        top = HEAD + 2 * ROWS * ROW + LANE
-        yield from self._axis(top + LANE * len(lanes))
-        yield Shape('name', 0, HEAD, 0, ROW, 'Commands')
-        commands = [each for each in events if each.event.kind is EventKind.COMMAND]
         marked = [each for each in events if each.event.kind in MARKS]
-        yield from self._rows(
-            HEAD,
-            [
-                (
-                    self._account.at(each),
-                    self._account.at(each),
-                    'command' if each.event.success else 'command refused',
-                    ('' if each.event.success else '✗ ')
-                    + wording.command(each.event.command, each.event.kart)
-                    + (f' ({wording.name(each.event.official)})' if each.event.official else ''),
-                )
-                for each in commands
-            ],
-        )
-        yield Shape('name', 0, HEAD + ROWS * ROW, 0, ROW, 'Alerts')
-        alerts = [
-            each
-            for each in self._account.alerts
-            if self._part.concerns(each.event.event.kart)
-            and self._part.touches(self._account, each.raised, each.ended)
-        ]
-        yield from self._rows(
-            HEAD + ROWS * ROW,
-            [
-                (
-                    each.raised,
-                    self._account.length if each.ended is None else each.ended,
-                    'alert',
-                    plain(each.event.event.text),
-                )
-                for each in alerts
-            ],
-        )
         y = HEAD + 2 * ROWS * ROW
+        yield from self._axis(y + LANE * (1 + len(lanes)))
+        yield Shape('name', 0, HEAD, 0, ROW, 'Commands')
+        yield from self._rows(HEAD, self._commands(events))
+        yield Shape('name', 0, HEAD + ROWS * ROW, 0, ROW, 'Alerts')
+        yield from self._rows(HEAD + ROWS * ROW, self._alerts())
         yield Shape('name', 0, y, 0, LANE, 'The race')
         for band in self._account.race_bands:
             yield from self._box(band.start, band.end, f'band {band.what}', y, 20, band.what)
@@ -131,7 +103,24 @@ class _Timeline:
             yield Shape('tick', self._x(at), 0, 1, height, self._clock.at(at))
             at += step
 
-    def _rows(self, top: float, labels: list[tuple[float, float, str, str]]) -> Iterator[Shape]:
+    def _commands(self, events: list[StampedEvent]) -> Iterator[Label]:
+        for each in events:
+            event, at = each.event, self._account.at(each)
+            if event.kind is EventKind.COMMAND:
+                words = wording.command(event.command, event.kart)
+                if event.official:
+                    words += f' ({wording.name(event.official)})'
+                if event.success:
+                    yield at, at, 'command', words
+                else:
+                    yield at, at, 'command refused', f'✗ {words}'
+
+    def _alerts(self) -> Iterator[Label]:
+        for each in self._part.alerts(self._account):
+            end = self._account.length if each.ended is None else each.ended
+            yield each.raised, end, 'alert', plain(each.event.event.text)
+
+    def _rows(self, top: float, labels: Iterator[Label]) -> Iterator[Shape]:
         """Yield labels, each in the first row that has room for it; or a stroke."""
         free = [0.0] * ROWS
         for start, end, look, words in labels:

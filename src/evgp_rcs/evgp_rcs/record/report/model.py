@@ -102,19 +102,14 @@ class Alert:
     """
     An alert, and how long it stood.
 
-    :param ended: None: it had not.
-    :param lost_sight: the rules could not follow the record, and it may have ended since.
+    :param ended: None: it had not, as far as the record can be followed.
+    :param stands: it certainly stood at the end of the record.
     """
 
     event: StampedEvent
     raised: float
     ended: float | None = None
-    lost_sight: bool = False
-
-    @property
-    def stands(self) -> bool:
-        """Return whether it certainly stood at the end of the record."""
-        return self.ended is None and not self.lost_sight
+    stands: bool = True
 
 
 class Why(enum.Enum):
@@ -122,7 +117,6 @@ class Why(enum.Enum):
 
     LOST = 'it lost its connection'
     STOPPED_ALONE = 'an official stopped it alone'
-    STOPPED = 'it was stopped'
     FINISH_UNDONE = 'its finish was undone after it had been stopped'
     RACE_STOPPED = 'the race was stopped first'
     RACE_CONTROL_ENDED = 'race control ended first'
@@ -204,7 +198,8 @@ class RaceAccount:
     :param out: why each starter that dropped out did so, before it finished.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
-        of all or of one kart; ``refused``: of the commands that were refused.
+        of all or of one kart; ``refused``: of the commands that were refused; ``corrections``: of
+        finishes that were undone.
     :param taken_up: it was under way when the run began.
     :param incomplete: the rules could not follow it to its end.
     """
@@ -215,13 +210,19 @@ class RaceAccount:
     taken_up: bool
     incomplete: bool = False
     changes: list[Change] = field(default_factory=list)
-    starters: list[int] = field(default_factory=list)
+    starters: tuple[int, ...] = ()
     finished: dict[int, float | None] = field(default_factory=dict)
     out: dict[int, Out] = field(default_factory=dict)
     results: str = ''
     incidents: list[StampedEvent] = field(default_factory=list)
     stops: list[StampedEvent] = field(default_factory=list)
     refused: list[StampedEvent] = field(default_factory=list)
+    corrections: list[StampedEvent] = field(default_factory=list)
+
+    def add_incident(self, event: StampedEvent) -> None:
+        """Take an incident, unless it is the last one."""
+        if event not in self.incidents[-1:]:
+            self.incidents.append(event)
 
     def _first(self, *states: str) -> Change | None:
         return next((change for change in self.changes if change.state in states), None)
@@ -254,11 +255,10 @@ class Account:
     :ivar known_until: up to when the rules could follow the record; None: to its end.
     :ivar lost: how many connections to karts were lost in races; ``closed``: how many of these the
         kart closed.
-    :ivar outside: incidents outside any race.
+    :ivar outside: what happened outside any race.
     :ivar ended: the event that says that race control ends; None: there is none.
     :ivar timing: the timekeeper's results of each race, by its number.
-    :ivar corrections: which finishes officials undid, by the number of the race; ``of_timing``:
-        what the timekeeper corrected.
+    :ivar of_timing: what the timekeeper corrected, by the number of the race.
     """
 
     def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
@@ -277,10 +277,9 @@ class Account:
         self.race_bands = Bands()
         self.races: list[RaceAccount] = []
         self.alerts: list[Alert] = []
-        self.outside: list[StampedEvent] = []
+        self.outside = RaceAccount(0, 0.0, '', taken_up=False)
         self.ended: StampedEvent | None = None
         self.lost = self.closed = 0
-        self.corrections: dict[int, list[StampedEvent]] = {}
         self._standing: dict[tuple[int, AlertKind | None], Alert] = {}
         for step in self.replay.steps():
             self._take(step)
@@ -289,9 +288,9 @@ class Account:
     # ----- what there is to see -----------------------------------------------------------
 
     @property
-    def first(self) -> StampedEvent | None:
-        """Return the first event of the run; None: there is none."""
-        return self.events[0] if self.events else None
+    def began_ns(self) -> int:
+        """Return the wall time of the first event, or if there is none, of the run, in ns."""
+        return self.events[0].wall_ns if self.events else self.kept.run.began_ns
 
     @property
     def commands(self) -> list[StampedEvent]:
@@ -302,15 +301,6 @@ class Account:
     def teams(self) -> dict[int, str]:
         """Return the team of each kart."""
         return {lane.kart: lane.team for lane in self.lanes.values()}
-
-    @property
-    def lacks(self) -> str:
-        """Return why some of this is missing, as a clause; empty: nothing is."""
-        difference = self.replay.difference
-        if difference is not None:
-            return f'the record is not what the rules make of it ({difference.what} differs)'
-        missing = self.replay.missing
-        return missing if self.replay.rules else missing or 'with what the rules began is missing'
 
     @property
     def officials(self) -> list[str]:
@@ -369,7 +359,8 @@ class Account:
             band.end = min(band.end, self.length)
 
     def _at(self, monotonic: float) -> float:
-        return max(0.0, monotonic - self.events[0].monotonic) if self.events else 0.0
+        # To the millisecond, as they are shown: so what is shown can be added.
+        return round(max(0.0, monotonic - self.events[0].monotonic), 3) if self.events else 0.0
 
     def _take(self, step: Step) -> None:
         self.events += step.events
@@ -400,15 +391,15 @@ class Account:
             lane.holds.change(at, '')
         self.race_bands.change(at, NOT_KNOWN)
         for alert in self._standing.values():
-            alert.lost_sight = True
+            alert.stands = False
         for race in self.races[-1:]:
             race.incomplete = race.garage is None
 
-    def _race_of(self, stamped: StampedEvent) -> RaceAccount | None:
-        """Return the race that was under way; None: none was."""
+    def _race_of(self, stamped: StampedEvent) -> RaceAccount:
+        """Return the race that was under way; `outside`: none was."""
         event = stamped.event
         if not event.race:
-            return None
+            return self.outside
         if not self.races or self.races[-1].number != event.race:
             taken_up = event.command is not CommandKind.GRID_ACTIVE
             at = self.at(stamped)
@@ -418,56 +409,38 @@ class Account:
     def _look_at_event(self, step: Step, stamped: StampedEvent) -> None:
         event, at = stamped.event, self.at(stamped)
         race = self._race_of(stamped)
-        if event.kind is EventKind.COMMAND:
-            self._look_at_command(race, stamped)
-        elif event.kind is EventKind.RACE_STATE and race is not None:
-            race.changes.append(Change(at, stamped))
-            sent_red = event.state is not None and event.state.is_red
-            if (
-                sent_red
-                and cause_of(step) not in race.stops
-                and not isinstance(step.entry, Recovered)
-            ):
+        if event.kind is EventKind.COMMAND and not event.success:
+            race.refused.append(stamped)
+        elif event.kind is EventKind.COMMAND:
+            if event.command is CommandKind.KART_UNDO_FINISH:
+                race.corrections.append(stamped)
+            if event.command in STOPS:
+                race.add_incident(stamped)
+            if event.command in SENDS_RED:
                 race.stops.append(stamped)
-        elif event.kind is EventKind.ORDER_OF_FINISH and race is not None:
+        elif event.kind is EventKind.RACE_STATE:
+            race.changes.append(Change(at, stamped))
+            by_itself = event.command is None and not isinstance(step.entry, Recovered)
+            if by_itself and race.changes[-1].state in REDS:
+                race.stops.append(stamped)
+        elif event.kind is EventKind.ORDER_OF_FINISH:
             race.results = event.text
         elif event.kind is EventKind.ALERT_RAISED:
             alert = self._standing[event.kart, event.alert] = Alert(stamped, at)
             self.alerts.append(alert)
         elif event.kind is EventKind.ALERT_CLEARED:
-            if (event.kart, event.alert) in self._standing:
-                self._standing.pop((event.kart, event.alert)).ended = at
-        elif event.kind is EventKind.DISCONNECTED and race is not None:
-            self._incident(race, stamped)
+            alert = self._standing.pop((event.kart, event.alert))
+            alert.ended, alert.stands = at, False
+        elif event.kind is EventKind.DISCONNECTED and event.race:
+            race.add_incident(stamped)
         elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
-            self._incident(race, stamped)  # it had stopped, by its own word
+            race.add_incident(stamped)  # it had stopped, by its own word
         elif event.kind is EventKind.ENDED:
             self.ended = stamped
             for lane in self.lanes.values():
                 if lane.bands[-1].what != NOT_CONNECTED:
                     # The last that every connected kart hears.
                     lane.bands.change(at, RaceState.RED_RED.name)
-
-    def _look_at_command(self, race: RaceAccount | None, stamped: StampedEvent) -> None:
-        event = stamped.event
-        if not event.success:
-            if race is not None:
-                race.refused.append(stamped)
-            return
-        if event.command is CommandKind.KART_UNDO_FINISH:
-            number = race.number if race else self.races[-1].number if self.races else 0
-            self.corrections.setdefault(number, []).append(stamped)
-        if event.command in STOPS:
-            self._incident(race, stamped)
-        if race is None:
-            return
-        if event.command in SENDS_RED:
-            race.stops.append(stamped)
-
-    def _incident(self, race: RaceAccount | None, event: StampedEvent) -> None:
-        incidents = self.outside if race is None else race.incidents
-        if event not in incidents[-1:]:
-            incidents.append(event)
 
     def _sent(self, kart: int) -> str:
         return self.lanes[kart].bands[-1].what if kart in self.lanes else NOT_CONNECTED
@@ -492,24 +465,19 @@ class Account:
             now = None if isinstance(step.entry, Recovered) else at
             placed = sorted((each.place, number) for number, each in race.karts.items())
             self.races[-1].finished = {n: before.get(n, now) for place, n in placed if place}
-        cause = cause_of(step)
+        if under_way is not None and not under_way.taken_up:
+            under_way.starters = race.starters or under_way.starters
         for kart in race.karts.values():
-            lane = self._look_at_kart(kart, at)
-            if under_way is None:
-                continue
-            if lane.bands[-1].what == GREEN_GREEN:
-                if kart.number not in under_way.starters:
-                    under_way.starters.append(kart.number)
-            elif race.state is RaceState.GREEN_GREEN:
-                self._drops_out(step, cause, under_way, kart, at)
+            self._look_at_kart(kart, at)
+            if under_way is not None and race.state is RaceState.GREEN_GREEN:
+                self._look_who_drives(step, under_way, kart, at)
 
-    def _look_at_kart(self, kart: Kart, at: float) -> Lane:
+    def _look_at_kart(self, kart: Kart, at: float) -> None:
         lane = self.lanes.get(kart.number)
         if lane is None:
             lane = Lane(kart.number, kart.team, Bands(), Bands(), Bands())
             self.lanes = dict(sorted([*self.lanes.items(), (kart.number, lane)]))
             lane.bands.change(0.0, NOT_CONNECTED)
-            lane.links.change(0.0, NO_GRADE)
         band = lane.bands.change(at, kart.sent.name if kart.connected else NOT_CONNECTED)
         if kart.delivered_at is not None and band.delivered is None:
             band.delivered = self._at(kart.delivered_at)
@@ -517,24 +485,18 @@ class Account:
             band.acknowledged = self._at(kart.acknowledged_at)
         lane.links.change(at, NO_GRADE if kart.link is None else kart.link.grade.name)
         lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
-        return lane
 
-    def _drops_out(
-        self,
-        step: Step,
-        cause: StampedEvent | None,
-        race: RaceAccount,
-        kart: Kart,
-        at: float,
-    ) -> None:
+    def _look_who_drives(self, step: Step, race: RaceAccount, kart: Kart, at: float) -> None:
         """Take note of a starter that does not drive any more, and has no place."""
         number = kart.number
-        if number not in race.starters or number in race.out or number in race.finished:
+        left = number in race.out or number in race.finished
+        if left or number not in race.starters or self._sent(number) == GREEN_GREEN:
             return
-        why = Why.STOPPED
-        if not kart.connected:
-            why = Why.LOST
-        elif cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
+        # The command that this step has put in force.
+        commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
+        cause = next((each for each in commands if each.event.success), None)
+        why = Why.LOST  # or another connection took the place of its own
+        if cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
             why = Why.FINISH_UNDONE
         elif cause is not None and cause.event.kart:
             why = Why.STOPPED_ALONE
@@ -542,34 +504,25 @@ class Account:
             cause = next((each for each in step.events if each.event.kart == number), None)
         race.out[number] = Out(why, at, cause)
         if cause is not None:
-            self._incident(race, cause)
+            race.add_incident(cause)
 
 
-def cause_of(step: Step) -> StampedEvent | None:
-    """Return the event of the command that a step has put in force; None: it has put in none."""
-    commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
-    return next((each for each in commands if each.event.success), None)
-
-
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """
     What a report shows of a run; the rest is left out, and the report says so.
 
-    :param start: from this time on; None: from the beginning.
-    :param end: up to this time; None: to the end.
+    :param start: from this time on, in seconds.
+    :param end: up to this time.
     :param kart: this kart, and what concerns no single kart; None: every kart.
     """
 
-    start: float | None = None
-    end: float | None = None
+    start: float = 0.0
+    end: float = math.inf
     kart: int | None = None
 
     def span(self, account: Account) -> tuple[float, float]:
         """Return the times between which it shows what happened."""
-        start = 0.0 if self.start is None else max(0.0, self.start)
-        end = account.length if self.end is None else min(account.length, self.end)
-        return start, max(start, end)
+        return self.start, max(self.start, min(account.length, self.end))
 
     def concerns(self, kart: int) -> bool:
         """Return whether it shows this kart; 0: what concerns no single kart."""
@@ -584,7 +537,19 @@ class Part:
             if self.concerns(each.event.kart) and start <= account.at(each) <= end
         ]
 
-    def touches(self, account: Account, begins: float, ends: float | None) -> bool:
-        """Return whether it shows something of what lasted so long; None: to the end."""
+    def alerts(self, account: Account) -> list[Alert]:
+        """Return those of the alerts that it shows."""
+        return [
+            each
+            for each in account.alerts
+            if self.concerns(each.event.event.kart)
+            and self._touches(account, each.raised, each.ended)
+        ]
+
+    def races(self, account: Account) -> list[RaceAccount]:
+        """Return those of the races that it shows something of."""
+        return [each for each in account.races if self._touches(account, each.began, each.garage)]
+
+    def _touches(self, account: Account, begins: float, ends: float | None) -> bool:
         start, end = self.span(account)
         return begins <= end and (account.length if ends is None else ends) >= start

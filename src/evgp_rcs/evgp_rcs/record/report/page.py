@@ -73,7 +73,7 @@ def page(
     :param event_name: empty: there is a line to fill in.
     """
     kept = account.kept
-    clock = Clock(account.first.wall_ns if account.first is not None else kept.run.began_ns)
+    clock = Clock(account.began_ns)
     shown = _part(part, account, clock)
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
     title += ' (a part only)' if shown else ''
@@ -100,18 +100,13 @@ def page(
         sums=sums,
         replay=_replay(account.replay),
         rules=account.replay.rules,
-        program=f'evgp_rcs {_version()}',
+        program=f'evgp_rcs {metadata.version("evgp_rcs")}',
         made_ns=time.time_ns(),
         part=shown,
         events=events,
         in_part=lambda happened: part.events(account, happened),
-        races=[each for each in account.races if part.touches(account, each.began, each.garage)],
-        alerts=[
-            each
-            for each in account.alerts
-            if part.concerns(each.event.event.kart)
-            and part.touches(account, each.raised, each.ended)
-        ],
+        races=part.races(account),
+        alerts=part.alerts(account),
         clock=clock,
         wording=wording,
         overall=_overall(account),
@@ -123,7 +118,6 @@ def page(
         style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
         stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
         stood=lambda alert: _stood(alert, account, clock),
-        wall_ns=lambda event: clock.of(event.wall_ns, account.at(event)),
         on_paper=on_paper,
         drawings=_drawings(account, part, clock),
         WIDTH=WIDTH,
@@ -147,7 +141,7 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
     """Return what a report of a part shows; empty: it shows all."""
     start, end = part.span(account)
     phrases = []
-    if part.start is not None or part.end is not None:
+    if part._replace(kart=None) != Part():
         phrases.append(f'{clock.at(start, 1)} to {clock.at(end, 1)}')
     if part.kart is not None:
         phrases.append(f'kart {part.kart} and what concerns no single kart')
@@ -157,20 +151,13 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
 def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
     """Return the timeline of all that is shown, and of each race in it if there are several."""
     drawings = [drawing(account, part, clock, 'All of it' if account.races else 'No race')]
-    races = [each for each in account.races if part.touches(account, each.began, each.garage)]
+    races = part.races(account)
     for race in races if len(races) > 1 else ():
         start, end = part.span(account)
         ends = end if race.garage is None else min(end, race.garage + 2.0)
         own = Part(max(start, race.began - 2.0), ends, part.kart)
         drawings.append(drawing(account, own, clock, f'Race {race.number}'))
     return drawings
-
-
-def _version() -> str:
-    try:
-        return metadata.version('evgp_rcs')
-    except metadata.PackageNotFoundError:
-        return 'of which the version is not known'
 
 
 def _overall(account: Account) -> list[Standings]:

@@ -10,7 +10,7 @@ There is one classification, the timekeeper's. A race without timing has the ord
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import csv
 import io
 import pathlib
@@ -21,7 +21,7 @@ from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import add_run_arguments, CALLED, FAILED, open_runs, PARTLY, say
+from evgp_rcs.record.runs import add_run_arguments, CALLED, open_runs, PARTLY, put, say
 from evgp_rcs.record.timing import timing_of
 
 COLUMNS = (
@@ -98,33 +98,10 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
     timing = timing_of(wanted.file)
     accounts = [Account(each, timing) for each in kept]
     for account in accounts:
-        if lacks := account.lacks:
+        if lacks := account.replay.lacks:
             say(f'run {account.kept.run.number} is known in part only: {lacks}')
             code = PARTLY
     return accounts, code
-
-
-def put(text: str, output: pathlib.Path | None, what: str, code: int) -> int:
-    """Print a table, or write it into a file and say what it has; return the exit code."""
-    if output is None:
-        print(text, end='')
-        return code
-    try:
-        output.write_text(text, encoding='utf-8', newline='')
-    except OSError as error:
-        say(f'{output} cannot be written: {error.strerror}')
-        return FAILED
-    print(f'{plain(str(output))}: {what}')
-    return code
-
-
-def as_csv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table as CSV."""
-    stream = io.StringIO()
-    table = csv.writer(stream, lineterminator='\n')
-    table.writerow(columns)
-    table.writerows(rows)
-    return stream.getvalue()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -139,7 +116,7 @@ def main(arguments: Sequence[str]) -> int:
     rows: list[tuple[str, ...]] = []
     for account in accounts:
         run = account.kept.run
-        clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+        clock = Clock(account.began_ns)
         for race in account.races:
             rows += ((str(run.number), *row) for row in _rows(account, race, clock))
             if race.taken_up:
@@ -151,10 +128,11 @@ def main(arguments: Sequence[str]) -> int:
                 say(f'race {race.number} of run {run.number} was never started')
         if account.kept.goes_on:
             say(f'race control still writes run {run.number}: these are the results up to now')
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator='\n').writerows([COLUMNS, *rows])
     races = len({row[:2] for row in rows})
-    return put(
-        as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(accounts)} runs', code
-    )
+    what = f'{races} races of {len(accounts)} runs'
+    return put(stream.getvalue(), wanted.output, what) or code
 
 
 def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[str, ...]]:
@@ -166,6 +144,9 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
     complete = race.stop is not None and not (race.incomplete or race.taken_up)
     timing = account.timing.get(race.number)
     for result in account.results(race):
+        took = None
+        if race.green is not None and result.finished is not None:
+            took = result.finished - race.green
         out = result.out
         event = None if out is None else out.event
         timed = None if timing is None else timing.kart(result.kart)
@@ -177,7 +158,7 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
             str(result.place or ''),
             str(result.kart),
             defused(account.teams.get(result.kart, '')),
-            _seconds(race, result),
+            _time(took),
             moment(race.green),
             moment(result.finished),
             *_became(result, timed, clock),
@@ -217,12 +198,6 @@ def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]
 
 def _time(seconds: float | None) -> str:
     return '' if seconds is None else f'{seconds:.3f}'
-
-
-def _seconds(race: RaceAccount, result: Result) -> str:
-    if race.green is None or result.finished is None:
-        return ''
-    return f'{wording.between(race.green, result.finished):.3f}'
 
 
 def defused(text: str) -> str:

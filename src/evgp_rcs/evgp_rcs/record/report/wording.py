@@ -19,6 +19,8 @@ STATES = {state.name: said for state, said in words.STATES.items() if state is n
     NOT_KNOWN: 'not known',
 }
 
+STATUS = words.STATUS
+
 KINDS = {
     EventKind.COMMAND: "Officials' command",
     EventKind.RACE_STATE: 'State of the race',
@@ -59,29 +61,9 @@ def name(text: str) -> str:
     return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
 
 
-def milliseconds(seconds: float) -> int:
-    """Return a time as the report shows it at its finest, so that what it shows can be added."""
-    return round(seconds * 1000)
-
-
-def between(start: float, end: float) -> float:
-    """Return the seconds between two times that are shown with three digits, as these say it."""
-    return (milliseconds(end) - milliseconds(start)) / 1000
-
-
 def exact(start: float, end: float) -> str:
-    """Return how long it was between two times that are shown with three digits."""
-    return duration(between(start, end), 3)
-
-
-def elapsed(seconds: float, digits: int = 1) -> str:
-    """Return a time since the beginning, as `+1:02:03.4`."""
-    units = 10**digits
-    whole, rest = divmod(round(seconds * units), units)
-    minutes, second = divmod(whole, 60)
-    hours, minute = divmod(minutes, 60)
-    front = f'{hours}:{minute:02}' if hours else f'{minute}'
-    return f'+{front}:{second:02}' + (f'.{rest:0{digits}}' if digits else '')
+    """Return how long it was between two times, to the millisecond."""
+    return duration(end - start, 3)
 
 
 def command(kind: CommandKind | None, kart: int = 0) -> str:
@@ -95,10 +77,6 @@ def karts(numbers: list[int]) -> str:
     return words.numbered(numbers) or 'no kart'
 
 
-READ_APART_NS = 20_000_000
-"""Maximum time between two clocks that are read one after the other, in ns."""
-
-
 class Clock:
     """
     The wall clock of the report: the time zone of the machine that makes it, and no other.
@@ -108,10 +86,8 @@ class Clock:
 
     def __init__(self, began_ns: int) -> None:
         self.began_ns = began_ns
-        began = datetime.datetime.fromtimestamp(began_ns / 1e9).astimezone()
-        offset = began.utcoffset() or datetime.timedelta(0)
-        self.zone = datetime.timezone(offset)
-        self.offset = round(offset.total_seconds())
+        offset = datetime.datetime.fromtimestamp(began_ns / 1e9).astimezone().utcoffset()
+        self.zone = datetime.timezone(offset or datetime.timedelta(0))
 
     def moment(self, wall_ns: int) -> datetime.datetime:
         """Return a wall time."""
@@ -120,10 +96,9 @@ class Clock:
     def time(self, wall_ns: int, digits: int = 0) -> str:
         """Return the time of day."""
         # To the millisecond first, as everywhere: so no two places show a time differently.
-        shown = _nearest(_nearest(wall_ns, 1_000_000), 10 ** (9 - digits))
-        whole, rest = divmod(shown, 1_000_000_000)
-        second = datetime.datetime.fromtimestamp(whole, self.zone)
-        return f'{second:%H:%M:%S}' + (f'.{rest:09}'[: 1 + digits] if digits else '')
+        unit = 10 ** (3 - digits)
+        second, rest = divmod((_milliseconds(wall_ns) + unit // 2) // unit, 10**digits)
+        return f'{self.moment(second * 10**9):%H:%M:%S}' + (f'.{rest:0{digits}}' * bool(digits))
 
     def at(self, seconds: float, digits: int = 0) -> str:
         """Return the time of day so many seconds after the beginning."""
@@ -131,17 +106,7 @@ class Clock:
 
     def wall_ns(self, seconds: float) -> int:
         """Return the wall time so many seconds after the beginning, in full milliseconds."""
-        return _nearest(self.began_ns, 1_000_000) + milliseconds(seconds) * 1_000_000
-
-    def of(self, wall_ns: int, seconds: float) -> int:
-        """
-        Return the wall time of an event (ns) as all of the report has it.
-
-        The record has it by two clocks, which are read one after the other. Only a wall clock that
-        was set makes a difference that is to be seen.
-        """
-        by_seconds = self.wall_ns(seconds)
-        return wall_ns if abs(wall_ns - by_seconds) > READ_APART_NS else by_seconds
+        return (_milliseconds(self.began_ns) + round(seconds * 1000)) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
         """Return the day."""
@@ -171,13 +136,11 @@ def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, 
     return what, arrived, silence.format(clock.at(band.end, 3)), ''
 
 
-def _nearest(number: int, unit: int) -> int:
-    """Return the multiple of a unit that is nearest; of two, the greater one."""
-    return (2 * number + unit) // (2 * unit) * unit
+def _milliseconds(ns: int) -> int:
+    return (ns + 500_000) // 1_000_000
 
 
 def why_out(out: Out, clock: Clock) -> str:
     """Return why a kart has no place, and when that was."""
     when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
-    joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
-    return f'{out.why.value}{joined}{when}'
+    return f'{out.why.value}{when}'

@@ -1,0 +1,240 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The roster is read again while race control runs: every kart, roster and history of a few steps.
+
+The oracle of the race (``race_oracle``) compares each kart before and after an input. Here karts
+come and go, so the rule has a check of its own: what is bound stays as it is, and nobody is sent
+anything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import itertools
+from types import ModuleType
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules import race
+import pytest
+import race_oracle as oracle
+from rig.faults import faults_in, module_with
+
+TEAM, LATE = 1, 9
+"""A kart that is in the roster, and one that is not yet."""
+
+
+class Meeting:
+    """A race of two karts in IN_GARAGE, and what the officials do with its roster."""
+
+    def __init__(self, rules: ModuleType) -> None:
+        self.rules = rules
+        self.now = 10.0
+        heats = [rules.Heat('Heat 1', (1, 2))]
+        karts = [rules.Kart(each, 'A', True, address=f'10.0.0.{each}') for each in (1, 2)]
+        self.race = rules.Race(karts, now=self.now, heats=heats)
+        self.read: Any = None
+
+    def do(self, kind: str, kart: int = 0, **more: Any) -> Any:
+        """Give a command after every pause, as an official does who sees the race as it is."""
+        self.now = max(self.now + 1.0, self.race.paused_until)
+        command = self.rules.Command(self.rules.CommandKind[kind], kart, True, **more)
+        return self.race.command(command, self.now)
+
+    def home(self) -> None:
+        """Bring the race to IN_GARAGE."""
+        self.now = max(self.now, self.race.paused_until)
+        self.do('IN_GARAGE', karts=frozenset(self.offered('IN_GARAGE').karts))
+
+    def offered(self, kind: str) -> Any:
+        return self.race.availability(self.rules.CommandKind[kind], 0, self.now)
+
+    def roster(self, *karts: tuple[int, str, str]) -> Any:
+        """Return a roster of these karts: number, team and address of each."""
+        heats = (self.rules.Heat('Heat 1', tuple(number for number, _, _ in karts)),)
+        entrants = (self.rules.Entrant(number, team, True, '', at) for number, team, at in karts)
+        return self.rules.Roster(tuple(entrants), heats)
+
+
+def _lost_in_motion(meeting: Meeting) -> None:
+    race, now = meeting.race, meeting.now
+    race.connected(TEAM, now)
+    race.heard(TEAM, race.karts[TEAM].serial, RaceState.GREEN_GREEN, now)
+    race.disconnected(TEAM, 'gone', now)
+
+
+def _lost_on_the_grid(meeting: Meeting) -> None:
+    race = meeting.race
+    race.connected(TEAM, meeting.now)
+    meeting.do('LEAVE_RACE', 2)
+    meeting.do('GRID_ACTIVE', karts=frozenset({TEAM}), opening=race.opening)
+    race.disconnected(TEAM, 'gone', meeting.now)
+    meeting.do('LEAVE_RACE', TEAM)
+    meeting.home()
+
+
+def _held(meeting: Meeting) -> None:
+    meeting.do('KART_RED_RED', TEAM)
+
+
+def _contested(meeting: Meeting) -> None:
+    meeting.race.contested(TEAM, True, meeting.now)
+
+
+BOUND: dict[str, Callable[[Meeting], object]] = {
+    'connected': lambda meeting: meeting.race.connected(TEAM, meeting.now),
+    'held': _held,
+    'lost in motion': _lost_in_motion,
+    'lost on the grid': _lost_on_the_grid,
+    'as which two programs connect': _contested,
+}
+"""Why the roster must keep a kart, and its address."""
+
+FREE: dict[str, Callable[[Meeting], object]] = {
+    'never there': lambda meeting: None,
+    'gone': lambda meeting: (
+        meeting.race.connected(TEAM, meeting.now),
+        meeting.race.disconnected(TEAM, 'gone', meeting.now),
+    ),
+    'released after all were stopped': lambda meeting: (meeting.do('ALL_KILL'), meeting.home()),
+}
+
+SAME, OTHER = (2, 'A', '10.0.0.2'), (2, 'B', '10.0.0.2')
+ROSTERS = {
+    'the same': ((1, 'A', '10.0.0.1'), SAME),
+    'a late team': ((1, 'A', '10.0.0.1'), SAME, (LATE, 'C', '10.0.0.9')),
+    'another team': ((1, 'B', '10.0.0.1'), OTHER),
+    'without it': (SAME,),
+    'another one at its address': (SAME, (LATE, 'C', '10.0.0.1')),
+    'another address': ((1, 'A', '10.0.0.7'), SAME),
+    'addresses changed about': ((1, 'A', '10.0.0.2'), (2, 'A', '10.0.0.1')),
+}
+
+BETWEEN: dict[str, Callable[[Meeting], object]] = {
+    'nothing': lambda meeting: None,
+    'it connects': BOUND['connected'],
+    'it is held': _held,
+    'all are stopped': lambda meeting: meeting.do('ALL_KILL'),
+    'another race control comes': lambda meeting: meeting.race.rival(True, meeting.now),
+    'the network is lost': lambda meeting: meeting.race.cut_off('no cable', meeting.now),
+    'a race is over': lambda meeting: (
+        [meeting.race.connected(each, meeting.now) for each in meeting.race.karts],
+        meeting.do(
+            'GRID_ACTIVE', karts=frozenset(meeting.race.karts), opening=meeting.race.opening
+        ),
+        meeting.home(),
+    ),
+    'it is read again': lambda meeting: meeting.do('READ_ROSTER', roster=meeting.read),
+}
+"""What happens after the roster was read, and before it is taken."""
+
+
+def _keeps(before: oracle.View, roster: Any) -> bool:
+    """Return whether a roster has every kart that it must have, with its address."""
+    at = {each.number: each.address for each in roster.karts}
+    return all(
+        at.get(kart.number) == f'10.0.0.{kart.number}'
+        for kart in before.karts
+        if kart.connected or kart.hold or kart.doubt or kart.alone or kart.contested
+    )
+
+
+def check(rules: ModuleType) -> None:
+    """Judge every reading and every taking of all these."""
+    for first, karts, between in itertools.product(
+        {**BOUND, **FREE}.items(), ROSTERS.items(), BETWEEN.items()
+    ):
+        case = f'{first[0]}, {karts[0]}, {between[0]}'
+        meeting = Meeting(rules)
+        seen = meeting.race
+        first[1](meeting)
+        roster = meeting.roster(*karts[1])
+        before = oracle.look(seen)
+        assert not meeting.offered('TAKE_ROSTER').available, case
+        outcome = meeting.do('READ_ROSTER', roster=roster)
+        assert outcome.answer.success is _keeps(before, roster), (case, outcome.answer)
+        assert oracle.look(seen) == before, case
+        assert not outcome.orders, case
+        if not outcome.answer.success:
+            assert not seen.reading, case
+            continue
+        number, meeting.read, races = seen.reading, roster, seen.grids
+        between[1](meeting)
+        before = oracle.look(seen)
+        again = between[0] == 'it is read again' and seen.reading != number
+        waits = before.state is RaceState.IN_GARAGE and seen.grids == races
+        wanted = waits and _keeps(before, roster) and not (before.rival or before.cut or again)
+        outcome = meeting.do('TAKE_ROSTER', reading=number)
+        assert outcome.answer.success is wanted, (case, outcome.answer)
+        assert not outcome.orders, case
+        after = oracle.look(seen)
+        if not wanted:
+            assert after == before, case
+            continue
+        assert after._replace(karts=(), heats=()) == before._replace(karts=(), heats=()), case
+        assert after.heats == roster.heats, case
+        assert list(seen.karts) == [each.number for each in roster.karts], case
+        known = {kart.number: kart for kart in before.karts}
+        for kart in after.karts:
+            new = rules.Race([rules.Kart(kart.number, in_race=True)], now=meeting.now)
+            assert kart == known.get(kart.number, oracle.look(new).karts[0]), case
+        for kart, each in zip(seen.karts.values(), roster.karts, strict=True):
+            assert (kart.team, kart.address) == (each.team, each.address), case
+        assert not meeting.do('TAKE_ROSTER', reading=number).answer.success, case
+
+
+FAULTS = faults_in(
+    """
+a kart that is connected loses its address: bound: if self.connected => if False
+a kart that is held loses its address: bound: self.hold is not None or => False or
+a kart that two programs connect as loses its address:
+    bound: if self.contested else => if False else
+only a kart that leaves the roster is looked at:
+    _bound: addresses.get(kart.number, '') != kart.address => kart.number not in addresses
+only a kart with another address is looked at:
+    _bound: addresses.get(kart.number, '') => addresses.get(kart.number, kart.address)
+a roster is taken that was not judged again:
+    _no_take_roster: roster=self._read => roster=Roster(())
+a roster is taken during a race:
+    _no_read_roster: self.state is not IN_GARAGE => self.state is GREEN_GREEN
+a roster is taken that was read again since:
+    _misnamed: command.reading != self.reading => command.reading > self.reading
+a roster is taken twice: _take_roster: self._changes(command), 0 => self._changes(command), 1
+a reading outlives a race: _grid_active: self.reading = 0 => pass
+to read it changes the heats:
+    _read_roster: self._readings += 1 => self._readings += 1 ¶ self.heats = command.roster.heats
+a kart that stays is a new one: _take_roster: before.pop(each.number, None) => None
+a new kart is held: _take_roster: in_race=each.in_race => in_race=each.in_race, hold=RED_RED
+the heats stay as they were: _take_roster: self.heats = self._read.heats => pass
+"""
+)
+
+
+def test_a_roster_is_taken_only_if_nothing_that_is_bound_changes_and_nobody_is_sent_anything() -> (
+    None
+):
+    check(race)
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_the_check_of_the_roster_finds(name: str) -> None:
+    fault = FAULTS[name]
+    with pytest.raises(AssertionError):
+        check(module_with(race, fault.old, fault.new, fault.where))
+
+
+def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again() -> None:
+    memory = race.RaceMemory(
+        RaceState.GREEN_GREEN, {5: race.KartMemory(True, False, 0, race.Doubt.MOVING, False)}
+    )
+    meeting = Meeting(race)
+    meeting.race.recover(memory, race.LastRun.UNKNOWN, meeting.now)
+    meeting.home()
+
+    with_it = meeting.roster((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
+    assert not meeting.do('READ_ROSTER', roster=with_it).answer.success
+    assert meeting.do('READ_ROSTER', roster=meeting.roster(SAME)).answer.success
+    assert meeting.do('TAKE_ROSTER', reading=meeting.race.reading).answer.success
+    assert meeting.race.karts[5].hold is RaceState.RED_RED
