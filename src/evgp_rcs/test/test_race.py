@@ -560,18 +560,6 @@ def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
     assert officials.alerts() == {}
 
 
-def test_a_kart_that_drops_again_and_again_does_not_renew_the_time_of_its_alarm(
-    officials: Officials,
-) -> None:
-    officials.to_green().drop(2)
-    lost = officials.now
-    officials.wait(3.0)
-    officials.connect(2)
-    officials.drop(2)
-    (alert,) = officials.race.alerts(officials.now)
-    assert alert.since == lost
-
-
 # ----- alerts -----------------------------------------------------------------------------
 
 
@@ -730,23 +718,6 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     )
     officials.does('GRID_ACTIVE')
     assert not officials.race.track_open
-
-
-def test_the_msr_is_not_asked_for_because_a_kart_comes_late_to_a_stop() -> None:
-    officials = Officials(connected=False)
-    officials.does('ALL_KILL')
-    officials.wait(60.0)
-    officials.connect(1)
-    assert not any(alert.use_msr for alert in officials.race.alerts(officials.now))
-    officials.wait(officials.race.times.red_alert)
-    assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()  # it has had its time
-
-    officials.drop(1)
-    officials.wait(60.0)
-    assert AlertKind.LOST_IN_MOTION in officials.alerts()
-    officials.connect(1)  # nobody knows what it did meanwhile
-    both = {AlertKind.LOST_IN_MOTION, AlertKind.RED_UNACKNOWLEDGED}
-    assert both <= {alert.kind for alert in officials.race.alerts(officials.now) if alert.use_msr}
 
 
 def test_the_statement_after_a_start_without_proof_names_the_karts_that_say_nothing() -> None:

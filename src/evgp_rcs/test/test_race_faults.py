@@ -142,8 +142,8 @@ GREEN_GREEN while a kart is not connected: availability, green-needs-acks _no_gr
     connected not => each.connected and (not each.acknowledged)
 GREEN_GREEN while a kart has not acknowledged: availability, green-needs-acks, refusal-silent
     _no_green_green: without acknowledged
-GRID_ACTIVE while a kart is held: availability _no_grid_active: _held racing => _held((each for
-    each in racing if each.hold is RED_FLAG))
+GRID_ACTIVE while a kart is held: availability _none_or_held: _held racing => _held(each for each
+    in racing if each.hold is RED_FLAG)
 GRID_ACTIVE without the statement that the track is clear: statement COMMANDS: clear #2 => ''
 joining the race releases a held kart: membership-loosens, hold-forgotten _join_race: after
     in_race: self._unhold(kart)
@@ -206,6 +206,8 @@ a refusal does not name the kart: refusal-silent _no_green_green: _silence f =>
 looking at alerts acts: alerts-act alerts: first: self.track_open = False
 a lost kart raises no alert: effect, alerts _drop: doubt under_way => under_way and
     kart.may_be_moving
+a kart that drops again renews the time of its alarm: effect, alerts [green] _drop: without
+    lost_since #1
 a silent kart in RED_FLAG raises no alert: alerts _current_alerts: flag_alert =>
     self.times.ready_alert + 9.0
 GREEN_GREEN is announced after another command: false-news _next: _refusal Command => ''
@@ -261,7 +263,7 @@ a kart in the garage that was seen to move lets humans on the track: track-acces
 the grid forms with a kart that was seen to move: availability [around] _doubtful: may_be_moving =>
     each.hold
 GREEN_GREEN counts the acknowledgement of a red: availability, green-needs-acks, refusal-silent
-    [around] _no_green_green: _held racing => ''
+    [around] _no_green_green: _none_or_held ( => '' if list(self.racing()) else it
 IN_GARAGE does not wait for a lost kart: availability _waited_for: without in_race msr_used
 IN_GARAGE waits for lost karts in spite of the MSR: availability, stuck _waited_for: always
     msr_used not
@@ -383,8 +385,8 @@ GREEN_GREEN while a kart on the grid may be moving: availability [around] _doubt
     may_be_moving
 GREEN_GREEN while a kart that left the grid has only just acknowledged: availability [two on the
     grid] _doubtful: doubt may_be_moving => it and (not each.stopped)
-GREEN_GREEN does not name the kart in doubt: refusal-silent _doubtful: _danger each => 'a kart may
-    be moving'
+GREEN_GREEN does not name the kart in doubt: refusal-silent _doubtful: _dangers ( => 'a kart may be
+    moving' if it else ''
 GRID_ACTIVE while a kart outside the race may be moving: availability _no_grid_active: without
     _doubtful
 the grid forms with a kart as which two programs connect: availability [network] _no_grid_active:
@@ -519,8 +521,8 @@ a race goes home from the grid with a kart that may be moving: availability _no_
     may_be_moving
 a race goes home from the grid with a kart that has an unanswered stop: availability _no_in_garage:
     may_be_moving => it and each.hold is None
-a race never goes home from the grid with a kart on it: availability, stuck _no_in_garage: doubt
-    may_be_moving => each.doubt
+a race never goes home from the grid with a kart on it: availability, stuck _no_in_garage: _dangers
+    ( => _listed(each for each in self.racing() if each.doubt)
 a race cannot go home without a record: availability [around] _no_in_garage: instead of missing if
     return: if not missing: ¶> return self._no_record()
 a FINISH of another run of race control is taken: finish-other [green] _no_finish: run meant =>

@@ -56,7 +56,7 @@ import dataclasses
 from dataclasses import dataclass
 import enum
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
@@ -736,7 +736,12 @@ class Race:
         """
         if self.start is not None:
             return self.start.memory
-        karts = {number: _remembered(kart) for number, kart in self.karts.items()}
+        karts = {
+            number: KartMemory(
+                kart.in_race, kart.hold is not None, kart.place, kart.doubt, kart.held_alone
+            )
+            for number, kart in self.karts.items()
+        }
         return RaceMemory(self.state, karts, self.track_open, self.unstated, self._put_in)
 
     def recover(
@@ -1089,8 +1094,7 @@ class Race:
             kart.delivered_at = max(answered, kart.ordered_at)
             after = kart.delivered_at - kart.ordered_at
             text = f"{kart.sent.value} has reached {kart}'s computer, after {after:.2f} s"
-            kind = EventKind.DELIVERED
-            self._events.append(Event(kind, text, number, kart.sent, after=after))
+            self._tell(EventKind.DELIVERED, text, number, kart.sent, after=after)
         return self._outcome()
 
     def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
@@ -1113,8 +1117,7 @@ class Race:
                 text += f': its program may read {link.behind:.1f} s late'
             elif link.grade is not Grade.GOOD:
                 text += f': it took {link.worst_answer:.2f} s to answer'
-            kind = EventKind.LINK_GRADE
-            self._events.append(Event(kind, text, number, grade=link.grade))
+            self._tell(EventKind.LINK_GRADE, text, number, grade=link.grade)
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
@@ -1526,34 +1529,34 @@ class Race:
     def _no_grid_active(self, command: Command) -> str:
         if self.state not in (IN_GARAGE, GRID_ACTIVE):
             return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
+        return (
+            self._none_or_held()
+            or self._doubtful()
+            or self._contested()
+            or self._uninspected(self.racing())
+            or self._no_record()
+        )
+
+    def _none_or_held(self) -> str:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
         held = _held(racing)
-        if held:
-            if self.state is GRID_ACTIVE:
-                return f'bring the race to IN_GARAGE and release the held karts: {held}'
-            numbers = _numbers(each.number for each in racing if each.hold is not None)
-            return f'first send KART_IN_GARAGE to {numbers}: {held}'
-        return (
-            self._doubtful()
-            or self._contested(racing)
-            or self._uninspected(racing)
-            or self._no_record()
-        )
+        if held and self.state is GRID_ACTIVE:
+            return f'bring the race to IN_GARAGE and release the held karts: {held}'
+        numbers = _numbers(each.number for each in racing if each.hold is not None)
+        return f'first send KART_IN_GARAGE to {numbers}: {held}' if held else ''
 
     def _doubtful(self) -> str:
         """Return which karts must not be near a race that starts, whatever the rest does."""
-        return _cut(
-            [
-                self._danger(each)
-                for each in self.karts.values()
-                if each.may_be_moving or (each.doubt and not each.in_race)
-            ]
+        return self._dangers(
+            each
+            for each in self.karts.values()
+            if each.may_be_moving or (each.doubt and not each.in_race)
         )
 
-    def _contested(self, karts: Iterable[Kart]) -> str:
-        contested = [each for each in karts if each.contested]
+    def _contested(self) -> str:
+        contested = [each for each in self.racing() if each.contested]
         if not contested:
             return ''
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
@@ -1573,20 +1576,16 @@ class Race:
             return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
             return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
-        racing = list(self.racing())
-        if not racing:
-            return 'no kart is in the race'
-        held = _held(racing)
-        if held:
-            return f'bring the race to IN_GARAGE and release the held karts: {held}'
+        if unfit := self._none_or_held():
+            return unfit
         missing = [
             f'{each}: {self._silence(each)}'
-            for each in racing
+            for each in self.racing()
             if not (each.connected and each.acknowledged)
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        if unfit := self._contested(racing) or self._doubtful():
+        if unfit := self._contested() or self._doubtful():
             return unfit
         if self.nobody_since is not None:
             return (
@@ -1602,12 +1601,10 @@ class Race:
 
     def _no_in_garage(self, command: Command) -> str:
         if self.state is GRID_ACTIVE:
-            return _cut(
-                [
-                    self._danger(each)
-                    for each in self.racing()
-                    if each.may_be_moving or (each.doubt and not each.connected)
-                ]
+            return self._dangers(
+                each
+                for each in self.racing()
+                if each.may_be_moving or (each.doubt and not each.connected)
             )
         if self.state is IN_GARAGE:
             return 'the race is in IN_GARAGE already'
@@ -1863,10 +1860,11 @@ class Race:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
             return False, f'the race is in {self.state.value}', None
-        karts = [each for each in self.karts.values() if not self._covered_by_statement(each)]
-        unsafe = [each for each in map(self._danger, karts) if each]
+        unsafe = self._dangers(
+            each for each in self.karts.values() if not self._covered_by_statement(each)
+        )
         if unsafe:
-            return False, _cut(unsafe), None
+            return False, unsafe, None
         if self.past_unknown:
             reason = (
                 'race control does not know what happened: look at every kart, then send IN_GARAGE'
@@ -1876,6 +1874,9 @@ class Race:
             reason = 'no kart is connected: race control does not know what the karts do'
             return True, reason, None
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop', None
+
+    def _dangers(self, karts: Iterable[Kart]) -> str:
+        return _cut([danger for danger in map(self._danger, karts) if danger])
 
     def _danger(self, kart: Kart) -> str:
         """Return why humans must not be near a kart now; nothing if they may (§3.A)."""
@@ -2098,14 +2099,12 @@ class Race:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
         for key, alert in current.items():
             if key not in self._alerts:
-                raised = EventKind.ALERT_RAISED
-                self._events.append(Event(raised, alert.told, alert.kart, alert=alert.kind))
+                self._tell(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
                 of = f', {self.karts[alert.kart]}' if alert.kart else ''
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
-                cleared = EventKind.ALERT_CLEARED
-                self._events.append(Event(cleared, text, alert.kart, alert=alert.kind))
+                self._tell(EventKind.ALERT_CLEARED, text, alert.kart, alert=alert.kind)
         self._alerts = current
 
     def _tell(
@@ -2115,10 +2114,11 @@ class Race:
         kart: int = 0,
         state: RaceState | None = None,
         chatter: bool = False,
+        **more: Any,
     ) -> None:
         by = self._by
-        command, official = (None, '') if by is None else (by.kind, by.official)
-        self._events.append(Event(kind, text, kart, state, command, True, chatter, official))
+        of = (None, True, chatter, '') if by is None else (by.kind, True, chatter, by.official)
+        self._events.append(Event(kind, text, kart, state, *of, **more))
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
@@ -2177,16 +2177,6 @@ NOBODY_THERE = 'nobody is there to stop the race'
 
 MARKED_AS_FINISHED = 'marked as finished'
 """Why a kart is held; still true when later places move up, or its finish is undone."""
-
-
-def _remembered(kart: Kart) -> KartMemory:
-    return KartMemory(
-        kart.in_race,
-        kart.hold is not None,
-        kart.place,
-        kart.doubt,
-        kart.held_alone,
-    )
 
 
 def _cut(phrases: list[str], what: str = 'karts') -> str:
