@@ -2102,7 +2102,9 @@ class Race:
                 self._events.append(Event(raised, alert.told, alert.kart, alert=alert.kind))
         for key, alert in self._alerts.items():
             if key not in current:
-                of = f', {self.karts[alert.kart]}' if alert.kart else ''
+                of = (
+                    f', {self.karts.get(alert.kart, called(alert.kart, ""))}' if alert.kart else ''
+                )
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
                 cleared = EventKind.ALERT_CLEARED
                 self._events.append(Event(cleared, text, alert.kart, alert=alert.kind))
