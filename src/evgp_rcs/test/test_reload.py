@@ -234,3 +234,21 @@ def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again
     assert meeting.do('READ_ROSTER', roster=meeting.roster(SAME)).answer.success
     assert meeting.do('TAKE_ROSTER', reading=meeting.race.reading).answer.success
     assert meeting.race.karts[5].hold is RaceState.RED_RED
+
+
+def test_an_alert_of_a_kart_ends_even_if_the_kart_has_left_the_roster_by_then() -> None:
+    meeting = Meeting(race)
+    rules = meeting.race
+    meeting.do('KART_RED_RED', TEAM)
+    rules.connected(TEAM, meeting.now)
+    meeting.now += rules.times.red_alert + 1.0
+    raised = rules.tick(meeting.now).events
+    assert (race.EventKind.ALERT_RAISED, TEAM) in [(each.kind, each.kart) for each in raised]
+    rules.disconnected(TEAM, 'gone', meeting.now)
+    meeting.do('KART_IN_GARAGE', TEAM, hold=RaceState.RED_RED)
+    assert meeting.do('READ_ROSTER', roster=meeting.roster(SAME)).answer.success
+    assert meeting.do('TAKE_ROSTER', reading=rules.reading).answer.success
+    assert TEAM not in rules.karts
+
+    ended = rules.tick(meeting.now).events
+    assert (race.EventKind.ALERT_CLEARED, TEAM) in [(each.kind, each.kart) for each in ended]

@@ -2102,7 +2102,9 @@ class Race:
                 self._tell(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
-                of = f', {self.karts[alert.kart]}' if alert.kart else ''
+                of = (
+                    f', {self.karts.get(alert.kart, called(alert.kart, ""))}' if alert.kart else ''
+                )
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
                 self._tell(EventKind.ALERT_CLEARED, text, alert.kart, alert=alert.kind)
         self._alerts = current
