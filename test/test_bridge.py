@@ -111,7 +111,7 @@ def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
     folder = tmp_path_factory.mktemp('race_control')
     with (
         Domain() as domain,
-        RaceControl(folder, domain.number, [1], [2], {'pause': 0.5}) as control,
+        RaceControl(folder, domain.number, [1], [2]) as control,
         Official(domain.number) as official,
     ):
         yield Desk(control, official)

@@ -274,7 +274,7 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
 def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
     """Return a race of one kart, for all that follows."""
     folder = tmp_path_factory.mktemp('race')
-    with WireRace(folder, [1], parameters={'pause': 0.5}) as started:
+    with WireRace(folder, [1]) as started:
         yield started
 
 

@@ -54,7 +54,7 @@ def wait_for(race: WireRace, found: Callable[[msg.Race], object], what: str) -> 
 @pytest.fixture(scope='module')
 def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
     """Return the race of all tests of this file, with one kart, which acknowledges."""
-    parameters = {'nobody_there': 0.1, 'pause': 0.5}
+    parameters = {'nobody_there': 0.1}
     with WireRace(tmp_path_factory.mktemp('race'), [1], parameters=parameters) as race:
         yield race
 
