@@ -122,7 +122,7 @@ def test_our_bridge_with_the_stack_of_readme_passes_every_clause(
 
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         for _ in range(busy):
-            parts.enter_context(Program('busy', [sys.executable, '-c', 'while True: pass']))
+            parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
         domain = parts.enter_context(Domain()).number
         words = ['--odometry', 'ros:/odom', *UNATTENDED, *killing(tmp_path)]
         program = parts.enter_context(inspection(folder, *words, domain=domain))
