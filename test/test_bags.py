@@ -25,8 +25,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
-from evgp_testing.process import Process
-from evgp_testing.race_control import address_of, RaceControl, write_roster
+from evgp_testing.race_control import address_of, RaceControl, Timekeeper, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.timekeeper import RESULTS_QOS
 import pytest
@@ -226,8 +225,8 @@ def test_rosbag2_is_told_of_every_latched_topic_of_race_control_and_timekeeper(
     tmp_path: pathlib.Path,
 ) -> None:
     control = start_race_control()
-    given = {'roster': write_roster(tmp_path, [1, 2]), 'book': tmp_path / 'timing.sqlite3'}
-    parts.enter_context(Process('evgp_timing', 'timekeeper', control.domain, given))
+    write_roster(tmp_path, [1, 2])
+    parts.enter_context(Timekeeper(tmp_path, control.domain))
     official = join_official(control)
     official.wait_for_race(lambda race: race.karts, 'a race')
     official.wait_until_polled(

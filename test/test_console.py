@@ -35,7 +35,7 @@ from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process
-from evgp_testing.race_control import RaceControl
+from evgp_testing.race_control import RaceControl, Timekeeper
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -130,14 +130,6 @@ def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
         return control
 
     return start
-
-
-def start_timekeeper(
-    parts: contextlib.ExitStack, control: RaceControl, roster: pathlib.Path
-) -> Process:
-    """Start the timekeeper of a race control."""
-    given = {'roster': roster, 'book': roster.parent / 'timing.sqlite3', 'min_lap_time': 1.0}
-    return parts.enter_context(Process('evgp_timing', 'timekeeper', control.domain, given))
 
 
 def is_past(at: float) -> bool:
@@ -631,7 +623,7 @@ def test_screenshots_of_every_state(
     domain = parts.enter_context(Domain()).number
     control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
     parts.callback(control.close)
-    start_timekeeper(parts, control, tmp_path / 'karts.yaml')
+    parts.enter_context(Timekeeper(tmp_path, control.domain, {'min_lap_time': 1.0}))
     console = open_console(control)
 
     def shoot(name: str) -> None:
@@ -718,8 +710,8 @@ def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_send
     official.wait_for_connected(1, 2, 3)
     console = open_console(control)
     if frozen:
-        roster = tmp_path / f'domain_{control.domain}' / 'karts.yaml'
-        timekeeper = start_timekeeper(parts, control, roster)
+        folder = tmp_path / f'domain_{control.domain}'
+        timekeeper = parts.enter_context(Timekeeper(folder, control.domain, {'min_lap_time': 1.0}))
         console.wait_for('strip', text=r'\A(?!(.|\n)*no timing)')
     official.command('set_heat', heat='Final')
     official.bring_to(GREEN_GREEN)

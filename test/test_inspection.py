@@ -108,8 +108,21 @@ def killing(folder: pathlib.Path) -> list[str]:
 
 @pytest.mark.early
 @pytest.mark.timeout(400)
-def test_our_bridge_with_the_stack_of_readme_passes_every_clause(tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize(
+    'busy',
+    [
+        pytest.param(0, id='alone'),
+        pytest.param(os.cpu_count() or 1, id='busy', marks=pytest.mark.long),
+    ],
+)
+def test_our_bridge_with_the_stack_of_readme_passes_every_clause(
+    busy: int, tmp_path: pathlib.Path
+) -> None:
+    """Also with a program on every core that does nothing but use it."""
+
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        for _ in range(busy):
+            parts.callback(Program('busy', [sys.executable, '-c', 'while True: pass']).kill)
         domain = parts.enter_context(Domain()).number
         words = ['--odometry', 'ros:/odom', *UNATTENDED, *killing(tmp_path)]
         program = parts.enter_context(inspection(folder, *words, domain=domain))

@@ -19,7 +19,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
-from evgp_testing.race_control import new_port, write_roster
+from evgp_testing.race_control import new_port, Timekeeper, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_timing.corrections import CORRECTIONS
 import pytest
@@ -162,8 +162,8 @@ def test_the_timekeeper_does_no_more_than_it_is_allowed_and_gives_finish_alone(
 ) -> None:
     looking = parts.enter_context(RosSide('looking', domain))
     node, named = looking.node, ('timekeeper', '/rcs')
-    given = {'roster': write_roster(tmp_path, [1]), 'book': tmp_path / 'timing.sqlite3'}
-    parts.enter_context(Process('evgp_timing', 'timekeeper', domain, given))
+    write_roster(tmp_path, [1])
+    parts.enter_context(Timekeeper(tmp_path, domain))
     wanted = {f'/rcs/{entry.service}' for entry in CORRECTIONS.values()}
 
     def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:

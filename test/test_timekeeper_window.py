@@ -43,7 +43,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, Program
-from evgp_testing.race_control import write_roster
+from evgp_testing.race_control import Timekeeper, write_roster
 from evgp_testing.ros_side import environment_kept, RosSide
 from evgp_timing import window
 from evgp_timing.corrections import CORRECTIONS
@@ -283,14 +283,9 @@ def event(parts: contextlib.ExitStack, domain: int) -> Event:
 @pytest.fixture
 def timekeeper(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Process:
     """Return a real timekeeper."""
-    roster = write_roster(tmp_path, TEAMS, heats={HEAT: {'karts': [*TEAMS], 'laps': 3}})
-    settings = {
-        'roster': roster,
-        'book': tmp_path / 'timing.sqlite3',
-        'min_lap_time': 1.0,
-        'clock_tolerance': 9.0,
-    }
-    return parts.enter_context(Process('evgp_timing', 'timekeeper', domain, settings))
+    write_roster(tmp_path, TEAMS, heats={HEAT: {'karts': [*TEAMS], 'laps': 3}})
+    settings = {'min_lap_time': 1.0, 'clock_tolerance': 9.0}
+    return parts.enter_context(Timekeeper(tmp_path, domain, settings))
 
 
 @pytest.fixture
@@ -314,47 +309,44 @@ def seen(look: Callable[[], Window]) -> Window:
     return look()
 
 
-def begin(seen: Window, event: Event, timekeeper: Process) -> None:
-    """Have the window see a race that was started."""
-    timekeeper.wait_for_line('keeps its book')
+@pytest.fixture
+def racing(seen: Window, event: Event, timekeeper: Process) -> Window:
+    """Return the window, which sees a race that was started."""
     event.state()
     event.start()
     seen.until(lambda: len(seen.rows(0)) == 2 and 'GREEN' in seen.text('about'), event.state)
+    return seen
 
 
 # ----- what it shows --------------------------------------------------------------------------
 
 
-def test_it_shows_the_race_and_what_the_timekeeper_asks(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    assert seen.text('title') == HEAT
-    assert seen.text('about').startswith('race to 3 laps · run of ')
-    assert 'GREEN GREEN 4:1' in seen.text('about')
-    assert {row[2] for row in seen.rows(0)} == {*TEAMS.values()}
-    assert 'stops and starts nothing' in seen.text('stops')
+def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, event: Event) -> None:
+    assert racing.text('title') == HEAT
+    assert racing.text('about').startswith('race to 3 laps · run of ')
+    assert 'GREEN GREEN 4:1' in racing.text('about')
+    assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
+    assert 'stops and starts nothing' in racing.text('stops')
     event.finish(7)
-    seen.until(lambda: 'Kart 7 was given FINISH, and 3 of its laps' in seen.text('warning'))
+    racing.until(lambda: 'Kart 7 was given FINISH, and 3 of its laps' in racing.text('warning'))
 
 
 def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
-    seen: Window, event: Event, timekeeper: Process
+    racing: Window, timekeeper: Process
 ) -> None:
-    begin(seen, event, timekeeper)
     freeze(timekeeper.pid)
     try:
-        seen.until(lambda: 'No word from the timekeeper for 4 s' in seen.text('warning'))
-        assert not seen.find('PENALISE').isEnabled()
-        seen.count('7')
-        seen.until_said('LAP was not sent: no word from the timekeeper for')
+        racing.until(lambda: 'No word from the timekeeper for 4 s' in racing.text('warning'))
+        assert not racing.find('PENALISE').isEnabled()
+        racing.count('7')
+        racing.until_said('LAP was not sent: no word from the timekeeper for')
     finally:
         timekeeper.signal(signal.SIGCONT)
-    seen.until(lambda: seen.find('PENALISE').isEnabled())
-    assert seen.text('warning') == ''
-    assert seen.rows(1) == []
-    seen.count('7')
-    seen.until_said('LAP: kart 7 crossed the line: counted')
+    racing.until(lambda: racing.find('PENALISE').isEnabled())
+    assert racing.text('warning') == ''
+    assert racing.rows(1) == []
+    racing.count('7')
+    racing.until_said('LAP: kart 7 crossed the line: counted')
 
 
 def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
@@ -384,151 +376,129 @@ def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
 # ----- corrections ----------------------------------------------------------------------------
 
 
-def test_a_lap_is_counted_by_the_number_of_the_kart_and_enter(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    assert seen.find('lap').hasFocus()
-    seen.count('7')
-    seen.until_said('LAP: kart 7 crossed the line: counted')
-    seen.until(lambda: seen.crossing('7') == 'by hand, starts lap 1 [Strike]')
-    assert seen.text('lap') == ''
-    seen.count('9')
-    seen.until_said('There is no kart 9')
+def test_a_lap_is_counted_by_the_number_of_the_kart_and_enter(racing: Window) -> None:
+    assert racing.find('lap').hasFocus()
+    racing.count('7')
+    racing.until_said('LAP: kart 7 crossed the line: counted')
+    racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
+    assert racing.text('lap') == ''
+    racing.count('9')
+    racing.until_said('There is no kart 9')
 
 
-def test_a_crossing_is_struck_with_a_reason_and_restored(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    seen.count('7')
-    seen.until(lambda: seen.crossing('7'))
-    seen.press('Strike', kart='7')
-    assert 'Kart 7 at 0:' in seen.text('text')
-    yes = seen.find('dialog').findChildren(QtWidgets.QPushButton)[0]
+def test_a_crossing_is_struck_with_a_reason_and_restored(racing: Window) -> None:
+    racing.count('7')
+    racing.until(lambda: racing.crossing('7'))
+    racing.press('Strike', kart='7')
+    assert 'Kart 7 at 0:' in racing.text('text')
+    yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
     assert not yes.isEnabled()
-    seen.type_('reason', 'seen twice')
-    seen.press('Strike passing')
+    racing.type_('reason', 'seen twice')
+    racing.press('Strike passing')
     who = claim('Tina', os.uname().nodename, os.getpid())
-    seen.until(lambda: seen.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
-    seen.press('Restore', kart='7')
-    seen.until(lambda: seen.crossing('7') == 'by hand, starts lap 1 [Strike]')
-    seen.until_said('RESTORE PASSING: passing official 1 counts again')
+    racing.until(lambda: racing.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
+    racing.press('Restore', kart='7')
+    racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
+    racing.until_said('RESTORE PASSING: passing official 1 counts again')
 
 
-def test_a_dialog_that_is_cancelled_sends_nothing(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    seen.count('7')
-    seen.until_said('LAP: kart 7 crossed the line')
-    seen.until(lambda: seen.crossing('7'))
-    before = seen.text('said')
-    seen.press('Strike', kart='7')
-    seen.type_('reason', 'seen twice')
-    seen.press('Cancel')
-    seen.until(lambda: not seen.widget.findChildren(QtWidgets.QDialog))
-    assert seen.text('said') == before
+def test_a_dialog_that_is_cancelled_sends_nothing(racing: Window) -> None:
+    racing.count('7')
+    racing.until_said('LAP: kart 7 crossed the line')
+    racing.until(lambda: racing.crossing('7'))
+    before = racing.text('said')
+    racing.press('Strike', kart='7')
+    racing.type_('reason', 'seen twice')
+    racing.press('Cancel')
+    racing.until(lambda: not racing.widget.findChildren(QtWidgets.QDialog))
+    assert racing.text('said') == before
 
 
 def test_a_transponder_is_given_to_its_kart_and_its_crossings_count(
-    seen: Window, event: Event, timekeeper: Process
+    racing: Window, event: Event
 ) -> None:
-    begin(seen, event, timekeeper)
     event.cross('4711')
     event.cross('4711')
-    seen.until(lambda: len(seen.rows(1)) == 2)
-    assert seen.crossing('?') == 'transponder 4711 [Whose?]'
-    assert 'no kart has the transponder 4711' in seen.text('warning')
-    seen.press('Whose?', kart='?')
-    seen.choose('kart', '3  Georgia Tech')
-    seen.press('Give transponder')
-    seen.until_said('transponder 4711 belongs to kart 3')
-    seen.until(lambda: seen.crossing('3') == 'lap 1, 0:01.500 [Strike]')
-    assert seen.status('3') == 'lap 2'
+    racing.until(lambda: len(racing.rows(1)) == 2)
+    assert racing.crossing('?') == 'transponder 4711 [Whose?]'
+    assert 'no kart has the transponder 4711' in racing.text('warning')
+    racing.press('Whose?', kart='?')
+    racing.choose('kart', '3  Georgia Tech')
+    racing.press('Give transponder')
+    racing.until_said('transponder 4711 belongs to kart 3')
+    racing.until(lambda: racing.crossing('3') == 'lap 1, 0:01.500 [Strike]')
+    assert racing.status('3') == 'lap 2'
 
 
-def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    seen.press('Penalty…')
-    yes = seen.find('dialog').findChildren(QtWidgets.QPushButton)[0]
-    seen.type_('reason', 'short cut')
-    seen.choose('kart', '7  Purdue')
+def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(racing: Window) -> None:
+    racing.press('Penalty…')
+    yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
+    racing.type_('reason', 'short cut')
+    racing.choose('kart', '7  Purdue')
     assert not yes.isEnabled()
-    seen.find('seconds').setValue(5)
+    racing.find('seconds').setValue(5)
     assert yes.isEnabled()
-    seen.press('Penalise')
-    seen.until_said('PENALISE: kart 7: +5 s: short cut')
-    seen.until(lambda: seen.status('7') == 'lap 1; +5 s: short cut')
-    seen.press('Undo penalty…')
-    seen.choose('kart', '7  Purdue')
-    seen.press('Undo penalty')
-    seen.until_said('the last penalty of kart 7 is taken back')
-    seen.until(lambda: seen.status('7') == 'lap 1')
-    seen.press('Undo penalty…')
-    seen.choose('kart', '7  Purdue')
-    seen.press('Undo penalty')
-    seen.until_said('UNDO PENALTY refused: kart 7 has no penalty')
-    assert seen.find('said').property('bad')
+    racing.press('Penalise')
+    racing.until_said('PENALISE: kart 7: +5 s: short cut')
+    racing.until(lambda: racing.status('7') == 'lap 1; +5 s: short cut')
+    racing.press('Undo penalty…')
+    racing.choose('kart', '7  Purdue')
+    racing.press('Undo penalty')
+    racing.until_said('the last penalty of kart 7 is taken back')
+    racing.until(lambda: racing.status('7') == 'lap 1')
+    racing.press('Undo penalty…')
+    racing.choose('kart', '7  Purdue')
+    racing.press('Undo penalty')
+    racing.until_said('UNDO PENALTY refused: kart 7 has no penalty')
+    assert racing.find('said').property('bad')
 
 
-def test_a_kart_whose_row_was_clicked_is_the_one_to_disqualify(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    table = seen.widget.findChildren(QtWidgets.QTableWidget)[0]
-    row = [each[1] for each in seen.rows(0)].index('7')
+def test_a_kart_whose_row_was_clicked_is_the_one_to_disqualify(racing: Window) -> None:
+    table = racing.widget.findChildren(QtWidgets.QTableWidget)[0]
+    row = [each[1] for each in racing.rows(0)].index('7')
     middle = table.visualItemRect(table.item(row, 2)).center()
     QtTest.QTest.mouseClick(table.viewport(), QtCore.Qt.MouseButton.LeftButton, pos=middle)
-    seen.press('Penalty…')
-    seen.find('disqualified').setChecked(True)
-    seen.type_('reason', 'not fit to race')
-    seen.press('Penalise')
-    seen.until(lambda: seen.status('7') == 'disqualified: not fit to race')
+    racing.press('Penalty…')
+    racing.find('disqualified').setChecked(True)
+    racing.type_('reason', 'not fit to race')
+    racing.press('Penalise')
+    racing.until(lambda: racing.status('7') == 'disqualified: not fit to race')
     # The next number that is typed is that of a lap.
-    assert seen.widget.focusWidget() is seen.find('lap')
+    assert racing.widget.focusWidget() is racing.find('lap')
 
 
-def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
+def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(racing: Window, event: Event) -> None:
     for _ in range(2):
         event.cross('4711')
-    seen.until(lambda: len(seen.rows(1)) == 2)
-    seen.press('Whose?', kart='?')
-    seen.choose('kart', '3')
-    seen.press('Give transponder')
-    seen.until(lambda: seen.status('3') == 'lap 2')
+    racing.until(lambda: len(racing.rows(1)) == 2)
+    racing.press('Whose?', kart='?')
+    racing.choose('kart', '3')
+    racing.press('Give transponder')
+    racing.until(lambda: racing.status('3') == 'lap 2')
     event.stop()
     event.start()
-    seen.until(lambda: not seen.rows(1))
+    racing.until(lambda: not racing.rows(1))
     for _ in range(2):
         event.cross('4711')
-    seen.until(lambda: seen.status('3') == 'lap 2')
+    racing.until(lambda: racing.status('3') == 'lap 2')
     event.stop()
-    assert seen.counting() == [True, False]
-    seen.press('Which run counts…')
-    seen.find('race').setCurrentIndex(1)
-    seen.press('Count this race')
-    seen.until_said('race 1 counts as Heat 1')
-    seen.until(lambda: seen.counting() == [False, True])
+    assert racing.counting() == [True, False]
+    racing.press('Which run counts…')
+    racing.find('race').setCurrentIndex(1)
+    racing.press('Count this race')
+    racing.until_said('race 1 counts as Heat 1')
+    racing.until(lambda: racing.counting() == [False, True])
 
 
-def test_results_are_published_once_the_race_is_over(
-    seen: Window, event: Event, timekeeper: Process
-) -> None:
-    begin(seen, event, timekeeper)
-    seen.press('Publish results…')
-    seen.press('Publish results')
-    seen.until_said('PUBLISH RESULTS refused: the race is under way')
+def test_results_are_published_once_the_race_is_over(racing: Window, event: Event) -> None:
+    racing.press('Publish results…')
+    racing.press('Publish results')
+    racing.until_said('PUBLISH RESULTS refused: the race is under way')
     event.stop()
-    seen.until(lambda: seen.status('7') == 'no lap')
-    seen.press('Publish results…')
-    seen.press('Publish results')
-    seen.until(lambda: 'results published' in seen.text('about'))
+    racing.until(lambda: racing.status('7') == 'no lap')
+    racing.press('Publish results…')
+    racing.press('Publish results')
+    racing.until(lambda: 'results published' in racing.text('about'))
 
 
 KART = KartResult(7, 0, Status.RUNNING, 0, None, (), ())

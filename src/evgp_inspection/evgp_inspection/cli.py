@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 import contextlib
 import dataclasses
 import datetime
@@ -33,18 +33,12 @@ from evgp_inspection.kart_sentences import BY_STATEMENT, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import listen
 from evgp_inspection.recording import first
-from evgp_inspection.report import as_html, as_json, Header, summary
+from evgp_inspection.report import as_html, as_json, Header, summary, write_files
 from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
 Options: TypeAlias = argparse.Namespace
-
-Begin: TypeAlias = Callable[
-    [Inspector, Limits, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
-]
-"""Inspects once the word is given: by these limits, for these clauses, until the event is set."""
-
 
 A_RACE_ONLY = 'A race only: this is no inspection.'
 
@@ -129,26 +123,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     if options.odometry == '-' and not options.unattended:
         parser.error('--odometry - takes the keyboard: it needs --unattended')
 
-    def begin(
-        inspector: Inspector, limits: Limits, clauses: Sequence[Clause], stopping: asyncio.Event
-    ) -> Awaitable[Inspection]:
-        return inspect(
-            inspector,
-            limits,
-            clauses,
-            stopping,
-            host=options.listen,
-            port=options.port,
-            kart_address=options.kart_address,
-            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
-            kills=_kills(options, inspector, limits),
-            steps=RACE_STEPS if options.race else (),
-            listening=lambda port: inspector.tell(
-                f'Waiting for the kart on port {port} for {limits.connect:g} s.'
-            ),
-        )
-
-    return _inspect(options, limits, clauses, begin)
+    return _inspect(options, limits, clauses)
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
@@ -176,12 +151,12 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
     }
 
 
-def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause], begin: Begin) -> int:
+def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int:
     """Inspect, from the word to the report; return the exit code."""
     printer = Printer()
     began = datetime.datetime.now().astimezone()
     try:
-        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses, begin))
+        inspection = asyncio.run(_with_the_word(options, printer, limits, clauses))
     except (OSError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
@@ -204,16 +179,17 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause], begin:
         print(f'To be stated by the team, and ticked by hand: {statement}')
     print(summary(inspection.results))
     if options.report:
-        _write(pathlib.Path(options.report), header, inspection.results, began)
+        name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
+        texts = {
+            'html': as_html(header, inspection.results),
+            'json': as_json(header, inspection.results),
+        }
+        write_files(pathlib.Path(options.report), name, began, texts)
     return inspection.exit_code
 
 
 async def _with_the_word(
-    options: Options,
-    printer: Printer,
-    limits: Limits,
-    clauses: Sequence[Clause],
-    begin: Begin,
+    options: Options, printer: Printer, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
     """Inspect once the inspector has given the word; a signal ends it."""
     stopping = asyncio.Event()
@@ -231,20 +207,18 @@ async def _with_the_word(
                 given.cancel()
                 not_done = [Result(each, NOT_DONE) for each in clauses]
                 return Inspection(not_done, remarks=['Not begun.'])
-        return await begin(inspector, limits, clauses, stopping)
-
-
-def _write(
-    folder: pathlib.Path, header: Header, results: list[Result], began: datetime.datetime
-) -> None:
-    """Write the two files of the report."""
-    name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
-    stem = f'{name}-{began:%Y%m%d-%H%M%S}'
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for ending, write in (('html', as_html), ('json', as_json)):
-            path = folder / f'{stem}.{ending}'
-            path.write_text(write(header, results), encoding='utf-8')
-            print(f'written: {path}')
-    except OSError as error:
-        print(f'The report cannot be written: {error}', file=sys.stderr)
+        return await inspect(
+            inspector,
+            limits,
+            clauses,
+            stopping,
+            host=options.listen,
+            port=options.port,
+            kart_address=options.kart_address,
+            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
+            kills=_kills(options, inspector, limits),
+            steps=RACE_STEPS if options.race else (),
+            listening=lambda port: inspector.tell(
+                f'Waiting for the kart on port {port} for {limits.connect:g} s.'
+            ),
+        )

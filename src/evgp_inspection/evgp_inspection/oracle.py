@@ -241,7 +241,7 @@ class Oracle:
         self._state: RaceState | None = None
         self._ready = self._armed = self._killed = False
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
-        self._silent = 'silent'
+        self._silent, self._silent_at = 'silent', 0.0
         self._grids = 0
         self._stood: float | None = 0.0  # since when it stands; None: it may still roll
         self._freed = 0.0  # when it had to stop driving, s
@@ -353,7 +353,7 @@ class Oracle:
         elif event.kind is Kind.BACK:
             self._back_due = Due('K-4D-05', at, self._limits.reconnect, 'connect')
         elif event.kind is Kind.SILENT:
-            self._silent = event.text
+            self._silent, self._silent_at = event.text, at
             if event.text == 'silent':
                 self._back_due = Due('K-4D-04', at, self._limits.reconnect, 'connect')
         elif event.kind is Kind.KILLED and (event.text == 'stack' or self._state is not None):
@@ -554,8 +554,11 @@ class Oracle:
             return
         if self._step in SENT_SO and self._step != 'backlog':
             self._fail(SENT_SO[self._step], 'It dropped the connection.', self.spell.at, at)
+        framed = self.trace.framed_at(event.link)
         if self._step == 'bridge':
             self._lose(at, 'bridge', self._limits.silence)
+        elif self._silent_at >= framed:  # it takes a shorter silence for a loss
+            self._lose(at, self._silent, max(framed + self._limits.silence - at, 0.0))
         else:
             self._lose(at, 'kart')
 

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import dataclasses
+import datetime
 import html
 import json
 import math
+import pathlib
+import sys
 from typing import Any
 
 from evgp_inspection import VERSION
@@ -110,6 +113,20 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
         'checks': checks,
     }
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def write_files(
+    folder: pathlib.Path, name: str, began: datetime.datetime, texts: Mapping[str, str]
+) -> None:
+    """Write the files of a report, and print their paths; the texts are by the file's ending."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for ending, text in texts.items():
+            path = folder / f'{name}-{began:%Y%m%d-%H%M%S}.{ending}'
+            path.write_text(text, encoding='utf-8')
+            print(f'written: {path}')
+    except OSError as error:
+        print(f'The report cannot be written: {error}', file=sys.stderr)
 
 
 _STYLE = """\

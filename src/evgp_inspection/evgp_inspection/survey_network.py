@@ -31,6 +31,7 @@ from evgp_inspection.inspection import Exit
 from evgp_inspection.inspector import Printer, WORD
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.recording import first
+from evgp_inspection.report import write_files
 from evgp_inspection.survey import LinkSurvey, Mark, Report
 from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
@@ -357,7 +358,8 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         return Exit.NOT_PASSED
     print(report.text(), end='')
     if options.report:
-        _write(pathlib.Path(options.report), report)
+        texts = {'txt': report.text(), 'json': report.as_json()}
+        write_files(pathlib.Path(options.report), 'survey', report.began, texts)
     return Exit.PASSED if report.verdict is Verdict.PASS else Exit.NOT_PASSED
 
 
@@ -420,16 +422,3 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report |
         held_up=surveyor.held_up,
         limits=limits,
     )
-
-
-def _write(folder: pathlib.Path, report: Report) -> None:
-    """Write the two files of the report."""
-    stem = f'survey-{report.began:%Y%m%d-%H%M%S}'
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for ending, text in (('txt', report.text()), ('json', report.as_json())):
-            path = folder / f'{stem}.{ending}'
-            path.write_text(text, encoding='utf-8')
-            print(f'written: {path}')
-    except OSError as error:
-        print(f'The report cannot be written: {error}', file=sys.stderr)
