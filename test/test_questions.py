@@ -45,6 +45,8 @@ from rig.seed import dice_of
 WALKS = 60
 STEPS = 40
 NUMBERS = (1, 2, 3, 4, 7)
+READ = Roster(tuple(Entrant(each, 'Another', True) for each in NUMBERS))
+"""What the file of the roster says."""
 
 NEXT = {
     RaceState.IN_GARAGE: CommandKind.GRID_ACTIVE,
@@ -79,6 +81,7 @@ def given(button: Button) -> Command:
         seen.stated,
         frozenset(seen.karts),
         seen.hold,
+        roster=READ,
         **({name: seen.number} if (name := CATALOGUE[seen.command].names_number) else {}),
     )
 
@@ -161,7 +164,7 @@ class Walk:
                 frozenset(offered.karts),
                 self.race.karts[number].hold,
                 opening=self.race.opening,
-                roster=Roster(tuple(Entrant(each, 'Another', True) for each in NUMBERS)),
+                roster=READ,
                 reading=self.race.reading,
             ),
             self.now,

@@ -282,7 +282,7 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
-    control = start_race_control(in_race=(1,), pause=0.5)
+    control = start_race_control(in_race=(1,), pause=1.0)
     official = join_official(control)
     accepted(control, official, 'all-kill')
     accepted(control, official, 'kart-in-garage', '1', '--made-safe-by-hand')

@@ -166,7 +166,10 @@ def check(rules: ModuleType) -> None:
         again = between[0] == 'it is read again' and seen.reading != number
         waits = before.state is RaceState.IN_GARAGE and seen.grids == races
         wanted = waits and _keeps(before, roster) and not (before.rival or before.cut or again)
-        outcome = meeting.do('TAKE_ROSTER', reading=number)
+        for other in (meeting.roster(), meeting.roster(*karts[1], (8, 'D', '10.0.0.8'))):
+            answer = meeting.do('TAKE_ROSTER', reading=number, roster=other).answer
+            assert not answer.success, case  # the file is another by now
+        outcome = meeting.do('TAKE_ROSTER', reading=number, roster=roster)
         assert outcome.answer.success is wanted, (case, outcome.answer)
         assert not outcome.orders, case
         after = oracle.look(seen)
@@ -182,7 +185,8 @@ def check(rules: ModuleType) -> None:
             assert kart == known.get(kart.number, oracle.look(new).karts[0]), case
         for kart, each in zip(seen.karts.values(), roster.karts, strict=True):
             assert (kart.team, kart.address) == (each.team, each.address), case
-        assert not meeting.do('TAKE_ROSTER', reading=number).answer.success, case
+        again = meeting.do('TAKE_ROSTER', reading=number, roster=roster)
+        assert not again.answer.success, case
 
 
 FAULTS = faults_in(
@@ -197,6 +201,7 @@ a roster is taken that was not judged again: _no_take_roster: _read => Roster(()
 a roster is taken during a race: _no_read_roster: state not => self.state is GREEN_GREEN
 a roster is taken that was read again since: _misnamed: reading != => command.reading >
     self.reading
+a roster is taken though the file is another by now: _misnamed: never roster _read
 a roster is taken twice: _take_roster: 0 => 1
 a reading outlives a race: _grid_active: skips reading
 to read it changes the heats: _read_roster: first: self.heats = command.roster.heats
@@ -231,8 +236,10 @@ def test_a_kart_that_is_in_no_roster_any_more_stays_held_and_is_not_let_in_again
 
     with_it = meeting.roster((1, 'A', '10.0.0.1'), SAME, (5, 'E', '10.0.0.5'))
     assert not meeting.do('READ_ROSTER', roster=with_it).answer.success
-    assert meeting.do('READ_ROSTER', roster=meeting.roster(SAME)).answer.success
-    assert meeting.do('TAKE_ROSTER', reading=meeting.race.reading).answer.success
+    read = meeting.roster(SAME)
+    assert meeting.do('READ_ROSTER', roster=read).answer.success
+    number = meeting.race.reading
+    assert meeting.do('TAKE_ROSTER', reading=number, roster=read).answer.success
     assert meeting.race.karts[5].hold is RaceState.RED_RED
 
 
@@ -246,8 +253,9 @@ def test_an_alert_of_a_kart_ends_even_if_the_kart_has_left_the_roster_by_then() 
     assert (race.EventKind.ALERT_RAISED, TEAM) in [(each.kind, each.kart) for each in raised]
     rules.disconnected(TEAM, 'gone', meeting.now)
     meeting.do('KART_IN_GARAGE', TEAM, hold=RaceState.RED_RED)
-    assert meeting.do('READ_ROSTER', roster=meeting.roster(SAME)).answer.success
-    assert meeting.do('TAKE_ROSTER', reading=rules.reading).answer.success
+    read = meeting.roster(SAME)
+    assert meeting.do('READ_ROSTER', roster=read).answer.success
+    assert meeting.do('TAKE_ROSTER', reading=rules.reading, roster=read).answer.success
     assert TEAM not in rules.karts
 
     ended = rules.tick(meeting.now).events

@@ -383,7 +383,7 @@ class RcsNode(StrictNode):
 
     def _command(self, command: Command) -> Answer:
         try:
-            if command.kind is CommandKind.READ_ROSTER:
+            if command.kind in (CommandKind.READ_ROSTER, CommandKind.TAKE_ROSTER):
                 command = command._replace(roster=read_roster(self._roster))
             answer = self._server.command(command, clock.now())
             if answer is not None:

@@ -179,8 +179,8 @@ class Command(NamedTuple):
     :param heat: for SET_HEAT: the name of the heat.
     :param opening: for GRID_ACTIVE, which closes the track: the number of its last opening, as the
         official saw it (``TrackAccess.opening``).
-    :param roster: for READ_ROSTER: what the file says; ``reading``: for TAKE_ROSTER, the number of
-        the reading that the official saw (``Race.reading``).
+    :param roster: for READ_ROSTER and TAKE_ROSTER: what the file says now; ``reading``: for
+        TAKE_ROSTER, the number of the reading that the official saw (``Race.reading``).
     :param official: who gives it, by their own word (``official``). No rule depends on it.
     :param run: for FINISH by the timekeeper: the id of the run of race control, with ``race``, the
         number of the race, and ``attempt``, how often the kart's finish was undone in it; empty:
@@ -1718,7 +1718,7 @@ class Race:
         ]
         if not bound:
             return ''
-        return f'{_cut(bound)}; until that ends, the roster must keep its number and address'
+        return f'{_cut(bound)}; until that ends, its number and address stay as they are'
 
     # ----- what the official saw ----------------------------------------------------------
 
@@ -1750,6 +1750,8 @@ class Race:
             return 'the roster has no kart'
         if command.kind is CommandKind.TAKE_ROSTER and command.reading != self.reading:
             return f'the last reading is {self.reading}, you named {command.reading}; look again'
+        if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
+            return 'the file has changed since it was read; read it again'
         if entry.names_number == 'opening' and command.opening != self.opening:
             how, at = self._opened
             return (
