@@ -285,7 +285,8 @@ def an_event_is_new(entries: list[Entry], chance: random.Random) -> None:
 def the_end_is_cut_off_amid_what_an_input_made(
     entries: list[Entry], chance: random.Random
 ) -> None:
-    del entries[places(entries, an_event)[-1] :]
+    last = places(entries, an_event)[-1]
+    del entries[last:]
 
 
 def another(kind: Any, value: Any) -> Any:
