@@ -9,12 +9,14 @@ import contextlib
 import pathlib
 
 from evgp_protocol.states import RaceState
+from evgp_rcs_console.command_line import Exit
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl, Timekeeper, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from rig.replaying import replay_without_difference
+from test_rcs_ctl import run as rcs_ctl
 
 TEAMS, LATE = (1, 2), 7
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -60,6 +62,9 @@ def test_a_kart_comes_late_and_races_while_the_others_stay_connected(
     official.command('reload_roster', take=False)
     official.wait_for_race(lambda race: race.reading == 2, 'the roster that was read')
     assert not official.call('reload_roster', take=True, reading=1).success
+    refused = rcs_ctl(domain.number, 'take-roster', '1')
+    assert refused.returncode == Exit.REFUSED
+    assert 'take-roster' not in refused.stderr  # no line to type that would do something else
     official.command('reload_roster', take=True, reading=2)
     official.wait_for_results(lambda results: bool(results.grids), "the timekeeper's heats")
     connect(LATE)

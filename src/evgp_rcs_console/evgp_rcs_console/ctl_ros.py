@@ -173,7 +173,7 @@ def _give(
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = None
-    opening = getattr(wanted, 'reading', 0)
+    number = getattr(wanted, 'reading', 0)
     released = ''
     if (entry.names_karts and not karts) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
@@ -184,9 +184,9 @@ def _give(
         # IN GARAGE may be for no kart; then there is none to name.
         unnamed = concerned.karts or not concerned.available or not wanted.stated
         unnamed = entry.names_karts and not karts and unnamed
-        if entry.names_number:
+        if entry.names_number:  # of what names karts too: of the track's last opening
             track = hearing.race.track
-            opening = track.opening if wanted.closes is None else wanted.closes
+            number = track.opening if wanted.closes is None else wanted.closes
             unnamed = unnamed or (track.open and wanted.closes is None)
         if unnamed:
             # So that the question says what the timekeeper knows; without one it asks on.
@@ -204,7 +204,7 @@ def _give(
         karts,
         hold,
         getattr(wanted, 'heat', ''),
-        opening,
+        number,
         Signature(wanted.official).claim,
         {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
@@ -263,7 +263,7 @@ def _next_step(
         return []
     karts = offered.karts if form.names_karts else ()
     others = set(karts) != set(given.karts)
-    unsaid = offered.statement if not given.stated else ''
+    unsaid = '' if given.stated or form.call_is_statement else offered.statement
     if not others and not unsaid:
         return []
     said = said_of(given.command, race, offered, kart, found) if others else []

@@ -156,8 +156,8 @@ class RcsNode(StrictNode):
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
         # It asks while the graph is looked at, and goes on until the end.
-        self._karts = [each.address for each in begin.roster.karts]  # their addresses
-        self._watch = watch_for_race_control(begin.settings.host, lambda: self._karts)
+        self._addresses = [each.address for each in begin.roster.karts]
+        self._watch = watch_for_race_control(begin.settings.host, lambda: self._addresses)
         try:
             refuse_rivals(self)
             begin = self._after_the_first_look(begin)
@@ -194,7 +194,7 @@ class RcsNode(StrictNode):
         self._asking.start()
         self._watch.tell(self._hear_watch)
         self.get_logger().info(
-            f'Race control listens for {len(self._karts)} karts at '
+            f'Race control listens for {len(self._addresses)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
         )
         self.get_logger().info(where_reachable())
@@ -241,7 +241,7 @@ class RcsNode(StrictNode):
         return dataclasses.replace(begin, cannot_know=not_known)
 
     def _take_snapshot(self, race: Snapshot) -> None:
-        self._karts = [kart.address for kart in race.karts if kart.address]
+        self._addresses = [kart.address for kart in race.karts if kart.address]
         self._publisher.race(race)
 
     def _hear_watch(self) -> None:
