@@ -199,9 +199,9 @@ only a kart with another address is looked at: _bound: get number => addresses.g
     kart.address)
 a roster is taken that was not judged again: _no_take_roster: _read => Roster(())
 a roster is taken during a race: _no_read_roster: state not => self.state is GREEN_GREEN
-a roster is taken that was read again since: _misnamed: reading != => command.reading >
+a roster is taken that was read again since: _read_otherwise: reading != => command.reading >
     self.reading
-a roster is taken though the file is another by now: _misnamed: never roster _read
+a roster is taken though the file is another by now: _read_otherwise: never roster _read
 a roster is taken twice: _take_roster: 0 => 1
 a reading outlives a race: _grid_active: skips reading
 to read it changes the heats: _read_roster: first: self.heats = command.roster.heats

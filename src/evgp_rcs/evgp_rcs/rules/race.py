@@ -1746,12 +1746,10 @@ class Race:
             return self._no_such_heat(command.heat)
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
-        if command.kind is CommandKind.READ_ROSTER and not command.roster.karts:
-            return 'the roster has no kart'
-        if command.kind is CommandKind.TAKE_ROSTER and command.reading != self.reading:
-            return f'the last reading is {self.reading}, you named {command.reading}; look again'
-        if command.kind is CommandKind.TAKE_ROSTER and command.roster != self._read:
-            return 'the file has changed since it was read; read it again'
+        if command.kind is CommandKind.READ_ROSTER:
+            return '' if command.roster.karts else 'the roster has no kart'
+        if entry.names_number == 'reading':
+            return self._read_otherwise(command)
         if entry.names_number == 'opening' and command.opening != self.opening:
             how, at = self._opened
             return (
@@ -1774,6 +1772,13 @@ class Race:
             'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
         )
         return f'{kart} has changed since you looked: it is {now}, you saw it {then}; look again'
+
+    def _read_otherwise(self, command: Command) -> str:
+        if command.reading != self.reading:
+            return f'the last reading is {self.reading}, you named {command.reading}; look again'
+        if command.roster != self._read:
+            return 'the file has changed since it was read; read it again'
+        return ''
 
     def _not_as_seen(self, command: Command) -> str:
         concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
@@ -2104,9 +2109,9 @@ class Race:
                 self._tell(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
-                of = (
-                    f', {self.karts.get(alert.kart, called(alert.kart, ""))}' if alert.kart else ''
-                )
+                # It may have left the roster since.
+                kart = self.karts.get(alert.kart, called(alert.kart, ''))
+                of = f', {kart}' if alert.kart else ''
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
                 self._tell(EventKind.ALERT_CLEARED, text, alert.kart, alert=alert.kind)
         self._alerts = current
