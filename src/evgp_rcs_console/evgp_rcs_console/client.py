@@ -308,7 +308,7 @@ class Client:
             self._request(given)
         # Told under the lock: never after it is told that the press was accepted.
         with self._lock:
-            if pressed:
+            if self._standing.pressed:
                 self._listener.on_pressing(self._standing.pressed)
 
     def _finds(self, given: Given) -> bool:

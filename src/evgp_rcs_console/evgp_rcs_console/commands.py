@@ -339,10 +339,12 @@ class StandingStops:
 
     def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
         """
-        Return what is to be sent now, and count it as sent.
+        Return what is to be sent now, and count each stop that is due as sent.
 
-        Once race control is there again, an old stop waits for a snapshot, which ends it if a
-        later race has begun. If none comes within ``SNAPSHOT_WITHIN``, it is sent all the same.
+        An old stop is not sent while race control is not found: DDS may have found half of it,
+        which would take the stop before this console has heard of a later race. Once race control
+        is found, the stop waits for a snapshot, which ends it if a later race has begun. If none
+        comes within ``SNAPSHOT_WITHIN``, it is sent all the same.
 
         :param finds: whether race control is there to take a stop; asked for old ones only.
         """
@@ -350,13 +352,12 @@ class StandingStops:
         for key, stop in self._stops.items():
             if stop.due > now:
                 continue
-            since = stop.found_since
+            since, waits = stop.found_since, False
             if now - stop.given.at > OUTLIVES:
                 since = min(since, now) if finds(stop.given) else math.inf
-            waits = since <= now < since + SNAPSHOT_WITHIN and self._heard_at < since
-            presses = stop.presses + (not waits)
+                waits = now < since + SNAPSHOT_WITHIN and self._heard_at < since
             due = now + PRESS_AGAIN
-            self._stops[key] = replace(stop, presses=presses, due=due, found_since=since)
+            self._stops[key] = replace(stop, presses=stop.presses + 1, due=due, found_since=since)
             if not waits:
                 pressed.append(stop.given)
         return pressed
