@@ -512,12 +512,15 @@ class Display(QtCore.QObject):
         """Take the snapshots that wait, none of their alerts left out, and show the newest."""
         if not waiting:
             return
+        _, *shown = self._race or NOTHING
         while waiting:
             heard, self._heard_at, self._two = waiting.popleft()
             self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
-        self.refresh()
+        stamp, *news = self._race
+        if news != shown or self._danger_title:
+            self.refresh()  # else only ages change, which need not be shown twice a second
 
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event; that an order arrived in time would only hide others."""

@@ -600,7 +600,7 @@ says what to do, in seconds."""
 
 def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     race = buttons.snapshot
-    use_msr = any(alert.use_msr and alert.kart == kart.number for alert in race.alerts)
+    use_msr = buttons.needs_msr(kart)
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
@@ -654,10 +654,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         gap='' if buttons.shown is None else buttons.shown.behind(kart.number),
         note=Cell(note, Tone.BAD if urgent and notes else Tone.WAIT if done else Tone.FAINT),
         buttons=tuple(
-            replace(
-                shown.get(command) or buttons.kart(command, kart),
-                recedes=use_msr and command is CommandKind.KART_IN_GARAGE,
-            )
+            shown.get(command) or buttons.kart(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
@@ -740,6 +737,11 @@ class _Buttons:
         shown = self.timing if has_begun else self.results
         is_timed = shown is not None and any(each.lap_times for each in shown.karts)
         return shown if is_timed else None
+
+    def needs_msr(self, kart: KartSnapshot | None) -> bool:
+        """Return whether an alert about a kart asks for the MSR."""
+        alerts = self.snapshot.alerts
+        return kart is not None and any(each.use_msr and each.kart == kart.number for each in alerts)
 
     def place(self, kart: KartSnapshot) -> str:
         """Return its position and laps, or without timing its place in the order of FINISH."""
@@ -895,6 +897,7 @@ class _Buttons:
             warning=warning,
             caution=caution,
             key=key,
+            recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),
         )
 
 
