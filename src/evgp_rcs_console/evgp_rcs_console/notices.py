@@ -292,7 +292,7 @@ class EventLog:
     def __init__(self, most: int = 2000) -> None:
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
-        self._acknowledged: set[int] | None = None  # None: not heard from the beginning
+        self._acknowledged: dict[int, RaceState | None] | None = None  # None: not all was heard
         self.officials = Officials()
 
     def add(self, stamped: StampedEvent) -> Added:
@@ -316,14 +316,14 @@ class EventLog:
         return Added(tuple(added), replaces)
 
     def _learn(self, event: Event) -> None:
-        """Take what later events do not say: who has acknowledged."""
+        """Take what later events do not say: who has acknowledged what."""
         if event.kind is EventKind.RACE_STATE:
-            self._acknowledged = set()
+            self._acknowledged = {}
         if self._acknowledged is not None and event.kart:
             if event.kind is EventKind.ACKNOWLEDGED:
-                self._acknowledged.add(event.kart)
+                self._acknowledged[event.kart] = event.state
             elif event.kind in (EventKind.WITHDRAWN, EventKind.DISCONNECTED):
-                self._acknowledged.discard(event.kart)
+                self._acknowledged.pop(event.kart, None)
 
     def _line(self, at: str, event: Event) -> Line | None:
         """Return what is said of an event; None: another line says it."""
@@ -373,11 +373,14 @@ class EventLog:
         """
         Return that every kart of the race has acknowledged.
 
-        To a red, karts outside the race are counted too, so no number is said.
+        To a red, karts outside the race are counted too, so no number is said. In GREEN_GREEN a
+        kart may have acknowledged a flag of its own.
         """
-        count = len(self._acknowledged or ())
-        if count and state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
-            return texts.LOG_ALL_OF.format(count=count, state=STATES[state])
+        told = self._acknowledged or {}
+        if {*told.values()} - {state}:
+            return texts.LOG_ALL_SENT
+        if told and state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
+            return texts.LOG_ALL_OF.format(count=len(told), state=STATES[state])
         return texts.LOG_ALL.format(state=STATES[state])
 
     def _told(self, event: Event) -> str:

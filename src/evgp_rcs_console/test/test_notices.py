@@ -252,6 +252,8 @@ def said_in_a_race(*karts: int) -> list[str]:
     for each in karts[:2]:
         give(CommandKind.KART_FINISH, 100.0, each)
     take(race.tick(106.0))
+    answer(106.5)
+    take(race.tick(109.5))
     give(CommandKind.ALL_KILL, 110.0)
     answer(111.0)
     take(race.tick(120.0))
@@ -274,6 +276,8 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
         'FINISH kart 7, P2 · Anna',
         'Kart 3: RED FLAG (finished, P1)',
         'Kart 7: RED FLAG (finished, P2)',
+        'Karts 3, 7 acknowledged RED FLAG',
+        'Every kart of the race acknowledged what it is sent',
         'ALL KILL · Anna',
         'Every kart of the race acknowledged RED RED',
     ]
