@@ -435,7 +435,7 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
     race.wait_for_held()
     assert lost.text.endswith(
         (
-            'a new connection from its address took its place',
+            'a new connection from its address replaced it',
             'its network link stopped answering',
             'connection reset by peer',  # the new kernel knows no such connection
         )
@@ -462,4 +462,4 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
         # On a busy computer the thief takes 1 s to connect, and the bridge has given up by then.
         if not lost.text.endswith('the kart closed the connection'):
             break
-    assert lost.text.endswith('a new connection from its address took its place')
+    assert lost.text.endswith('a new connection from its address replaced it')

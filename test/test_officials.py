@@ -115,7 +115,7 @@ def test_a_refused_command_says_why_and_changes_nothing(
     assert not announced.available
     waiting = 'kart 1 (Team 1): no GRID_ACTIVE yet; kart 2 (Team 2): not connected'
     for service, request, why in (
-        ('kart/finish', {'kart': 9}, 'no kart 9 in the roster, which has 1, 2, 7'),
+        ('kart/finish', {'kart': 9}, 'the roster has no kart 9; it has 1, 2, 7'),
         ('kart/finish', {'kart': 7}, 'kart 7 (Team 7) is not in the race'),
         ('grid_active', {'track_clear': False}, 'state that the track is clear of humans'),
         ('green_green', {}, announced.reason),

@@ -747,7 +747,7 @@ def expect(
     if kind in STOPS:
         paused = max(paused, now + times.pause)
     elif what == 'held up':
-        paused = max(paused, now + times.pause, now + times.pause_after_held_up)
+        paused = max(paused, now + times.pause, now + times.pause_after_stall)
     if what == 'command' and becomes != 'accepted':
         if becomes != 'refused':
             came = now if given.came is None else given.came
@@ -993,7 +993,7 @@ def learn(
     if given.kind in STOPS:
         paused = max(paused, now + times.pause)
     elif given.what == 'held up':
-        paused = max(paused, now + max(times.pause, times.pause_after_held_up))
+        paused = max(paused, now + max(times.pause, times.pause_after_stall))
     elif is_abandoned(before, facts, given, now, times) and before.state in IN_MOTION:
         # Unless the race is over at the same time, which stops it more strictly.
         paused = paused if after.over else max(paused, now + times.pause)
@@ -1087,7 +1087,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
-        return race.held_up(2.0, now)
+        return race.stalled(2.0, now)
     if given.what == 'journal':
         phase = rules.StartPhase.WRITTEN if given.statement else rules.StartPhase.FAILED
         return race.start_becomes(phase, race.starts - (given.kind == 'stale'), now)
@@ -1848,7 +1848,7 @@ class Search:
                 'flag_alert': 1.0,
                 'red_alert': 1.0,
                 'pause': 1.0 if waits else 0.0,
-                'pause_after_held_up': 2.0,
+                'pause_after_stall': 2.0,
                 'journal_timeout': 1.0,
                 'nobody_there': 2.0,
                 'settle': 1.0,

@@ -635,7 +635,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     running.wait_for(EventKind.COMMAND)
     answer = waiting[0].result(TIMEOUT)
     assert not answer.success
-    assert 'race control was held up for' in answer.message
+    assert 'race control stalled for' in answer.message
 
 
 def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(

@@ -200,7 +200,7 @@ def test_a_roster_has_every_kart_once() -> None:
 
 def test_a_kart_says_in_garage_and_is_not_said_to_acknowledge_it(officials: Officials) -> None:
     (told,) = officials.says(1, IN_GARAGE).events
-    assert told.text == 'Kart 1 (Ohm) says IN_GARAGE'
+    assert told.text == 'Kart 1 (Ohm) reports IN_GARAGE'
 
 
 def test_green_waits_for_every_kart_of_the_race(officials: Officials) -> None:
@@ -271,7 +271,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             does(('KART_RED_FLAG', 2)),
             0,
-            'first send KART_IN_GARAGE to kart 2: kart 2 (Volta): RED_FLAG by an official',
+            'release kart 2 first: kart 2 (Volta): RED_FLAG by an official',
         ),
         (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
         (does(('KART_RED_RED', SPECTATOR)), 0, 'kart 3 (Tesla) has not acknowledged RED_RED'),
@@ -291,8 +291,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             left_on_the_grid,
             0,
-            'nobody is there any more to stop the race: open a window; or begin again, with '
-            'IN_GARAGE',
+            'race control no longer hears a screen or button that can stop the race; open a '
+            'window, or start again from IN_GARAGE',
         ),
     ],
     'IN_GARAGE': [
@@ -300,12 +300,13 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             to_over_without(2),
             0,
             'waiting for kart 2 (Volta): no RED_RED yet. If a kart does not answer, use the MSR '
-            'and record it; or, if it is off the track, make it safe by hand and release it alone',
+            'and record it, or, if it is off the track, make it safe by hand and release it '
+            'individually',
         ),
     ],
     'KART_IN_GARAGE': [
-        ('IN_GARAGE', 1, 'kart 1 (Ohm) is in IN_GARAGE already'),
-        ('GREEN_GREEN', 1, 'kart 1 (Ohm) is being sent GREEN_GREEN; stop it first with RED_RED'),
+        ('IN_GARAGE', 1, 'kart 1 (Ohm) is already in IN_GARAGE'),
+        ('GREEN_GREEN', 1, 'kart 1 (Ohm) is being sent GREEN_GREEN; stop it with RED_RED first'),
     ],
     'LEAVE_RACE': [
         (
@@ -322,8 +323,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             lost('GRID_ACTIVE', 'RED_FLAG'),
             0,
             'kart 1 (Ohm) was lost on the grid: wait until it is back and has acknowledged a '
-            'stop; or use the MSR and record it; or, if its team has it off the track, make it '
-            'safe by hand, send it RED_RED and release it alone',
+            'stop, or use the MSR and record it, or, if its team has it off the track, make it '
+            'safe by hand, send it RED_RED and release it individually',
         ),
     ],
 }
@@ -384,13 +385,13 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         does(('KART_RED_RED', 2), at='GREEN_GREEN'),
         'RED_FLAG',
         0,
-        'RED_FLAG is sent to kart 1; in RED_RED already: kart 2 (Volta)',
+        'RED_FLAG is sent to kart 1; already in RED_RED: kart 2 (Volta)',
     ),
     (
         STATES['RED_RED'],
         'RED_FLAG',
         0,
-        'The race is in RED_RED already, which is stricter than RED_FLAG',
+        'The race is already in RED_RED, which is stricter than RED_FLAG',
     ),
     (
         gone,
@@ -402,7 +403,7 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         one_held_alone,
         'IN_GARAGE',
         0,
-        'IN_GARAGE is sent to karts 1, 2; still held until released alone: kart 3 (Tesla)',
+        'IN_GARAGE is sent to karts 1, 2; still held until released individually: kart 3 (Tesla)',
     ),
     (
         does(('KART_RED_RED', 1), at='GREEN_GREEN'),
@@ -414,21 +415,21 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         held_and_gone,
         'SET_HEAT',
         0,
-        '"Heat 1" is in the race (karts 1, 2), and no other kart; not connected: kart 1 (Ohm); '
+        '"Heat 1" is in the race (karts 1, 2); no other kart is; not connected: kart 1 (Ohm); '
         'still held: kart 2 (Volta): RED_RED by an official',
     ),
     (
         FINISHED,
         'KART_UNDO_FINISH',
         1,
-        'Kart 1 (Ohm) has no place any more and drives on: its RED_FLAG was not sent yet; '
+        'Kart 1 (Ohm) no longer has a place and drives on; its RED_FLAG had not been sent yet; '
         'moved up: 1. kart 2 (Volta)',
     ),
     (
         flagged,
         'KART_UNDO_FINISH',
         1,
-        'Kart 1 (Ohm) has no place any more; it stays held in RED_FLAG',
+        'Kart 1 (Ohm) no longer has a place; it stays held in RED_FLAG',
     ),
 ]
 
@@ -468,7 +469,7 @@ def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() 
     availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT, 0, 0.0)
     assert not availability.available
     assert availability.reason == (
-        "the roster has no heats; list them under 'heats:', and read it again"
+        "the roster has no heats; list them under 'heats:' and read it again"
     )
 
 
@@ -520,7 +521,7 @@ def test_what_a_kart_says_unasked_is_reported_and_is_no_acknowledgement(
     officials.to_ready().does('GREEN_GREEN')
     outcome = officials.says(1, RED_RED)
     assert kinds(outcome) == [EventKind.REPORTED]
-    assert outcome.events[0].text == 'Kart 1 (Ohm) says RED_RED; it is being sent GREEN_GREEN'
+    assert outcome.events[0].text == 'Kart 1 (Ohm) reports RED_RED while it is sent GREEN_GREEN'
     officials.does('KART_RED_RED', 1)
     assert not officials.race.karts[1].acknowledged
 
@@ -553,7 +554,7 @@ def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
     assert officials.alerts() == {
         AlertKind.LOST_IN_MOTION: (
             'Kart 2 (Volta) lost its connection while it may have been moving; '
-            'it is back and has not stopped yet'
+            'it is back but has not stopped yet'
         )
     }
     officials.acknowledge(2)
@@ -646,13 +647,13 @@ def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of
 ):
     access = Officials(connected=False).race.track_access()
     assert access.allowed
-    assert access.reason == 'no kart is connected: race control does not know what the karts do'
+    assert access.reason == 'no kart is connected, so race control does not know what the karts are doing'
 
 
 def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None:
     officials = Officials(RaceTimes(pause=1.0, settle=0.0))
     assert officials.is_refused('KART_RED_RED', 9).endswith(
-        'no kart 9 in the roster, which has 1, 2, 3; ALL_KILL stops every kart.'
+        'the roster has no kart 9; it has 1, 2, 3; ALL_KILL stops every kart.'
     )
     assert officials.is_refused('GRID_ACTIVE').endswith(
         'refused: a stop was sent just now; look at the race, then send this command again.'
@@ -683,8 +684,8 @@ def test_of_a_kart_that_left_the_roster_it_is_said_what_to_do() -> None:
     memory = RaceMemory(GREEN_GREEN, {7: held})
     events = Race([Kart(1)], now=0.0).recover(memory, LastRun.UNKNOWN, 0.0).events
     assert [event.text for event in events if event.kart == 7] == [
-        'Kart 7 (not in the roster any more) is held in RED_RED; find it, make it safe, release '
-        'it alone'
+        'Kart 7 (no longer in the roster) is held in RED_RED; find it, make it safe, then '
+        'release it individually'
     ]
 
 
@@ -713,7 +714,7 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
     assert not answer.success
     assert 'the track was opened since you looked (by an official, 0 s ago)' in answer.message
     officials.does('OPEN_TRACK')
-    assert 'state that the track, which closes now,' in officials.is_refused(
+    assert 'state that the track, which this command closes,' in officials.is_refused(
         'GRID_ACTIVE', stating=False
     )
     officials.does('GRID_ACTIVE')
@@ -721,7 +722,7 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
 
 
 def test_the_statement_after_a_start_without_proof_names_the_karts_that_say_nothing() -> None:
-    assert 'say nothing: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in begun(
+    assert 'have not confirmed a stop: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in begun(
         LastRun.UNKNOWN
     ).is_refused('IN_GARAGE', stating=False)
 
@@ -744,7 +745,7 @@ def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
     for kart in TEAMS:
         officials.race.disconnected(kart, 'it stopped answering', officials.now, silent=True)
     assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
-    assert 'no kart answers any more: kart 1 (Ohm); kart 2' in officials.race.state_cause
+    assert 'no kart answers: kart 1 (Ohm); kart 2' in officials.race.state_cause
 
 
 def test_no_race_begins_with_a_kart_as_which_two_programs_connect(officials: Officials) -> None:
@@ -762,7 +763,7 @@ def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
 ) -> None:
     officials.to_ready().says(1, RED_RED)
     assert officials.is_refused('GREEN_GREEN').endswith(
-        'kart 1 (Ohm): stopped itself: take it out, or begin again with IN_GARAGE.'
+        'kart 1 (Ohm): stopped itself; take it out of the race, or start again from IN_GARAGE.'
     )
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
@@ -770,7 +771,7 @@ def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
     officials.says(1, RED_RED)
     officials.wait(30.0)
     alert = officials.alerts()[AlertKind.GREEN_UNACKNOWLEDGED]
-    assert alert == 'Kart 1 (Ohm) stopped itself; it is sent GREEN_GREEN'
+    assert alert == 'Kart 1 (Ohm) stopped itself while it is sent GREEN_GREEN'
     officials.does('ALL_KILL')
     assert officials.race.karts[1].may_be_moving
 

@@ -129,8 +129,8 @@ a later hold loosens an earlier one: stop-loosens, stop-idempotent, hold-forgott
     => kart.hold is not hold
 a stop is refused to a kart outside the race: availability, stop-refused COMMANDS: _stop_kart
     KART_RED_RED => Rule(Race._stop_kart, Race._no_release)
-a stop that is in force is sent anew and its acknowledgement falls: stop-idempotent _redirect: anew
-    changed => changed or anew or state is RED_RED
+a stop that is in force is sent again and its acknowledgement falls: stop-idempotent _redirect:
+    resend changed => changed or resend or state is RED_RED
 a kart is not told at once: stop-at-once, sent-wrong, restart _hold: skips _redirect
 ALL_KILL forgets the karts outside the race: stop-at-once _all_kill: values #1 => self.racing
 GREEN_GREEN after another command than GRID_ACTIVE: available-from, availability, green-needs-grid
@@ -214,7 +214,7 @@ GREEN_GREEN is announced after another command: false-news _next: _refusal Comma
 the race is said to be on when every kart stands: false-news [green] _next: instead of stopped
     racing: standing: list[Kart] = []
 a kart connecting during a race is sent IN_GARAGE: sent-wrong, red-loosened, order-wrong, ack-deaf
-    _redirect: _commanded kart => IN_GARAGE if anew else it
+    _redirect: _commanded kart => IN_GARAGE if resend else it
 a heat leaves the others in the race: heat-halved _set_heat: karts number => each.in_race or it
 a heat releases the karts that it puts into the race: membership-loosens, hold-forgotten _set_heat:
     after number: if each.in_race: ¶> self._unhold(each)
@@ -228,10 +228,10 @@ a heat that is not in the roster is refused without those that are: refusal-sile
 the places are gone with IN_GARAGE: results, effect [green] _race_in_garage: after finish_due:
     each.place = 0
 the order of FINISH of a race that was stopped is never told: results _race_in_garage: skips
-    _tell_order_of_finish
-the order of FINISH is told again with every RACE_OVER: results _tell_order_of_finish: skips
+    _report_order_of_finish
+the order of FINISH is told again with every RACE_OVER: results _report_order_of_finish: skips
     starters = #2
-the order of FINISH leaves out who did not finish: results _tell_order_of_finish: place not => it
+the order of FINISH leaves out who did not finish: results _report_order_of_finish: place not => it
     and each.in_race
 a restart forgets that the order of FINISH was never told: restart recover: state RED_FLAG =>
     memory.state is RED_FLAG
@@ -307,7 +307,7 @@ a pause refuses what came after its end: availability, available-from _paused: p
 a pause refuses a stop: stop-refused, availability, available-from _paused: without loosens
 a pause lets one kart be released: pause, available-from _paused: came paused_until => it and kind
     is not CommandKind.KART_IN_GARAGE
-what was sent while race control was held up is taken: pause, available-from, effect held_up: pause
+what was sent while race control was held up is taken: pause, available-from, effect stalled: pause
     now => now
 a stop cuts the pause short that a delay began: pause, available-from, effect [waits] _pause:
     always paused_until
@@ -362,7 +362,7 @@ a word that was taken back ends the doubt later: settle, effect heard: skips set
 a kart that is lost while it settles is taken to stand: settle, effect, doubt-forgotten _drop:
     skips settles_at
 a new order lets the time to stand run on: settle, effect [green] _redirect: skips settles_at
-a kart stands while race control is held up and hears nothing: settle, effect [held up] held_up:
+a kart stands while race control is held up and hears nothing: settle, effect [held up] stalled:
     instead of settle: kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside] heard: acknowledged
     counts => counts and (not kart.acknowledged or kart.settles_at is not None)
@@ -411,17 +411,17 @@ race control that is cut off takes itself to know what happened: cut-off, restar
 a release that was sent before race control was cut off is taken: effect, available-from, pause
     [network and pauses] _cut_off: skips pause
 every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
-    disconnected: skips _look_whether_all_went_silent
+    disconnected: skips _check_whether_all_went_silent
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
-    [silence in the garage] _look_whether_all_went_silent: len in_garage => len(silent) > 0
+    [silence in the garage] _check_whether_all_went_silent: len in_garage => len(silent) > 0
 a kart that goes silent outside the race stops it: effect, sent-wrong [silence outside]
-    _look_whether_all_went_silent: without in_race in_garage
+    _check_whether_all_went_silent: without in_race in_garage
 karts that are silent long since count: effect, sent-wrong [silence for long]
-    _look_whether_all_went_silent: without LOST_AT_ONCE
+    _check_whether_all_went_silent: without LOST_AT_ONCE
 a kart that is back counts as silent: effect, sent-wrong [silence in the garage] connected: without
     went_silent_at
 karts that are silent in RED_RED take the use of the MSR back: effect [silence on the grid]
-    _look_whether_all_went_silent: without state
+    _check_whether_all_went_silent: without state
 the first start begins in RED_RED: restart recover: UNKNOWN last_run => last_run in (LastRun.ENDED,
     LastRun.ENDED_OPEN)
 the first start opens the track without a statement: restart, statement [first] recover: skips NONE
@@ -446,7 +446,7 @@ the command that settles what is not known is not named: track-access [unknown] 
 the first start lets humans near before anybody has spoken: track-access [first] track_access:
     unstated => it and self.track_open
 one kart of two that goes silent is race control that is cut off: effect, sent-wrong [silence on
-    the grid] _look_whether_all_went_silent: instead of len everyone: if len(silent) == 1: ¶> pass
+    the grid] _check_whether_all_went_silent: instead of len everyone: if len(silent) == 1: ¶> pass
 a kart whose program boots calls for the MSR: alerts, alarm-cleared _current_alerts: skips
     _covered_by_statement
 the MSR is asked for to clear the track of karts that were not seen to move: use-msr alerts: skips
@@ -504,7 +504,7 @@ a poor link stops the kart: effect, sent-wrong [around] measured: instead of lin
 an order that has arrived counts as acknowledged: ack-from-nothing, effect [around] delivered:
     after max: kart.acknowledged = True
 a change of state does not say what caused it: cause _go: without _cause
-a change of state does not say who gave the command: cause _tell: official by => ''
+a change of state does not say who gave the command: cause _add_event: official by => ''
 the cause does not name the official: cause _cause: _by if => ''
 the cause is that of the last change: cause _go: _cause why => self.state_cause or why or
     self._cause()
@@ -576,7 +576,7 @@ that nobody is there raises no alert: alerts [people in green] _current_alerts: 
     => None
 a button at fault raises no alert: alerts [people in green] _current_alerts: skips BUTTON_FAULT
 a button at fault stops the race: there-acts, effect [people in green] attended: before
-    _tell_alerts: if there.button_fault: ¶> self._go(RED_RED, now, 'button')
+    _report_alerts: if there.button_fault: ¶> self._go(RED_RED, now, 'button')
 """
 )
 """Each fault under what it would mean on the track."""

@@ -46,7 +46,7 @@ SETUP = Setup(
         finish_delays=(0.5,),
         finish_stop=2.0,
         pause=0.3,
-        pause_after_held_up=0.5,
+        pause_after_stall=0.5,
         nobody_there=1.0,
     ),
     (Heat('first', (1, 2)), Heat('second', (3, 4))),
@@ -104,7 +104,7 @@ class Running(PaperRace):
             return inputs.Disconnected(self.now, kart.number, 'it was closed')
         if what < 0.56:
             rare: tuple[inputs.Input, ...] = (
-                inputs.HeldUp(self.now, 1.5),
+                inputs.Stalled(self.now, 1.5),
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),

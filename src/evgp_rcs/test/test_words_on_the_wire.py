@@ -73,7 +73,7 @@ def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_ga
     assert running.give(CommandKind.IN_GARAGE).success
     running.give(CommandKind.ALL_KILL)
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
-    waited = [each for each in running.events if 'perhaps to the earlier one: ' in each.text]
+    waited = [each for each in running.events if 'perhaps in answer to an earlier command' in each.text]
     assert habit.garage or len(waited) == 1
 
 
@@ -90,7 +90,7 @@ def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connectio
             running.wait_until_shown(lambda race, at: race.karts[1].stands)
             assert running.give(CommandKind.IN_GARAGE).success
     why = running.give(CommandKind.IN_GARAGE).message
-    assert 'no RED_RED since the earlier one' in why
+    assert 'reported RED_RED only for an earlier command' in why
     assert 'must connect again (it comes back held)' in why
     Client(connect(running, 1), Habit(Says.NEWS))
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
@@ -157,7 +157,7 @@ def test_a_word_that_cannot_count_yet_is_told_once_and_named_with_its_wait(race:
     assert [each.kind for each in first.events] == [EventKind.REPORTED]
     assert not again.events
     assert kart.counts_at == 3.1
-    assert 'says RED_RED, perhaps to the earlier one: 2 s' in refusal(race, 1.6)
+    assert 'reports RED_RED, perhaps in answer to an earlier command (wait 2 s)' in refusal(race, 1.6)
 
 
 def test_a_word_that_does_not_count_in_time_is_named_with_the_cure_and_its_cost(
@@ -165,7 +165,7 @@ def test_a_word_that_does_not_count_in_time_is_named_with_the_cure_and_its_cost(
 ) -> None:
     race.heard(1, race.karts[1].serial - 1, RED_RED, 1.0, 2.0)
     race.tick(3.1)
-    cure = 'perhaps to the earlier one: let it connect again (it comes back held)'
+    cure = 'perhaps in answer to an earlier command; it must connect again (it comes back held)'
     assert cure in refusal(race, 3.1)
     race.connected(1, 4.0)
     assert 'no RED_RED yet' in refusal(race, 4.0)
@@ -190,5 +190,5 @@ def test_a_kart_that_may_read_late_has_a_poor_link_that_says_so(race: Race) -> N
     assert event.text.endswith('its program may read 1.2 s late')
     texts = [each.text for each in race.alerts(1.0) if each.kind is AlertKind.LINK_POOR]
     assert [each[:61] for each in texts] == [
-        'RED FLAG (before GREEN: LEAVE): kart 1 may read 1.2 s late: i'
+        'RED FLAG (before GREEN: LEAVE): kart 1 may read 1.2 s late, a'
     ]

@@ -582,7 +582,7 @@ class KartServer:
         # Not a kart that has lost its link, and comes back before race control has noticed.
         is_pushed_out = old is not None and old.answers(now)
         if old is not None:
-            old.drop('a new connection from its address took its place')
+            old.drop('a new connection from its address replaced it')
         link.number = number
         link.set_up()
         self._links[number] = link

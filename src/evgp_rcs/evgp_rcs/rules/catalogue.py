@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of officials' commands (§4.B): what each is called, and what kind of command it is.
+The catalogue of officials' commands (§4.B): the name of each, and what kind of command it is.
 
-One row says everything about a command that does not depend on the race. What it does, and when it
-is refused, stands in the table of the rules (``race.COMMANDS``). Node, console, ``rcs_ctl``, soak
-and tests go by these rows. So a new command is a row here, a row there, and a constant of
-`CommandAvailability.msg`; and a service type, if its request names more than a kart.
+One row says everything about a command that does not depend on the race. The table of the rules
+(``race.COMMANDS``) says what the command does and when it is refused. Node, console, ``rcs_ctl``,
+soak and tests use these rows. A new command therefore needs a row here, a row there, a constant in
+`CommandAvailability.msg`, and a service type if its request names more than a kart.
 
 Pure.
 """
@@ -21,7 +21,7 @@ from evgp_protocol.states import RaceState
 
 
 class CommandKind(enum.Enum):
-    """What an official can command (§4.B); the value is its name in messages to officials."""
+    """A command of an official (§4.B); the value is its name in messages to officials."""
 
     ALL_KILL = 'ALL_KILL'
     RED_FLAG = 'RED_FLAG'
@@ -88,7 +88,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.RECORD_MSR: Entry(
         'MSR WAS USED',
-        'record that you used the MSR; also RED_RED to every kart',
+        'record that you used the MSR, and send RED_RED to every kart',
         'record_msr',
         Result(race=(RaceState.RED_RED,)),
         note='Records that you used the MSR. It does not trigger the MSR.',
@@ -100,7 +100,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         sends=RaceState.RED_RED,
         stop=True,
     ),
-    # It stops karts too, but may be refused.
+    # RACE_OVER stops karts as well, but it may be refused.
     CommandKind.RACE_OVER: Entry(
         'RACE OVER',
         'RED_RED to the race, which is over',
@@ -170,11 +170,11 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.KART_UNDO_FINISH: Entry(
         'UNDO FINISH',
-        'take back that a kart has finished',
+        'undo the finish of a kart',
         'kart/undo_finish',
         Result(placed=False),
         undoes=CommandKind.KART_FINISH,
-        note='Takes its place away; later places move up. A RED FLAG that was sent stays.',
+        note='Removes its place; later places move up. A RED FLAG that was sent stays in force.',
         short='UNDO',
         condition='{kart} has not finished',
         call_is_statement=True,
@@ -226,7 +226,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.SET_HEAT: Entry(
         'HEAT',
-        'put a heat of the roster into the race, and all others out',
+        'put the karts of a heat into the race, and take all others out',
         'set_heat',
         names_heat=True,
         word='heat',
@@ -235,7 +235,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.TAKE_ROSTER: Entry(
         'TAKE ROSTER',
-        'take the roster that was read: karts and heats',
+        'put the roster that was read in force: karts and heats',
         'reload_roster',
         fixed={'take': True},
         names_number='reading',
@@ -245,7 +245,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.READ_ROSTER: Entry(
         'READ ROSTER',
-        'read the file of the roster again, and say what would change',
+        'read the roster file again, and say what would change',
         'reload_roster',
         fixed={'take': False},
         takes=('reading',),
@@ -258,8 +258,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_track_open',
         Result(track_open=True),
         fixed={'open': True},
-        note='Opens the track to humans. Sends nothing to the karts. Teams end their programs '
-        'before they unplug.',
+        note='Opens the track to humans. Sends nothing to the karts. Teams must end their '
+        'programs before they unplug.',
         statement='no_race_anywhere',
         flag=(
             '--no-race-anywhere',
@@ -278,16 +278,16 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
-        statement='no_race_anywhere',  # of the request that the two share; to close needs none
+        statement='no_race_anywhere',  # both share one request; closing needs no statement
         key='F7',
         bookkeeping=True,
     ),
 }
-"""Every command of an official, stops first."""
+"""Every command of an official, with the stops first."""
 
 
 def kinds_by_service() -> dict[str, tuple[CommandKind, ...]]:
-    """Return each service with its commands: one, or two that ``fixed`` tells apart."""
+    """Return each service with its commands: one, or two that differ in ``fixed``."""
     found: dict[str, tuple[CommandKind, ...]] = {}
     for kind, entry in CATALOGUE.items():
         found[entry.service] = (*found.get(entry.service, ()), kind)

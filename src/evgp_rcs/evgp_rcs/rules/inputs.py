@@ -151,8 +151,8 @@ class Tick(NamedTuple):
     at: float
 
 
-class HeldUp(NamedTuple):
-    """Race control was held up for so long (s)."""
+class Stalled(NamedTuple):
+    """Race control stalled for this long (s)."""
 
     at: float
     seconds: float
@@ -225,7 +225,7 @@ Input = (
     | Delivered
     | Measured
     | Tick
-    | HeldUp
+    | Stalled
     | CutOff
     | Contested
     | Rival
@@ -253,8 +253,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.connected(kart, at)
         case Disconnected(at, kart, reason, silent):
             return race.disconnected(kart, reason, at, silent)
-        case HeldUp(at, seconds):
-            return race.held_up(seconds, at)
+        case Stalled(at, seconds):
+            return race.stalled(seconds, at)
         case CutOff(at, reason):
             return race.cut_off(reason, at)
         case Contested(at, kart, contested):

@@ -2,49 +2,50 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of the race: who is sent what, which command is allowed, and why not.
+The rules of the race: what each kart is sent, and which commands are allowed or refused, and why.
 
 Rules of what lives in this file:
 
-- Pure. No clock, socket, ROS, thread, file or log. Every input brings its time, in seconds
-  of one monotonic clock; nothing here ever asks for the time.
-- One owner. A ``Race`` is used by one thread; it needs no lock.
-- One table (``COMMANDS``, at the end) says for every official's command to whom it goes, when
-  it is refused and why, what the official must state, and what it does. Availability is read
-  from the same table that judges the command, so the two cannot differ.
+- Pure. No clock, socket, ROS, thread, file or log. Every input carries its time, in seconds of
+  one monotonic clock; the rules never read a clock themselves.
+- One owner. One thread uses a ``Race``, so it needs no lock.
+- One table (``COMMANDS``, at the end) says for every official's command when it is refused and
+  why, what the official must state, and what it does. Availability is read from the same table
+  that judges the command, so the two cannot differ.
 
-Theory of operation. The race has a state, and each kart may have a *hold* (RED_FLAG or RED_RED)
-on its own account. What a kart is sent follows from these two alone (``_commanded``): in the
-race, the stricter of them; outside the race, IN_GARAGE or its hold. After every change the karts
-concerned are *redirected*: a kart whose state changes gets a new ``Order`` with a serial number
-of its own, and its acknowledgement falls. An acknowledgement counts only if it names the state
-of the kart's present order and was heard under that order's serial. So nothing said before a
-command, nor on an earlier connection, can count for it.
+Theory of operation. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
+RED_RED). What a kart is sent follows from these two alone (``_commanded``): in the race, the
+stricter of them; outside the race, IN_GARAGE or its hold. After every change, the rules *redirect*
+the karts concerned: a kart whose state changes gets a new ``Order`` with its own serial number,
+and loses its acknowledgement. An acknowledgement counts only if it names the state of the kart's
+present order and was heard under that order's serial. A report from before the command, or from
+an earlier connection, therefore never counts.
 
-Holds only get stricter; they end in two places, ``_race_in_garage`` and ``_release_kart``, both
-an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
+Holds only get stricter. They end in two places, ``_race_in_garage`` and ``_release_kart``, both
+an official's explicit act. Only ``_green_green`` sets GREEN_GREEN.
 
-Commands cross. After a stop, and after race control was held up, there is a *pause*: what loosens
-or starts anything and came before its end is refused, for whoever sent it may not have seen the
-stop. And karts are started only once it is on the disk that they may move: a GREEN_GREEN that
-would be accepted is a *start* that waits (``Start``). Whatever is judged meanwhile comes first,
-and the start is judged again when its turn comes.
+Commands can cross. A *pause* follows every stop, and every stall of race control. A command that
+loosens or starts anything and came before the end of the pause is refused, because its sender may
+not have seen the stop. Race control also saves that karts may move before it lets them move: a
+GREEN_GREEN that would be accepted is a *start* that waits for the disk (``Start``). Inputs that
+arrive meanwhile are judged first, and the start is judged again when the disk has answered.
 
-Doubt means stop (``Doubt``). A kart that was told to go, was seen to move, or left a stop
-unanswered *may be moving*; one that was told to form the grid is *on the grid*. Two things end
-either doubt: the kart acknowledges a red and then stands by it for ``settle`` seconds on the same
-connection, or an official made it safe by hand. A lost connection never does.
+Doubt means stop (``Doubt``). A kart that was sent GREEN_GREEN, was seen to move, or left a stop
+unanswered *may be moving*; a kart that was sent GRID_ACTIVE is *on the grid*. Two things end
+either doubt: the kart acknowledges a red and keeps reporting it for ``settle`` seconds on the same
+connection, or an official states that it was made safe by hand. A lost connection never does.
 
-What race control cannot know counts as the worst it could be: what happened before it began,
-unless the last run on this machine is known to have ended in good order with nothing under way
-(``recover``), and what happens while it is cut off from the karts (``cut_off``). One exception is
-the proposal's own (§3.B): where no run is known to have begun, it begins in IN_GARAGE.
+Race control assumes the worst where it cannot know: about the time before it started, unless it
+knows that the last run on this machine ended in good order with nothing under way (``recover``);
+and about the time while it is cut off from the karts (``cut_off``). The proposal makes one
+exception (§3.B): where no earlier run is known, the race begins in IN_GARAGE.
 
-Somebody must be there (``Attendance``). Once nobody is heard any more who could stop a race, and
-somebody was in that race, it does not start, and after ``nobody_there`` it goes to RED_FLAG.
+Somebody must be able to stop the race (``Attendance``). If an official could stop a race from
+some program, and then race control hears no such program any longer, the race does not start, and
+after ``nobody_there`` it goes to RED_FLAG.
 
-Laps are the timekeeper's business (``evgp_timing``). Here FINISH alone is known: it gives a kart
-its place in the order of FINISH, and RED_FLAG after it.
+Laps are the timekeeper's business (``evgp_timing``). The rules know only FINISH, which gives a
+kart its place in the order of FINISH and a RED_FLAG after it.
 
 Section numbers (§) are those of the EVGP proposal.
 """
@@ -70,7 +71,7 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Maximum age of a press that race control does not mention, in seconds."""
+"""Age of a press above which race control mentions it, in seconds."""
 
 
 class EventKind(enum.Enum):
@@ -112,7 +113,7 @@ class AlertKind(enum.Enum):
     TWO_PROGRAMS = 'TWO_PROGRAMS'
     NOBODY_THERE = 'NOBODY_THERE'
     BUTTON_FAULT = 'BUTTON_FAULT'
-    # Of these two no rule knows: the ROS half raises them.
+    # The ROS half raises these two; the rules do not know them.
     PART_FAILED = 'PART_FAILED'
     GRAPH_TROUBLE = 'GRAPH_TROUBLE'
 
@@ -125,16 +126,16 @@ MSR_ALERTS = frozenset(
         AlertKind.TRACK_UNSAFE,
     }
 )
-"""The alerts whose answer is the Master Safety Remote (§2.B), until its use is recorded."""
+"""Alerts that call for the Master Safety Remote (§2.B), until an official records its use."""
 
 
 class Doubt(enum.IntEnum):
     """
     What a kart may be doing, from harmless to worst.
 
-    ``GRID``: it was sent GRID_ACTIVE, and not IN_GARAGE since on the connection it has.
-    ``MOVING``: it was sent GREEN_GREEN or a red, or was seen to move: it said GREEN_GREEN unasked,
-    or withdrew its acknowledgement of a red.
+    ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since on its present
+    connection. ``MOVING``: it was sent GREEN_GREEN or a red, or was seen to move: it reported
+    GREEN_GREEN unasked, or withdrew its acknowledgement of a red.
     """
 
     NONE = 0
@@ -143,14 +144,14 @@ class Doubt(enum.IntEnum):
 
 
 class Heat(NamedTuple):
-    """Karts that race together, by a name of the roster; their numbers in ascending order."""
+    """A heat of the roster: karts that race together, their numbers in ascending order."""
 
     name: str
     karts: tuple[int, ...]
 
 
 class Entrant(NamedTuple):
-    """A kart of the roster; the meanings are those of ``Kart``."""
+    """A kart as the roster lists it; its fields mean the same as in ``Kart``."""
 
     number: int
     team: str
@@ -160,7 +161,7 @@ class Entrant(NamedTuple):
 
 
 class Roster(NamedTuple):
-    """The roster, as far as the rules know it; no number and no address is in it twice."""
+    """The part of the roster that the rules use; numbers and addresses are unique."""
 
     karts: tuple[Entrant, ...]
     heats: tuple[Heat, ...] = ()
@@ -171,22 +172,24 @@ class Command(NamedTuple):
     An official's command (§4.B).
 
     :param kind: which command.
-    :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
-    :param statement: the official makes the statement that the command asks for, if it asks.
-    :param karts: for a command that starts or releases: the karts concerned, as the official saw
+    :param kart: number of the kart; 0 for a command to the race, to all karts or to the track.
+    :param statement: the official makes the statement that the command requires, if any.
+    :param karts: for a command that starts or releases karts: those karts, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     :param heat: for SET_HEAT: the name of the heat.
     :param opening: for GRID_ACTIVE, which closes the track: the number of its last opening, as the
         official saw it (``TrackAccess.opening``).
-    :param roster: for READ_ROSTER and TAKE_ROSTER: what the file says now; ``reading``: for
-        TAKE_ROSTER, the number of the reading that the official saw (``Race.reading``).
-    :param official: who gives it, by their own word (``official``). No rule depends on it.
-    :param run: for FINISH by the timekeeper: the id of the run of race control, with ``race``, the
-        number of the race, and ``attempt``, how often the kart's finish was undone in it; empty:
-        it is for the race that is under way.
-    :param age: for a stop: seconds since the official pressed, by the sender's word. No rule
-        depends on it.
+    :param roster: for READ_ROSTER and TAKE_ROSTER: the roster that the file contains now.
+    :param reading: for TAKE_ROSTER: the number of the reading that the official saw
+        (``Race.reading``).
+    :param official: name of the sender, as the sender gives it. No rule depends on it.
+    :param run: for the timekeeper's FINISH: the id of the run of race control; empty for the race
+        under way.
+    :param race: with ``run``: the number of the race.
+    :param attempt: with ``run``: how often the kart's finish was undone in that race.
+    :param age: for a stop: time since the official pressed, as the sender measures it, in seconds.
+        No rule depends on it.
     """
 
     kind: CommandKind
@@ -206,13 +209,13 @@ class Command(NamedTuple):
 
     @property
     def pressed(self) -> str:
-        """Return how long ago it was pressed; empty: just now."""
+        """Return how long ago an old press was made; empty for a recent one."""
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the official is told: whether the command was accepted, and one sentence."""
+    """The reply to the official: whether the command was accepted, and one sentence."""
 
     success: bool
     message: str
@@ -220,11 +223,11 @@ class Answer:
 
 class Attendance(NamedTuple):
     """
-    Who is there to stop the race, as far as race control hears them.
+    The programs from which an official can stop the race, as far as race control hears them.
 
-    :param able: number of programs from which an official can stop it.
-    :param who: which, in a few words.
-    :param button_fault: what is wrong with a stop button, in a few words; empty: nothing.
+    :param able: number of these programs.
+    :param who: a short list of them.
+    :param button_fault: what is wrong with a stop button, in a few words; empty if nothing is.
     """
 
     able: int = 0
@@ -234,10 +237,10 @@ class Attendance(NamedTuple):
 
 class Order(NamedTuple):
     """
-    A state to send to a kart, at once and then again with every beat (§4.C).
+    A state to send to a kart at once, and again with every beat (§4.C).
 
-    :param serial: rises with every order to this kart; what the kart says counts for this order
-        only if it was heard under this number.
+    :param serial: number that rises with every order to this kart. A report of the kart counts
+        for this order only if it was heard under this number.
     """
 
     kart: int
@@ -247,20 +250,21 @@ class Order(NamedTuple):
 
 class Event(NamedTuple):
     """
-    Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence.
+    Something that happened, in one sentence.
 
-    :param chatter: a kart can cause any number of these just by what it says; whoever passes
-        events on may limit them.
-    :param command: for a change of state, the command that caused it; None: no command did.
-    :param official: who gave the command, by their own word (``official``).
-    :param alert: for an alert that was raised or has ended, which.
+    :param kart: number of the kart it happened to; 0 if it concerns no single kart.
+    :param chatter: whether a kart can cause any number of these events by its reports alone; the
+        server may limit how many of them it publishes.
+    :param command: for a change of state: the command that caused it; None if none did.
+    :param official: name of the command's sender, as the sender gave it.
+    :param alert: for an alert that was raised or has ended: its kind.
     :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
-        COMMAND: the age of an old press, 0 if it is not old; s.
-    :param grade: for LINK_GRADE: how good the link is from then on.
-    :param hold: the hold of this kart then; of kart 0, the one that every kart had.
-    :param place: the place of this kart in the order of FINISH then; 0: it had none.
-    :param race: the number of the race that was under way; 0: none was.
-    :param heat: the name of the heat in the race; empty: none is.
+        COMMAND: age of an old press, 0 if it was recent; in seconds.
+    :param grade: for LINK_GRADE: the new grade of the link.
+    :param hold: the hold of this kart at that time; for kart 0, the hold that every kart had.
+    :param place: the place of this kart in the order of FINISH at that time; 0 for none.
+    :param race: the number of the race under way; 0 for none.
+    :param heat: the name of the heat in the race; empty for none.
     """
 
     kind: EventKind
@@ -282,11 +286,11 @@ class Event(NamedTuple):
 
 class StampedEvent(NamedTuple):
     """
-    An event with its place in time, which whoever feeds the rules gives it.
+    An event with its number and time, which the kart server adds.
 
-    :param sequence: counts every event of one run of race control from 1, without a gap.
-    :param wall_ns: wall time in ns since the epoch.
-    :param monotonic: the clock of the rules, in seconds.
+    :param sequence: number of the event in this run of race control, from 1 without gaps.
+    :param wall_ns: wall time, in ns since the epoch.
+    :param monotonic: time on the clock of the rules, in seconds.
     """
 
     sequence: int
@@ -297,10 +301,10 @@ class StampedEvent(NamedTuple):
 
 class Outcome(NamedTuple):
     """
-    What one input changed, and what must now be sent to whom.
+    The result of one input: the orders to send and the events that happened.
 
-    :param answer: the answer to a command: to the one that was given, or to a start that waited.
-    :param start: the command that was given is a start, which waits from now on.
+    :param answer: the answer to the command that was given, or to a start that waited.
+    :param start: the start that waits from now on, if the command was one.
     """
 
     orders: tuple[Order, ...]
@@ -312,9 +316,10 @@ class Outcome(NamedTuple):
 @dataclass(frozen=True)
 class Alert:
     """
-    Something an official must act on, since when (s), in one sentence.
+    Something an official must act on, in one sentence.
 
-    :param use_msr: the answer is the Master Safety Remote (§2.B).
+    :param since: when it began, in seconds.
+    :param use_msr: whether it calls for the Master Safety Remote (§2.B).
     """
 
     kind: AlertKind
@@ -325,19 +330,19 @@ class Alert:
 
     @property
     def told(self) -> str:
-        """Return it for a screen that does not show ``use_msr`` beside it."""
+        """Return the text, with the advice to use the MSR if ``use_msr`` is set."""
         return f'Use the MSR. {self.text}' if self.use_msr else self.text
 
 
 class Availability(NamedTuple):
     """
-    Whether a command would be accepted now, if the statement is made.
+    Whether a command would be accepted now, provided that the official makes the statement.
 
     :param reason: why it would be refused; empty if it would be accepted.
     :param statement: what the official must state with it; empty if nothing.
-    :param available_from: when the pause that refuses it ends, in seconds; None if it is not a
-        pause that refuses it.
-    :param karts: the karts it would start or release; the command must name the same ones.
+    :param available_from: end of the pause that blocks this command, in seconds; None if no pause
+        does.
+    :param karts: the karts it would start or release; the command must name the same karts.
     """
 
     command: CommandKind
@@ -353,9 +358,9 @@ class TrackAccess:
     """
     Whether officials have opened the track, and whether humans may be on it (§3.A).
 
-    :param opening: the number of the last opening in this run, closed again or not; 0: none.
-    :param settled_by: the command whose statement alone is missing for humans to be allowed; None:
-        they are, or something else is in the way.
+    :param opening: number of the last opening in this run, even if closed since; 0 for none.
+    :param settled_by: the command whose statement is the only thing missing before humans are
+        allowed; None if they are allowed, or something else is missing.
     """
 
     open: bool  # noqa: A003 - the message's name
@@ -367,7 +372,7 @@ class TrackAccess:
 
 
 LEAST_PAUSE = 1.0
-"""Minimum of ``RaceTimes.pause`` that race control takes as a parameter, in seconds."""
+"""Minimum value of the parameter ``pause``, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -375,26 +380,26 @@ class RaceTimes:
     """
     The times of the rules, in seconds.
 
-    :param finish_delays: for place 1, 2, … how long a kart that finished drives on before its
-        RED_FLAG (§4.B FINISH); the last one serves all further places. Longest first, so that
-        who finishes later finds the line clear.
-    :param finish_stop: how long a finished kart has to acknowledge its RED_FLAG before the race
-        goes over without it (§3.A: 10-15 s to come to a stop).
-    :param auto_race_over: whether the race goes over by itself after the last finish (§3.C).
-    :param ready_alert: GRID_ACTIVE not acknowledged (§3.A: 2 minutes).
-    :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
-    :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
-    :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
-    :param pause: time after a stop for which no command that loosens or starts anything is taken;
-        at least ``LEAST_PAUSE``.
-    :param pause_after_held_up: the same after race control was held up: what officials sent
-        meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
+    :param finish_delays: time that a kart drives on from FINISH to RED_FLAG, for place 1, 2, …
+        (§4.B FINISH); the last one applies to all later places. The longest comes first, so that
+        karts that finish later find the line clear.
+    :param finish_stop: time that a finished kart has to acknowledge its RED_FLAG before the race
+        is over without it (§3.A: 10-15 s to come to a stop).
+    :param auto_race_over: whether the race is over automatically after the last finish (§3.C).
+    :param ready_alert: time until the alert that GRID_ACTIVE is not acknowledged (§3.A: 2 min).
+    :param green_alert: the same for GREEN_GREEN (§3.A: 30 s).
+    :param flag_alert: the same for RED_FLAG (§3.A: 10-15 s).
+    :param red_alert: the same for RED_RED (§3.A: "a reasonable time").
+    :param pause: time after a stop during which commands that loosen or start anything are
+        refused; at least ``LEAST_PAUSE``.
+    :param pause_after_stall: the same after a stall of race control, because commands sent during
+        the stall arrive late (DDS delivered some 3 s late); ``pause`` if that is longer.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
-    :param settle: time for which a kart must stand by its acknowledgement of a red before humans
-        may rely on it.
-    :param require_inspection: whether a kart must have an inspection to race.
-    :param nobody_there: time after which a race that nobody can stop any more goes to RED_FLAG;
-        0: it does not.
+    :param settle: time for which a kart must keep reporting its acknowledged red before humans may
+        rely on it.
+    :param require_inspection: whether a kart needs an inspection to race.
+    :param nobody_there: time without any program that can stop the race, after which a race that
+        had one goes to RED_FLAG; 0 for never.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -405,58 +410,61 @@ class RaceTimes:
     flag_alert: float = 15.0
     red_alert: float = 5.0
     pause: float = 1.0
-    pause_after_held_up: float = 5.0
+    pause_after_stall: float = 5.0
     journal_timeout: float = 1.0
     settle: float = 3.0
     require_inspection: bool = False
     nobody_there: float = 10.0
 
     def finish_delay(self, place: int) -> float:
-        """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
+        """Return the delay for a finishing place (from 1), in seconds; 0 if none is configured."""
         if not self.finish_delays:
             return 0.0
         return self.finish_delays[min(place, len(self.finish_delays)) - 1]
 
 
 def called(number: int, team: str) -> str:
-    """Return how officials call a kart."""
+    """Return the name that officials use for a kart."""
     return f'kart {number} ({team})' if team else f'kart {number}'
 
 
 @dataclass(slots=True)
 class Kart:
     """
-    One kart of the roster. Only the rules write here; everybody else reads.
+    One kart of the roster. Only the rules write to it; all other code reads it.
 
-    :param hold: RED_FLAG or RED_RED while the kart is held on its own account.
-    :param sent: what it is sent; while it is not connected, what it would be sent.
-    :param sent_since: when that was first commanded; a reconnection does not renew it.
-    :param serial: the number of the present order.
-    :param acknowledged: it stands by its acknowledgement of the present order.
-    :param reported: what it said last on this connection, asked or unasked.
-    :param doubt: what it may be doing, until it stands by a red or was made safe by hand.
-    :param settles_at: when the red that it acknowledged ends its doubt, if it stands by its word
+    :param hold: its own hold, RED_FLAG or RED_RED; ``None`` if it is not held.
+    :param sent: state that it is sent; while it is not connected, the state it would be sent.
+    :param sent_since: when that state was first commanded; a reconnection does not change it.
+    :param serial: number of its present order.
+    :param acknowledged: it has acknowledged its present order, and not withdrawn that since.
+    :param reported: state that it last reported on this connection, asked or unasked.
+    :param doubt: what it may be doing, until it has kept reporting a red for long enough or was
+        made safe by hand.
+    :param settles_at: when its acknowledged red ends its doubt, if it keeps reporting that red
         until then, in seconds; ``None`` if nothing is pending.
-    :param lost_since: since when it is missing, if it dropped out of a race under way or while it
-        may have been moving; in the latter case until its doubt ends.
-    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0: none.
-    :param attempt: how often its finish was undone in this race: the timekeeper's FINISH names it.
-    :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
-    :param held_alone: an official held this kart alone; until its release.
-    :param withdrawn: it withdrew an acknowledgement of the present order.
-    :param counts_at: it says what it is sent, perhaps to an earlier order: when that counts at the
-        latest, s; a time that is over: nobody knows when; None: it says no such thing.
-    :param counts_in: the same as time from its last word, in seconds; 0: nobody knows.
-    :param inspected: the date of its inspection, as the roster has it; empty: none.
-    :param address: the IPv4 address from which it connects; empty: it is in no roster any more.
-    :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
-        answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
-    :param link: how good its link is; None: not measured on this connection. No rule asks for it,
-        nor for the times above: they are for officials.
+    :param lost_since: when it was lost, if it dropped out of a race under way or while it may have
+        been moving; in the latter case the value stays until its doubt ends.
+    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 for none.
+    :param attempt: how often its finish was undone in this race; the timekeeper's FINISH names it.
+    :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
+    :param held_alone: an official held this kart individually and has not released it.
+    :param withdrawn: it withdrew an acknowledgement of its present order.
+    :param counts_at: latest time at which its report of the state it is sent, which may answer an
+        earlier order, counts, in seconds; a past time if that is unknown; None if it makes no
+        such report.
+    :param counts_in: the same, as time from its last report, in seconds; 0 if unknown.
+    :param inspected: date of its inspection according to the roster; empty for none.
+    :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
+    :param ordered_at: when its present order was given, in seconds.
+    :param delivered_at: when its kernel had answered that order, in seconds; None if it has not.
+    :param acknowledged_at: when it first acknowledged that order, in seconds; None if it has not.
+    :param link: how good its link is; None if not measured on this connection. No rule depends on
+        it, nor on the three times above; they are for officials.
     :param contested: two programs connect as this kart, and push each other out.
-    :param went_silent_at: when its connection was last lost because its link stopped answering, s;
-        None: it has a connection, or lost it in another way.
-    :param link_poor_at: when its link was last measured to be poor, s; None: never.
+    :param went_silent_at: when its connection was last lost because its link stopped answering, in
+        seconds; None if it has a connection, or lost it in another way.
+    :param link_poor_at: when its link was last measured as poor, in seconds; None if never.
     """
 
     number: int
@@ -491,12 +499,12 @@ class Kart:
     went_silent_at: float | None = None
 
     def __str__(self) -> str:
-        """Return how officials call this kart."""
+        """Return the name that officials use for this kart."""
         return called(self.number, self.team)
 
     @property
     def may_be_moving(self) -> bool:
-        """Return whether it counts as moving."""
+        """Return whether officials must treat it as moving."""
         return self.doubt is Doubt.MOVING
 
     @property
@@ -506,21 +514,21 @@ class Kart:
 
     @property
     def stands(self) -> bool:
-        """Return whether humans may rely on that: it has stood by its word for long enough."""
+        """Return whether humans may rely on its stop, which it has reported for long enough."""
         return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
 
     @property
     def away_at_rest(self) -> bool:
         """
-        Return whether it is away and was not lost, in a race or in doubt, nor was it held alone.
+        Return whether it is not connected, was not lost, and is not held individually.
 
-        Only a command to all can hold it.
+        Only a command to all karts can hold such a kart.
         """
         return self.lost_since is None and not (self.connected or self.held_alone)
 
     @property
     def bound(self) -> str:
-        """Return why the roster must keep it and its address, in a phrase; empty: it need not."""
+        """Return why the roster must keep it and its address; empty if it need not."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -530,26 +538,26 @@ class Kart:
     @property
     def stopped_itself(self) -> bool:
         """
-        Return whether it last said RED_RED while it is sent to the grid or to race.
+        Return whether it last reported RED_RED while it is sent GRID_ACTIVE or GREEN_GREEN.
 
-        Its team, the MSR's contact or its own doubt has stopped it. Nobody may rely on that.
+        Its team, the MSR's contact or its own doubt has stopped it. Nobody may rely on that stop.
         """
         return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
 
     @property
     def answered(self) -> bool:
-        """Return whether it has done what it is sent, so that the race may go on."""
+        """Return whether it has carried out its order, so that the race may go on."""
         return self.stands if self.sent.is_red else self.acknowledged
 
 
 class LastRun(enum.Enum):
     """
-    What is known of how the run of race control before this one ended, on this machine and port.
+    How the previous run of race control on this machine and port ended, as far as is known.
 
-    ``NONE``: no run is known to have begun. ``ENDED``: it ended in good order with nothing under
-    way, held or in doubt, and the track closed; ``ENDED_OPEN``: likewise, with the track open.
-    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known. The values
-    are what the mark of the machine says (``run_mark``).
+    ``NONE``: no earlier run is known. ``ENDED``: it ended in good order with nothing under way,
+    held or in doubt, and with the track closed. ``ENDED_OPEN``: the same, with the track open.
+    ``UNKNOWN``: a run began and how it ended is not known, or even that is uncertain. The values
+    are those of the machine's mark (``run_mark``).
     """
 
     NONE = 'none'
@@ -560,7 +568,7 @@ class LastRun(enum.Enum):
 
 @dataclass(frozen=True)
 class KartMemory:
-    """What outlives race control of one kart; the meanings are those of ``Kart``."""
+    """What race control saves of one kart; its fields mean the same as in ``Kart``."""
 
     in_race: bool
     held: bool
@@ -572,13 +580,12 @@ class KartMemory:
 @dataclass(frozen=True)
 class RaceMemory:
     """
-    What outlives race control of a race.
+    What race control saves of a race, for the run after this one.
 
-    :param state: the race's state.
     :param karts: each kart of the roster, by its number.
     :param track_open: officials have opened the track.
     :param unstated: no official has stated yet that no race is under way anywhere.
-    :param heat: the heat that was last put into the race; empty: none was.
+    :param heat: the heat that was last put into the race; empty for none.
     """
 
     state: RaceState
@@ -596,7 +603,7 @@ class RaceMemory:
 
     @property
     def ends_as(self) -> LastRun:
-        """Return what the next run is to know of this one, if it ends in good order with this."""
+        """Return what the next run learns of this one, if it ends in good order like this."""
         if not self.at_rest:
             return LastRun.UNKNOWN
         if self.unstated:
@@ -605,32 +612,34 @@ class RaceMemory:
 
 
 class StartPhase(enum.IntEnum):
-    """How far a start has come; of two at once, the later one counts."""
+    """How far a start has come; of two phases at once, the later one applies."""
 
     WAITS = 0
     WRITTEN = 1
     FAILED = 2
-    OUTLIVED = 3
+    SUPERSEDED = 3
     WITHDRAWN = 4
 
 
 WHY_NO_START = {
-    StartPhase.FAILED: 'the record did not take it in time; send it again',
-    StartPhase.OUTLIVED: 'it was sent for an earlier GRID_ACTIVE; look, and send it again',
+    StartPhase.FAILED: 'the record did not save it in time; send it again',
+    StartPhase.SUPERSEDED: (
+        'GRID_ACTIVE was sent again before it took effect; look at the race, then send it again'
+    ),
     StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
 }
-"""Why a start is refused in its last phase, if the rules alone would accept it."""
+"""Why a start is refused in its last phase, although the rules alone would accept it."""
 
 
 class Start(NamedTuple):
     """
-    A GREEN_GREEN that would be accepted, and waits until it is on the disk that karts may move.
+    A GREEN_GREEN that would be accepted, and waits until the disk has saved that karts may move.
 
-    :param number: counts the starts, from 1.
+    :param number: number of the start, from 1.
     :param came: when the command came, in seconds.
-    :param until: when it waits no longer, in seconds.
+    :param until: when it stops waiting, in seconds.
     :param memory: what must be on the disk first.
-    :param phase: WAITS; or OUTLIVED, if GRID_ACTIVE has been accepted since.
+    :param phase: WAITS; or SUPERSEDED, if GRID_ACTIVE has been accepted since.
     """
 
     number: int
@@ -645,17 +654,16 @@ class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
 
-    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
-    becomes of a start that waits (``start_becomes``), with who is there (``attended``), and with
-    what is wrong around it (``held_up``, ``cut_off``, ``contested``, ``rival``,
-    ``record_trouble``); each returns the orders to send and the events that happened. Times are
+    Each input is a method: ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``;
+    what became of a waiting start (``start_becomes``); who can stop the race (``attended``); and
+    troubles around the race (``stalled``, ``cut_off``, ``contested``, ``rival``,
+    ``record_trouble``). Each returns the orders to send and the events that happened. Times are
     seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
-    :param times: the times of the rules.
-    :param now: the time, in seconds.
-    :param heats: the heats of the roster, each of its karts.
-    :param run: the id of this run of race control.
+    :param now: present time, in seconds.
+    :param heats: the heats of the roster.
+    :param run: id of this run of race control.
     :raises ValueError: if two karts have the same number.
     """
 
@@ -678,51 +686,52 @@ class Race:
             kart.sent_since = now
         self.heats = tuple(heats)
         self.reading = 0
-        """Number of the roster that was read and not taken; 0: there is none."""
+        """Number of the roster that was read but not taken yet; 0 for none."""
         self._readings = 0
         self._read = Roster(())
         self.state = IN_GARAGE
         self.state_since = now
         self.state_cause = ''
-        """What put the race into its state, and who, in a phrase; empty at the very beginning."""
+        """What put the race into its state, and by whom, in a phrase; empty at first."""
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
-        """Who was sent GREEN_GREEN in the race whose order of FINISH has not been told yet."""
+        """Karts sent GREEN_GREEN in the race whose order of FINISH is not reported yet."""
         self.grid_was_last = False
         self.grids = 0
-        """How many times GRID_ACTIVE was accepted."""
+        """Number of times that GRID_ACTIVE was accepted."""
         self.number = 0
-        """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
+        """Number of the race under way, from GRID_ACTIVE to IN_GARAGE; 0 for none."""
         self.race_since: float | None = None
-        """When the last race of this run began (s); None: none did, as far as this run knows."""
+        """When the last race of this run began, in seconds; None if no race did."""
         racing = {each.number for each in self.racing()}
         alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
         self.opening = 0
-        """Number of the last opening of the track in this run; 0: none."""
+        """Number of the last opening of the track in this run; 0 for none."""
         self._opened = '', now  # by whom or why, in a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
-        """Race control does not know what happened before, or while it was cut off; until
-        IN_GARAGE."""
+        """Race control does not know what happened before it started, or while it was cut off;
+        until IN_GARAGE."""
         self.unstated = False
         """No official has stated yet that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
-        """What of the karts' network race control has lost and not got back; empty: nothing."""
+        """Why race control is cut off from the karts' network, in a phrase; empty if it is not."""
         self.record_fails = ''
         self.there = Attendance()
         self.nobody_since: float | None = None
-        """Since when nobody is there any more who was in this race (s); None: it is not so."""
+        """When the last program that could stop this race was lost, in seconds; None if there is
+        one, or never was one in this race."""
         self.paused_until = now
-        """When the pause ends, or the last one ended (s)."""
+        """End of the present pause, or of the last one, in seconds."""
         self._paused_by = ''
         self.start: Start | None = None
         """The GREEN_GREEN that waits for the record."""
         self.starts = 0
-        self._told_all_answered = False
+        self._reported_all_answered = False
         self._by: Command | None = None  # the command that is being put in force
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
@@ -730,9 +739,9 @@ class Race:
 
     def memory(self) -> RaceMemory:
         """
-        Return what must outlive race control.
+        Return what race control must save.
 
-        While a start waits it is what was written for that: nothing else may take its place.
+        While a start waits, this is what was written for that start; nothing may replace it.
         """
         if self.start is not None:
             return self.start.memory
@@ -748,21 +757,22 @@ class Race:
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
     ) -> Outcome:
         """
-        Take up what race control left behind; to be called before any other input.
+        Restore the race from what the last run saved; to be called before any other input.
 
-        If the last run ended in good order with nothing under way, or none is known to have
-        begun, the race begins from the roster. Where none is known, the track stays closed until
-        an official states that no race is under way anywhere: this machine may stand in for
-        another one.
+        If the last run ended in good order with nothing under way, or no earlier run is known,
+        the race begins from the roster. If no earlier run is known, the track also stays closed
+        until an official states that no race is under way anywhere, because this machine may
+        replace another one.
 
-        In every other case what happened last may not have been remembered, a stop least of all,
-        since a stop waits for no memory. So the race comes back as after ALL_KILL: in RED_RED,
-        with every kart held; the track counts as open. An official's statement in IN_GARAGE
-        covers every kart, unless it was known to be in doubt, or held alone: then only its own
-        word does, or its own release.
+        In every other case the last run may not have saved what happened last, and least of all a
+        stop, since a stop never waits for the disk. The race therefore comes back as after
+        ALL_KILL: in RED_RED, with every kart held, and the track counts as open. The official's
+        statement with IN_GARAGE covers every kart except those that were known to be in doubt or
+        held individually. Such a kart must report its own stop, or be released individually.
 
-        :param memory: what the record knows; None: nothing.
-        :param why: why no proof of a good end is believed, in a phrase; empty: no such reason.
+        :param memory: what the record contains; None if nothing.
+        :param why: why a proof of a good end is not believed, in a phrase; empty if that is not
+            the case.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
@@ -786,8 +796,8 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # Of a race in RED_RED nobody knows whether its order of FINISH was told; of one that
-        # nobody finished, not even whether it was started.
+        # If the race was in RED_RED, its order of FINISH may have been reported already; if no
+        # kart had finished either, the race may not even have been started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
@@ -795,14 +805,17 @@ class Race:
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
                 self.grids = self.number = int(bool(self.starters))
-        self._lose_track('since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
+        self._lose_track('since race control started', f'{BEGAN}: {why}' if why else BEGAN, now)
         for kart in gone:
-            text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
-            self._tell(EventKind.KART_STATE, text, kart.number, RED_RED)
+            text = (
+                f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release it '
+                'individually'
+            )
+            self._add_event(EventKind.KART_STATE, text, kart.number, RED_RED)
         return self._outcome()
 
     def _lose_track(self, held: str, cause: str, now: float) -> None:
-        """Have everything count as the worst it could be: race control does not know it."""
+        """Assume the worst about everything, because race control does not know what happened."""
         self.past_unknown = True
         self._count_opening(cause, now)
         self.msr_used = False
@@ -821,16 +834,17 @@ class Race:
         """
         Judge an official's command and, if it is allowed, put it in force (§4.B).
 
-        A GREEN_GREEN that is allowed is not in force yet: it waits for what the outcome says.
+        An allowed GREEN_GREEN is not in force yet: the outcome contains the start that waits.
 
-        :param came: when it came, if that was before, in seconds.
-        :returns: an outcome with an answer, unless it is a start that waits. A refused command
-            changes nothing; but a stop begins a pause even if there is no such kart.
+        :param came: when the command came, if earlier than now, in seconds.
+        :returns: an outcome with an answer, unless the command is a start that waits. A refused
+            command changes nothing, except that a stop begins a pause even if the roster has no
+            such kart.
         """
         came = now if came is None else came
         if CATALOGUE[command.kind].stop:
-            # A release may have been sent before a stop, by an official who had not seen it, and
-            # come here after it. It must not undo the stop.
+            # Another official may have sent a release without having seen this stop, and it may
+            # arrive after the stop. It must not undo the stop.
             self._pause(now + self.times.pause, 'a stop was sent just now')
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
@@ -848,9 +862,9 @@ class Race:
 
     def start_becomes(self, phase: StartPhase, number: int, now: float) -> Outcome:
         """
-        Take note that what a start waits for is on the disk or not, or that nobody waits for it.
+        Record whether the disk has saved the memory of a start, or that the start is withdrawn.
 
-        :param number: of the start; if it does not wait any more, nothing happens.
+        :param number: number of the start; if it no longer waits, nothing happens.
         :returns: an outcome with the answer to the start.
         """
         if self.start is None or self.start.number != number:
@@ -858,31 +872,33 @@ class Race:
         return self._outcome(self._end_of_start(self.start, phase, now))
 
     def _end_of_start(self, start: Start, phase: StartPhase, now: float) -> Answer:
-        """Judge a start again whose turn has come, or refuse it for what has become of it."""
+        """Judge again a start whose wait is over, or refuse it because of its phase."""
         self.start = None
         refusal = self._refusal_of(start.command, start.came)
         refusal = refusal or WHY_NO_START.get(max(phase, start.phase), '')
         return self._decide(start.command, refusal, now)
 
-    def held_up(self, seconds: float, now: float) -> Outcome:
+    def stalled(self, seconds: float, now: float) -> Outcome:
         """
-        Take note that race control was held up: what comes now may have been sent long ago.
+        Record that race control stalled: commands that come now may have been sent long ago.
 
-        What karts said meanwhile, and which are gone, is not known yet: to stand begins again.
+        Race control has not read yet what karts reported during the stall, nor noticed which are
+        gone, so each kart must report its stop for ``settle`` seconds again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
-        pause = max(self.times.pause, self.times.pause_after_held_up)
-        self._pause(now + pause, f'race control was held up for {seconds:.1f} s')
+        pause = max(self.times.pause, self.times.pause_after_stall)
+        self._pause(now + pause, f'race control stalled for {seconds:.1f} s')
         return self._outcome()
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
-        Take note that race control lost the karts' network; the race is as after a crash.
+        Record that race control lost the karts' network; the race is as after a crash.
 
-        Until it is back, another race control may do anything with the karts: nothing is loosened.
+        Until the network is back, another race control may command the karts, so commands that
+        loosen anything are refused.
 
-        :param reason: what is lost, in a phrase; empty: it is back.
+        :param reason: what is lost, in a phrase; empty once the network is back.
         """
         before, self.cut_off_by = self.cut_off_by, reason
         if reason and not before:
@@ -893,16 +909,16 @@ class Race:
         cause = f'race control was cut off from the karts ({reason})'
         self._pause(now + self.times.pause, cause)
         self._lose_track('race control was cut off', cause, now)
-        self._tell_alerts(now)
+        self._report_alerts(now)
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
         """
-        Take note that two programs connect as one kart again and again, or do so no more.
+        Record that two programs keep connecting as one kart, or no longer do.
 
         :raises KeyError: if the roster has no such kart.
         """
         self.karts[number].contested = contested
-        self._tell_alerts(now)
+        self._report_alerts(now)
         return self._outcome()
 
     def _pause(self, until: float, why: str) -> None:
@@ -911,11 +927,11 @@ class Race:
             self._paused_by = why
 
     def _refusal_of(self, command: Command, came: float) -> str:
-        """Return why a command is refused that came at a time (s); empty if it is not."""
+        """Return why a command that came at a time (s) is refused; empty if it is not."""
         if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
             return self._unknown_kart(command)
         rule = COMMANDS[command.kind]
-        # A reason of the rules says more to the official than the pause does.
+        # A reason of the rules helps the official more than the pause does.
         refusal = self._refusal(command) or self._paused(command.kind, came)
         if refusal:
             return refusal
@@ -929,7 +945,7 @@ class Race:
         return self._misnamed(command, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
-        """Put a command in force, or refuse it, and tell that."""
+        """Put a command in force or refuse it, and add its event."""
         cause = len(self._events)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
@@ -941,7 +957,7 @@ class Race:
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
             answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
             self._by = None
-        # The cause stands before its effects.
+        # The cause comes before its effects.
         self._events.insert(
             cause,
             Event(
@@ -958,31 +974,32 @@ class Race:
 
     def connected(self, number: int, now: float) -> Outcome:
         """
-        Take note of a kart's new connection (§3.B, §4.A).
+        Record a kart's new connection (§3.B, §4.A).
 
-        A kart that is connected already is being replaced, which counts as a disconnect first.
+        If the kart is still connected, the new connection replaces the old one, which counts as a
+        disconnect first.
 
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
-            self._drop(kart, 'a new connection from its address took its place', now)
+            self._drop(kart, 'a new connection from its address replaced it', now)
         kart.connected = True
         if not kart.may_be_moving:
             kart.lost_since = None
         kart.reported = None
         kart.link = kart.went_silent_at = None
         text = f'{_capital(kart)} connected'
-        self._tell(EventKind.CONNECTED, text, number, chatter=kart.contested)
-        self._redirect(kart, now, anew=True)
+        self._add_event(EventKind.CONNECTED, text, number, chatter=kart.contested)
+        self._redirect(kart, now, resend=True)
         return self._outcome()
 
     def disconnected(self, number: int, reason: str, now: float, silent: bool = False) -> Outcome:
         """
-        Take note that a kart's connection is gone (§3.E, §4.D).
+        Record that a kart's connection is gone (§3.E, §4.D).
 
-        :param reason: how it went, for the officials.
-        :param silent: its link stopped answering; nobody closed the connection.
+        :param reason: why, for the officials.
+        :param silent: its link stopped answering; neither side closed the connection.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -990,11 +1007,11 @@ class Race:
             self._drop(kart, reason, now)
             if silent:
                 kart.went_silent_at = now
-                self._look_whether_all_went_silent(kart, now)
+                self._check_whether_all_went_silent(kart, now)
         return self._outcome()
 
-    def _look_whether_all_went_silent(self, lost: Kart, now: float) -> None:
-        """Take race control for cut off if it has lost every kart of the race at once."""
+    def _check_whether_all_went_silent(self, lost: Kart, now: float) -> None:
+        """Consider race control cut off if it has lost every kart of the race at once."""
         in_garage = self.state is IN_GARAGE
         if self.state is RED_RED or not (lost.in_race or in_garage):
             return  # in RED_RED there is nothing to stop, and teams switch their karts off
@@ -1005,25 +1022,26 @@ class Race:
             for each in concerned
             if each.went_silent_at is not None and each.went_silent_at >= now - LOST_AT_ONCE
         ]
-        # One kart alone is no sign of that while another answers; nor is it in the garage, where a
-        # team takes its kart's battery off.
+        # One silent kart is not enough while any other kart is connected. In the garage it is
+        # never enough, because a team may disconnect its kart's battery.
         if len(silent) == 1:
             concerned = everyone
         if len(silent) > in_garage and not any(each.connected for each in concerned):
-            self._cut_off(f'no kart answers any more: {_listed(silent)}', now)
+            self._cut_off(f'no kart answers: {_listed(silent)}', now)
 
     def heard(
         self, number: int, serial: int, state: RaceState, now: float, counts_in: float = 0.0
     ) -> Outcome:
         """
-        Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
+        Judge what a kart reports: an acknowledgement, or any other report (§3.A, §4.C).
 
-        A kart that says another state than the one it acknowledged withdraws its acknowledgement,
-        however old the other state is: perhaps the acknowledgement was just as old.
+        A kart that reports another state than the one it acknowledged withdraws its
+        acknowledgement. This holds even if the other report may be old, because then the
+        acknowledgement may have been just as old.
 
         :param serial: the kart's order that had been sent when the frame began to arrive.
-        :param counts_in: for what does not count yet: in how many seconds the same word would, at
-            the latest; 0: unknown, or never.
+        :param counts_in: for a report that does not count yet: the longest time until the same
+            report would count, in seconds; 0 if unknown or never.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1038,21 +1056,21 @@ class Race:
             if state.is_red:
                 kart.settles_at = now + self.times.settle
                 self._settle(kart, now)
-            # Whether all have is reported at the next tick; checking here would cost O(N²).
+            # The next tick reports when all have acknowledged; checking here would cost O(N²).
             # IN_GARAGE asks for no acknowledgement (§3.A).
-            did = 'says' if state is IN_GARAGE else 'acknowledged'
+            did = 'reports' if state is IN_GARAGE else 'acknowledged'
             text = f'{_capital(kart)} {did} {state.value}'
-            self._tell(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
+            self._add_event(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
             kart.withdrawn = True
             kart.settles_at = None
             if kart.sent.is_red:
                 kart.doubt = Doubt.MOVING
-            self._tell(
+            self._add_event(
                 EventKind.WITHDRAWN,
-                f'{_capital(kart)} says {state.value}: its acknowledgement of {kart.sent.value} '
-                'does not count any more',
+                f'{_capital(kart)} reports {state.value}, so its acknowledgement of '
+                f'{kart.sent.value} no longer counts',
                 number,
                 state,
                 chatter=True,
@@ -1060,15 +1078,15 @@ class Race:
         elif self._perhaps_earlier(kart, state, now, counts_in):
             pass
         elif state is not kart.reported:
-            text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
-            self._tell(EventKind.REPORTED, text, number, state, chatter=True)
+            text = f'{_capital(kart)} reports {state.value} while it is sent {kart.sent.value}'
+            self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
         return self._outcome()
 
     def _perhaps_earlier(self, kart: Kart, state: RaceState, now: float, counts_in: float) -> bool:
-        """Take a word that does not count; return whether it is for what the kart is sent."""
+        """Judge a report that does not count; return whether it names the state that is sent."""
         if state is not kart.sent:
             kart.counts_at = None
             return False
@@ -1078,30 +1096,30 @@ class Race:
         kart.counts_at, kart.counts_in = now + counts_in, counts_in
         if first:
             text = f'{_capital(kart)} {self._silence(kart)}'
-            self._tell(EventKind.REPORTED, text, kart.number, state, chatter=True)
+            self._add_event(EventKind.REPORTED, text, kart.number, state, chatter=True)
         return True
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Take note that the kart's kernel has answered an order: it has arrived, if not been read.
+        Record that the kart's kernel has answered an order: it has arrived, even if not been read.
 
-        :param serial: of the order; if another has been given since, nothing happens.
-        :param answered: when, at the latest (s).
+        :param serial: serial of the order; if a newer order has been given, nothing happens.
+        :param answered: latest time at which the kernel can have answered, in seconds.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected and serial == kart.serial and kart.delivered_at is None:
             kart.delivered_at = max(answered, kart.ordered_at)
             after = kart.delivered_at - kart.ordered_at
-            text = f"{kart.sent.value} has reached {kart}'s computer, after {after:.2f} s"
-            self._tell(EventKind.DELIVERED, text, number, kart.sent, after=after)
+            text = f"{kart.sent.value} reached {kart}'s computer after {after:.2f} s"
+            self._add_event(EventKind.DELIVERED, text, number, kart.sent, after=after)
         return self._outcome()
 
     def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
         """
-        Take note of how good a kart's link is.
+        Record how good a kart's link is.
 
-        It changes nothing of what anybody is sent or may do: officials are told.
+        This is for officials only; it changes neither what karts are sent nor what is allowed.
 
         :raises KeyError: if the roster has no such kart.
         """
@@ -1117,37 +1135,38 @@ class Race:
                 text += f': its program may read {link.behind:.1f} s late'
             elif link.grade is not Grade.GOOD:
                 text += f': it took {link.worst_answer:.2f} s to answer'
-            self._tell(EventKind.LINK_GRADE, text, number, grade=link.grade)
+            self._add_event(EventKind.LINK_GRADE, text, number, grade=link.grade)
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
-        """Take note that another race control runs among the same officials, or is gone."""
+        """Record that another race control runs among the same officials, or is gone."""
         self.has_rival = present
-        self._tell_alerts(now)
+        self._report_alerts(now)
         return self._outcome()
 
     def attended(self, there: Attendance, now: float) -> Outcome:
-        """Take note of who can stop the race from now on."""
+        """Record who can stop the race from now on."""
         if there.able:
             self.nobody_since = None
         elif self.there.able:
             self.nobody_since = now
         self.there = there
-        self._tell_alerts(now)
+        self._report_alerts(now)
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
-        """Take note of why the record fails, as a sentence for officials; empty: it works."""
+        """Record why the record fails, as a sentence for officials; empty if it works."""
         self.record_fails = text
-        self._tell_alerts(now)
+        self._report_alerts(now)
         return self._outcome()
 
     def tick(self, now: float) -> Outcome:
         """
-        Let time pass: finishes that are due, the race going over by itself, and the alerts.
+        Let time pass.
 
-        A race that nobody can stop any more is stopped. A start that has waited too long for the
-        disk is refused. Alerts are only told; they never act.
+        This sends the RED_FLAG of each finish that is due, ends a race that all karts have
+        finished, stops a race that nobody can stop any longer, and refuses a start that has waited
+        too long for the disk. It also reports alerts, which never act themselves.
         """
         for kart in self.karts.values():
             self._settle(kart, now)
@@ -1158,8 +1177,8 @@ class Race:
         due = self._race_over_due()
         if due is not None and now >= due:
             self.over = True
-            self._go(RED_RED, now, 'race over, every kart of the race has finished')
-            self._tell_order_of_finish()
+            self._go(RED_RED, now, 'race over (all karts have finished)')
+            self._report_order_of_finish()
         since, limit = self._unattended_since(), self.times.nobody_there
         if since is not None and limit and now >= since + limit:
             self._pause(now + self.times.pause, 'race control has just stopped the race')
@@ -1167,17 +1186,17 @@ class Race:
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, StartPhase.FAILED, now)
-        self._tell_all_answered(now)
-        self._tell_alerts(now)
+        self._report_all_answered(now)
+        self._report_alerts(now)
         return self._outcome(answer)
 
-    # ----- what there is to see -----------------------------------------------------------
+    # ----- what officials see -------------------------------------------------------------
 
     def availability(self, kind: CommandKind, number: int, now: float) -> Availability:
         """
-        Return whether a command that comes now would be accepted, and why not.
+        Return whether a command that comes now would be accepted, or why it would be refused.
 
-        :param number: the kart, for a command to one kart; 0 for any other.
+        :param number: number of the kart, for a command to one kart; otherwise 0.
         :raises KeyError: if the command is to one kart and the roster has no such kart.
         """
         rule, command = COMMANDS[kind], Command(kind, number)
@@ -1191,7 +1210,7 @@ class Race:
         return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
-        """Return what officials must act on at this time, newest first."""
+        """Return the present alerts, newest first."""
         alerts = []
         for kind, kart, since, text in self._current_alerts(now):
             number = kart.number if kart else 0
@@ -1209,14 +1228,15 @@ class Race:
         """
         Return whether humans may be on the track now, and why or why not (§3.A).
 
-        The proposal's conditions speak of connected karts. A kart that was lost in motion or on
-        the grid is counted too: only its own word when it is back, the MSR, or the statement that
-        it was made safe by hand answers for it.
+        The proposal's conditions speak of connected karts only. Race control also considers karts
+        that were lost in motion or on the grid. Such a kart stays unsafe until it is back and
+        reports its stop, or an official states that the MSR was used or that the kart was made
+        safe by hand.
         """
         allowed, reason, settled_by = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
             allowed, settled_by = False, CommandKind.OPEN_TRACK
-            reason = f'nobody has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+            reason = f'no official has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
         return TrackAccess(
             self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
         )
@@ -1227,11 +1247,11 @@ class Race:
         own = self.state if kart.in_race else IN_GARAGE
         return own if kart.hold is None else stricter(own, kart.hold)
 
-    def _redirect(self, kart: Kart, now: float, anew: bool = False) -> None:
-        """Send the kart what follows from the race and its hold; its old acknowledgement ends."""
+    def _redirect(self, kart: Kart, now: float, resend: bool = False) -> None:
+        """Send a kart the state that its race and hold require; end its old acknowledgement."""
         state = self._commanded(kart)
         changed = state is not kart.sent
-        if not (changed or anew):
+        if not (changed or resend):
             return
         if changed:
             kart.sent = state
@@ -1249,23 +1269,24 @@ class Race:
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             elif not self._covered_by_statement(kart):
-                # Told to go, or told to stop and it has not said yet that it did. Nobody knows
-                # that of a kart which is sent RED_RED because race control knows nothing.
+                # It is sent to race, or to stop and has not confirmed that yet. A kart that is
+                # sent RED_RED only because race control does not know what happened is exempt.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is sent {state.value}'
-            self._tell(EventKind.KART_STATE, text, kart.number, state, kart.contested and anew)
+            chatter = kart.contested and resend
+            self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter)
 
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
-            # That an official held it stays to be seen, for only an official lets it go.
+            # The reason keeps naming the official's hold, since only an official can release it.
             before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
             kart.hold_reason = reason + before
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """Count a connected kart as moving that an official stops, and that says nothing yet."""
+        """Treat a connected kart as moving if an official stops it and it has not confirmed."""
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING
 
@@ -1276,7 +1297,7 @@ class Race:
         kart.finish_due = None
 
     def _settle(self, kart: Kart, now: float) -> None:
-        """End the doubt of a kart that has stood by its acknowledgement of a red long enough."""
+        """End the doubt about a kart that has kept reporting its acknowledged red long enough."""
         if kart.settles_at is not None and now >= kart.settles_at:
             self._end_doubt(kart)
 
@@ -1286,7 +1307,7 @@ class Race:
         kart.lost_since = None
 
     def _cause(self) -> str:
-        """Return the command that is being put in force, and who gave it."""
+        """Return the command that is being put in force, and who sent it."""
         assert self._by is not None
         official = f' by {self._by.official}' if self._by.official else ''
         return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
@@ -1296,9 +1317,9 @@ class Race:
             self.state = state
             self.state_since = now
             self.state_cause = why or self._cause()
-            self._told_all_answered = False
+            self._reported_all_answered = False
             text = f'The race is in {state.value}: {self.state_cause}'
-            self._tell(EventKind.RACE_STATE, text, state=state)
+            self._add_event(EventKind.RACE_STATE, text, state=state)
         for kart in self.racing():
             self._redirect(kart, now)
 
@@ -1313,7 +1334,7 @@ class Race:
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
         text = f'{_capital(kart)} disconnected: {reason}'
-        self._tell(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
+        self._add_event(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
         if under_way and self.state is not GRID_ACTIVE:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
         elif kart.may_be_moving:
@@ -1332,24 +1353,27 @@ class Race:
     def _red_flag(self, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
-            return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
+            return f'The race is already in {self.state.value}, which is stricter than RED_FLAG'
         flagged = [each for each in self.racing() if each.sent is RED_FLAG]
         stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
         message = f'RED_FLAG is sent to {_receivers(flagged)}'
-        return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
+        return message + (f'; already in RED_RED: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
-            self.start = self.start._replace(phase=StartPhase.OUTLIVED)
+            self.start = self.start._replace(phase=StartPhase.SUPERSEDED)
         if self.state is GRID_ACTIVE:
-            return 'GRID_ACTIVE is the last command again; who has acknowledged it need not again'
+            return (
+                'GRID_ACTIVE is the last command again; karts that have acknowledged it need not '
+                'do so again'
+            )
         self.grids += 1
         self.number = self.grids
         self.race_since = now
         self.track_open = self.msr_used = False
         self.reading = 0
         self.starters = ()
-        self.nobody_since = None  # if nobody is there now, nobody was in this race yet
+        self.nobody_since = None  # if nobody can stop it now, nobody could in this race yet
         self.places_given = 0
         for each in self.karts.values():
             each.place = each.attempt = 0
@@ -1364,7 +1388,7 @@ class Race:
     def _race_over(self, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
-        self._tell_order_of_finish()
+        self._report_order_of_finish()
         return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, command: Command, now: float) -> str:
@@ -1380,13 +1404,13 @@ class Race:
         self.msr_used = False
         if self.past_unknown:
             self.past_unknown = self.unstated = False
-        self._tell_order_of_finish()  # of a race that was stopped and never declared over
+        self._report_order_of_finish()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
         message = f'IN_GARAGE is sent to {_receivers(released)}'
         if kept:
-            message += f'; still held until released alone: {_listed(kept)}'
+            message += f'; still held until released individually: {_listed(kept)}'
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
@@ -1399,7 +1423,7 @@ class Race:
         return 'The track is closed to humans'
 
     def _record_msr(self, command: Command, now: float) -> str:
-        # The MSR's relay may give the power back later: by then every kart must be told to stop.
+        # The MSR's relay may restore power later; by then every kart must be under RED_RED.
         self._all_kill(command, now)
         self.msr_used = True
         return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
@@ -1436,11 +1460,11 @@ class Race:
         for each in moved_up:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
-        text = f'{_capital(kart)} has no place any more'
-        # Nothing that was sent is loosened: it loses a RED_FLAG that has not gone out.
+        text = f'{_capital(kart)} no longer has a place'
+        # This loosens nothing that was sent; it only cancels a RED_FLAG that has not gone out.
         kart.finish_due = None
         if kart.sent is GREEN_GREEN:
-            text += ' and drives on: its RED_FLAG was not sent yet'
+            text += ' and drives on; its RED_FLAG had not been sent yet'
         elif kart.hold is not None:
             text += f'; it stays held in {kart.hold.value}'
         if moved_up:
@@ -1482,7 +1506,7 @@ class Race:
             self._redirect(each, now)
         self._put_in = heat.name
         chosen = list(self.racing())
-        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
+        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}); no other kart is'
         absent = [each for each in chosen if not each.connected]
         if absent:
             text += f'; not connected: {_listed(absent)}'
@@ -1493,8 +1517,8 @@ class Race:
         self._readings += 1
         self.reading, self._read = self._readings, command.roster
         return (
-            f'The file of the roster was read, reading {self.reading}: {self._changes(command)}. '
-            f'Nothing has changed yet: TAKE_ROSTER {self.reading} takes it'
+            f'The roster file was read (reading {self.reading}): {self._changes(command)}. '
+            f'Nothing has changed yet; TAKE_ROSTER {self.reading} puts it in force'
         )
 
     def _take_roster(self, command: Command, now: float) -> str:
@@ -1506,10 +1530,10 @@ class Race:
             )
             kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
             self.karts[each.number] = kart
-        # What is bound is in the roster, or was in no roster before.
+        # A bound kart is in the new roster, or was in none before.
         self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
         self.heats = self._read.heats
-        return f'The roster is as it was read: {changes}'
+        return f'The roster that was read is in force: {changes}'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -1521,7 +1545,7 @@ class Race:
         return COMMANDS[command.kind].refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
-        """Return why a pause refuses a command that came at a time (s); empty if none does."""
+        """Return why a pause refuses a command that came at a time (s); empty if it does not."""
         if CATALOGUE[kind].loosens and came < self.paused_until:
             return f'{self._paused_by}; look at the race, then send this command again'
         return ''
@@ -1545,10 +1569,10 @@ class Race:
         if held and self.state is GRID_ACTIVE:
             return f'bring the race to IN_GARAGE and release the held karts: {held}'
         numbers = _numbers(each.number for each in racing if each.hold is not None)
-        return f'first send KART_IN_GARAGE to {numbers}: {held}' if held else ''
+        return f'release {numbers} first: {held}' if held else ''
 
     def _doubtful(self) -> str:
-        """Return which karts must not be near a race that starts, whatever the rest does."""
+        """Return which karts make it unsafe to start a race; empty if none does."""
         return self._dangers(
             each
             for each in self.karts.values()
@@ -1562,12 +1586,12 @@ class Race:
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
 
     def _no_record(self) -> str:
-        """Return that no race goes on while the record fails, and what helps; else nothing."""
+        """Return why no race can go on and what to do, if the record fails; else nothing."""
         if not self.record_fails:
             return ''
         return (
-            f'{self.record_fails}. No race goes on without a record: make room on the disk; or '
-            'restart race control with the parameter record on another disk, at worst '
+            f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
+            'or restart race control with the parameter record on another disk, as a last resort '
             'in /dev/shm'
         )
 
@@ -1589,8 +1613,8 @@ class Race:
             return unfit
         if self.nobody_since is not None:
             return (
-                'nobody is there any more to stop the race: open a window; or begin again, with '
-                'IN_GARAGE'
+                'race control no longer hears a screen or button that can stop the race; open a '
+                'window, or start again from IN_GARAGE'
             )
         if self.start is not None:
             return 'another GREEN_GREEN is still waiting for the record'
@@ -1607,7 +1631,7 @@ class Race:
                 if each.may_be_moving or (each.doubt and not each.connected)
             )
         if self.state is IN_GARAGE:
-            return 'the race is in IN_GARAGE already'
+            return 'the race is already in IN_GARAGE'
         if self.state is not RED_RED:
             return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
         missing = [
@@ -1615,10 +1639,10 @@ class Race:
         ]
         if not missing:
             return ''
-        how = '' if self.msr_used else 'use the MSR and record it; or, if it is off the track, '
+        how = '' if self.msr_used else 'use the MSR and record it, or, if it is off the track, '
         return (
             f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
-            'and release it alone'
+            'and release it individually'
         )
 
     def _no_open_track(self, command: Command) -> str:
@@ -1632,14 +1656,14 @@ class Race:
         if self.state is not GREEN_GREEN:
             return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
         if kart.place:
-            return f'{kart} has finished already, in place {kart.place}'
+            return f'{kart} has already finished, in place {kart.place}'
         if not kart.connected:
             return f'{kart} is not connected'
         if kart.hold is not None:
             return f'{kart} is held: {kart.hold_reason}'
         meant = command.run, command.race, command.attempt
         if command.run and meant != (self.run, self.number, kart.attempt):
-            return f'it is for another race, or the finish of {kart} was undone since'
+            return f'it is for another race, or the finish of {kart} has been undone since'
         return ''
 
     def _no_undo_finish(self, command: Command) -> str:
@@ -1648,30 +1672,30 @@ class Race:
             return f'{kart} has no place'
         if kart.number not in self.starters:
             return (
-                f'the order of FINISH, with {kart} in place {kart.place}, has been reported; '
-                'correct the result at the timekeeper, or on paper'
+                f'the order of FINISH has already been reported, with {kart} in place '
+                f'{kart.place}; correct the result at the timekeeper or on paper'
             )
         return ''
 
     def _no_release(self, command: Command) -> str:
         kart = self.karts[command.kart]
         if kart.sent is IN_GARAGE:
-            return f'{kart} is in IN_GARAGE already'
+            return f'{kart} is already in IN_GARAGE'
         if not kart.sent.is_red:
-            return f'{kart} is being sent {kart.sent.value}; stop it first with RED_RED'
+            return f'{kart} is being sent {kart.sent.value}; stop it with RED_RED first'
         return ''
 
     def _no_join(self, command: Command) -> str:
         kart = self.karts[command.kart]
         if kart.in_race:
-            return f'{kart} is in the race already'
+            return f'{kart} is already in the race'
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; karts join in IN_GARAGE'
         return self._uninspected([kart])
 
     def _no_set_heat(self, command: Command) -> str:
         if not self.heats:
-            return "the roster has no heats; list them under 'heats:', and read it again"
+            return "the roster has no heats; list them under 'heats:' and read it again"
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
         return ''
@@ -1683,8 +1707,8 @@ class Race:
         if not missing:
             return ''
         return (
-            f'not inspected: {_listed(missing)}. Race without it; or inspect it, write the date '
-            'into the roster, and read it again'
+            f'not inspected: {_listed(missing)}. Race without it, or inspect it, write the date '
+            'into the roster and read the roster again'
         )
 
     def _no_leave(self, command: Command) -> str:
@@ -1700,16 +1724,16 @@ class Race:
 
     def _no_read_roster(self, command: Command) -> str:
         if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; the roster is read again in IN_GARAGE'
+            return f'the race is in {self.state.value}; the roster can change only in IN_GARAGE'
         return self._bound(command.roster) if command.roster.karts else ''
 
     def _no_take_roster(self, command: Command) -> str:
         if self.state is IN_GARAGE and not self.reading:
-            return 'no roster waits to be taken; READ_ROSTER reads it'
+            return 'no roster is waiting to be taken; send READ_ROSTER first'
         return self._no_read_roster(command._replace(roster=self._read))
 
     def _bound(self, roster: Roster) -> str:
-        """Return which karts a roster lacks, or gives another address, that must keep both."""
+        """Return which karts must stay at their address but do not in a roster; empty if none."""
         addresses = {each.number: each.address for each in roster.karts}
         bound = [
             f'{kart} {kart.bound}'
@@ -1718,7 +1742,7 @@ class Race:
         ]
         if not bound:
             return ''
-        return f'{_cut(bound)}; until that ends, its number and address stay as they are'
+        return f'{_cut(bound)}; until that ends, the roster must keep its number and address'
 
     # ----- what the official saw ----------------------------------------------------------
 
@@ -1726,7 +1750,7 @@ class Race:
         return self.racing()
 
     def _released_by_garage(self, command: Command) -> Iterable[Kart]:
-        """Yield whom IN_GARAGE for the race sends IN_GARAGE."""
+        """Yield the karts that the race's IN_GARAGE releases."""
         return (
             each
             for each in self.karts.values()
@@ -1740,7 +1764,7 @@ class Race:
         )
 
     def _misnamed(self, command: Command, came: float) -> str:
-        """Return why a command is refused for what it names; empty if it names what is there."""
+        """Return what the command names wrongly, as a reason to refuse it; empty if nothing."""
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
@@ -1754,7 +1778,7 @@ class Race:
             how, at = self._opened
             return (
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
-                'see that nobody is on it, then send this command again'
+                'make sure that nobody is on it, then send this command again'
             )
         return self._not_as_seen(command) if entry.names_karts else ''
 
@@ -1771,11 +1795,15 @@ class Race:
         now, then = (
             'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
         )
-        return f'{kart} has changed since you looked: it is {now}, you saw it {then}; look again'
+        return (
+            f'{kart} has changed since you looked: it is {now}, and you saw it {then}; look again'
+        )
 
     def _read_otherwise(self, command: Command) -> str:
         if command.reading != self.reading:
-            return f'the last reading is {self.reading}, you named {command.reading}; look again'
+            return (
+                f'the last reading is {self.reading}, and you named {command.reading}; look again'
+            )
         if command.roster != self._read:
             return 'the file has changed since it was read; read it again'
         return ''
@@ -1786,7 +1814,8 @@ class Race:
             return ''
         if not command.karts:  # typed by hand
             return f'name the karts: karts: {sorted(concerned)}'
-        phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
+        now, then = _numbers(concerned), _numbers(command.karts)
+        phrases = [f'this command is now for {now}, and you named {then}']
         if concerned - command.karts:
             phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
@@ -1804,7 +1833,8 @@ class Race:
             if self._covered_by_statement(each) and not each.stands
         ]
         text = f'the track is safe for humans, and {NO_RACE_ANYWHERE}'
-        return f'{text}, not even those that say nothing: {_listed(silent)}' if silent else text
+        more = f', not even those that have not confirmed a stop: {_listed(silent)}'
+        return text + more if silent else text
 
     def _state_no_race(self, command: Command) -> str:
         return NO_RACE_ANYWHERE if self.unstated else ''
@@ -1814,33 +1844,37 @@ class Race:
         return '' if kart.stands else f'{kart} was made safe by hand'
 
     def _changes(self, command: Command) -> str:
-        """Return what taking the roster that was read would change, in phrases."""
+        """Return what TAKE_ROSTER would change, as a list of phrases."""
         if not self.reading:
             return ''
         named = {each.number: each for each in self._read.karts}
         said = [
-            f'{called(each.number, each.team)} comes in, at {each.address}'
+            f'{called(each.number, each.team)} is added, at {each.address}'
             for each in self._read.karts
             if each.number not in self.karts
         ]
         for kart in self.karts.values():
             new = named.get(kart.number)
             if new is None:
-                said += [] if kart.bound else [f'{kart} goes out']
+                said += [] if kart.bound else [f'{kart} is removed']
                 continue
             if new.address != kart.address:
                 said.append(f'{kart} connects from {new.address}')
             if new.team != kart.team:
                 said.append(f'{kart} becomes {called(kart.number, new.team)}')
             if new.inspected != kart.inspected:
-                said.append(f'{kart} was inspected {new.inspected or "no more"}')
+                said.append(
+                    f'{kart} was inspected {new.inspected}'
+                    if new.inspected
+                    else f'{kart} no longer has an inspection'
+                )
         before, heats = dict(self.heats), dict(self._read.heats)
         said += [
             f'"{name}": {_numbers(karts)}'
             for name, karts in heats.items()
             if before.get(name) != karts
         ]
-        said += [f'"{name}" goes out' for name in before if name not in heats]
+        said += [f'"{name}" is removed' for name in before if name not in heats]
         return '; '.join(said) or 'the same karts and heats'
 
     # ----- derived ------------------------------------------------------------------------
@@ -1848,10 +1882,11 @@ class Race:
     @property
     def heat(self) -> str:
         """
-        Return the name of the heat in the race; empty: none is.
+        Return the name of the heat in the race; empty for none.
 
-        It is the one that was last put in, or at the start the only one with the roster's karts.
-        Karts may leave it; with a kart of another heat, or without any, it is in the race no more.
+        This is the heat that was last put into the race. At first, it is the heat that has exactly
+        the karts of the race, if there is only one such heat. Its karts may leave the race; once
+        a kart of another heat joins, or none is left, the heat is no longer in the race.
         """
         racing = {each.number for each in self.racing()}
         inside = any(heat.name == self._put_in and racing <= {*heat.karts} for heat in self.heats)
@@ -1862,7 +1897,7 @@ class Race:
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether they are, why or why not, and by which command alone they would be."""
+        """Return whether humans are allowed, why or why not, and which statement would do."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
@@ -1878,7 +1913,7 @@ class Race:
             )
             return False, reason, CommandKind.IN_GARAGE
         if not any(kart.connected for kart in self.karts.values()):
-            reason = 'no kart is connected: race control does not know what the karts do'
+            reason = 'no kart is connected, so race control does not know what the karts are doing'
             return True, reason, None
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop', None
 
@@ -1886,12 +1921,12 @@ class Race:
         return _cut([danger for danger in map(self._danger, karts) if danger])
 
     def _danger(self, kart: Kart) -> str:
-        """Return why humans must not be near a kart now; nothing if they may (§3.A)."""
+        """Return why humans must not be near a kart now; empty if they may (§3.A)."""
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
             if kart.stopped:
-                return f'{kart} has stopped: it must stand for {self.times.settle:g} s'
+                return f'{kart} has stopped; it must stay stopped for {self.times.settle:g} s'
             return f'{kart} has not acknowledged {kart.sent.value}'
         if kart.connected:
             return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
@@ -1899,50 +1934,50 @@ class Race:
             return f'{kart} was lost in motion: use the MSR'
         if kart.doubt is Doubt.GRID:
             return (
-                f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                'stop; or use the MSR and record it; or, if its team has it off the track, make '
-                'it safe by hand, send it RED_RED and release it alone'
+                f'{kart} was lost on the grid: wait until it is back and has acknowledged a stop, '
+                'or use the MSR and record it, or, if its team has it off the track, make it safe '
+                'by hand, send it RED_RED and release it individually'
             )
         return ''
 
     def _covered_by_statement(self, kart: Kart) -> bool:
         """
-        Return whether the statement of the next IN_GARAGE covers a kart.
+        Return whether the official's statement with the next IN_GARAGE covers a kart.
 
-        Race control does not know what happened, and nobody has seen this kart move, nor stopped
-        it alone.
+        It does if race control does not know what happened, there is no doubt about this kart, and
+        no official holds it individually.
         """
         return self.past_unknown and not (kart.doubt or kart.held_alone)
 
     def _silence(self, kart: Kart) -> str:
-        """Return what there is instead of the answer that is waited for."""
+        """Return what a kart reports instead of the awaited answer, and what to do about it."""
         if not kart.connected:
             return 'not connected'
         if kart.stopped:
-            return f'has stopped, and must stand for {self.times.settle:g} s'
+            return f'has stopped, and must stay stopped for {self.times.settle:g} s'
         if kart.stopped_itself:
-            return 'stopped itself: take it out, or begin again with IN_GARAGE'
+            return 'stopped itself; take it out of the race, or start again from IN_GARAGE'
         if kart.counts_at is not None:
-            said = f'says {kart.sent.value}, perhaps to the earlier one'
+            said = f'reports {kart.sent.value}, perhaps in answer to an earlier command'
             if kart.counts_in:
-                return f'{said}: {max(1, round(kart.counts_in))} s'
-            return f'{said}: let it connect again (it comes back held)'
+                return f'{said} (wait {max(1, round(kart.counts_in))} s)'
+            return f'{said}; it must connect again (it comes back held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         if kart.reported is kart.sent:
             return (
-                f'no {kart.sent.value} since the earlier one; a kart that says only what differs '
-                'from its last word must connect again (it comes back held)'
+                f'reported {kart.sent.value} only for an earlier command; a kart that reports '
+                'only changes must connect again (it comes back held)'
             )
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
         """
-        Return the karts that the race waits for: lost ones too, unless the MSR was used.
+        Return the karts that the race waits for, including lost ones unless the MSR was used.
 
-        In a red it waits for no kart that was away, at rest, when all were stopped.
-        Where it is not known what happened, every connected kart that is held must answer, too,
-        unless the official's statement covers it.
+        In a red, the race does not wait for a kart that was not connected and at rest when all
+        karts were stopped. If race control does not know what happened, every connected kart that
+        is held must answer as well, unless the official's statement covers it.
         """
         return [
             kart
@@ -1956,15 +1991,15 @@ class Race:
         ]
 
     def _unattended_since(self) -> float | None:
-        """Return since when nobody can stop a race in motion that somebody could (s)."""
+        """Return since when nobody can stop the race under way (s); None if somebody can."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
-        """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
+        """Return when the race is over automatically; None while a finish is missing (§3.C)."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
         if not self.starters:
-            return None  # the places are those of the last race
+            return None  # the places belong to the last race
         due = None
         for kart in self.racing():
             if not kart.place or kart.finish_due is not None:
@@ -1973,30 +2008,30 @@ class Race:
             due = stopped if due is None else max(due, stopped)
         return due
 
-    def _tell_all_answered(self, now: float) -> None:
+    def _report_all_answered(self, now: float) -> None:
         if self.state is IN_GARAGE:
             return
         waited_for = self._waited_for()
         answered = bool(waited_for) and all(kart.answered for kart in waited_for)
-        news = answered and not self._told_all_answered
-        self._told_all_answered = answered
+        news = answered and not self._reported_all_answered
+        self._reported_all_answered = answered
         if news:
             everyone = all(kart.connected for kart in self.racing())
             who = 'kart' if everyone else 'connected kart'
             text = f'Every {who} of the race has acknowledged; {self._next(now)}'
-            self._tell(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
+            self._add_event(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
 
     def _next(self, now: float) -> str:
-        """Return what may follow now that every kart has acknowledged, or what is in the way."""
+        """Return what may follow now that every kart has acknowledged, or what prevents it."""
         if self.state is GREEN_GREEN:
             racing = list(self.racing())
             standing = [kart for kart in racing if kart.stopped]
             if len(standing) < len(racing):
                 rest = f', without {_listed(standing)}' if standing else ''
                 return f'the race is on{rest}'
-            return 'all of them have stopped, and RACE_OVER may be sent'
+            return 'all karts of the race have stopped, and RACE_OVER may be sent'
         if self.start is not None:
-            return 'GREEN_GREEN was given, and waits for the record'
+            return 'GREEN_GREEN was sent and is waiting for the record'
         following, condition = _NEXT[self.state]
         obstacle = self._refusal(Command(following))
         if obstacle:
@@ -2006,8 +2041,8 @@ class Race:
             soon = f' in {math.ceil(self.paused_until - now)} s'
         return f'{following.value} may be sent{soon}{condition}'
 
-    def _tell_order_of_finish(self) -> None:
-        """Tell the order of FINISH, and who did not finish; once for each race."""
+    def _report_order_of_finish(self) -> None:
+        """Report the order of FINISH and the karts that did not finish, once for each race."""
         starters = [self.karts[number] for number in self.starters]
         self.starters = ()
         if not starters:
@@ -2024,7 +2059,7 @@ class Race:
     def _current_alerts(
         self, now: float
     ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
-        """Yield each alert, since when it holds (None: since it was first seen), and its text."""
+        """Yield each alert, when it began (None: when it was first seen), and its text."""
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
@@ -2033,41 +2068,41 @@ class Race:
         }
         for kart in self.karts.values():
             if kart.lost_since is not None:
-                # A kart that is back has not stopped yet: only its word ends the alarm.
+                # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
                     yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart)
                 elif not kart.connected:
                     text = f'{_capital(kart)} lost its connection'
                     yield AlertKind.KART_LOST, kart, kart.lost_since, text
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
-                text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
+                text = f'it reported GREEN_GREEN while it is sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                late_by = f'answers {kart.link.worst_answer:.1f} s late, and a stop may too'
+                late_by = f'answers {kart.link.worst_answer:.1f} s late, so a stop may be late'
                 if kart.link.behind:
                     late_by = (
-                        f'may read {kart.link.behind:.1f} s late: it says back fewer frames than '
-                        'it is sent, or leaves them unread, and a stop comes as late'
+                        f'may read {kart.link.behind:.1f} s late, and a stop as late, because it '
+                        'echoes fewer frames than it is sent or leaves them unread'
                     )
                 text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.contested:
-                text = f'Two programs connect as {kart}, in turns: have its team end one of them'
+                text = f'Two programs connect as {kart} in turn: have its team end one of them'
                 yield AlertKind.TWO_PROGRAMS, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
-                # A kart that comes without a doubt is not late yet; one lost in motion is.
+                # Under a red, a new connection restarts the time unless the kart had been lost.
                 is_new = kart.sent.is_red and kart.lost_since is None
                 due = (kart.ordered_at if is_new else kart.sent_since) + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue
                 if self._covered_by_statement(kart):
-                    continue  # its program may boot, and nobody has seen it move
+                    continue  # its program may still be booting, and nobody has seen it move
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if kart.stopped_itself:
-                    text = f'{kart} stopped itself; it is sent {kart.sent.value}'
+                    text = f'{kart} stopped itself while it is sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
-                    text += ': it is not connected'
+                    text += ' because it is not connected'
                 yield alert, kart, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
             text = f'Clear the track: {self._humans_allowed()[1]}'
@@ -2083,12 +2118,12 @@ class Race:
             )
         since = self._unattended_since()
         if since is not None:
-            text = 'Open a window: race control hears nobody any more who could stop the race'
+            text = 'Open a window: race control hears no screen or button that can stop the race'
             if self.times.nobody_there:
-                text += f'. After {self.times.nobody_there:g} s of that comes RED_FLAG'
+                text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s of that'
             yield AlertKind.NOBODY_THERE, None, since, text
         if self.there.button_fault:
-            text = f'Look at the stop button: {self.there.button_fault}'
+            text = f'Check the stop button: {self.there.button_fault}'
             yield AlertKind.BUTTON_FAULT, None, None, text
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
@@ -2099,24 +2134,24 @@ class Race:
         if not kart.connected:
             return text
         if not kart.stopped:
-            return f'{text}; it is back and has not stopped yet'
-        return f'{text}; it is back, and says that it has stopped: look whether it still rolls'
+            return f'{text}; it is back but has not stopped yet'
+        return f'{text}; it is back and reports that it has stopped: check whether it still rolls'
 
-    def _tell_alerts(self, now: float) -> None:
+    def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
         for key, alert in current.items():
             if key not in self._alerts:
-                self._tell(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
+                self._add_event(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
-                # It may have left the roster since.
+                # The kart may have left the roster since.
                 kart = self.karts.get(alert.kart, called(alert.kart, ''))
                 of = f', {kart}' if alert.kart else ''
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
-                self._tell(EventKind.ALERT_CLEARED, text, alert.kart, alert=alert.kind)
+                self._add_event(EventKind.ALERT_CLEARED, text, alert.kart, alert=alert.kind)
         self._alerts = current
 
-    def _tell(
+    def _add_event(
         self,
         kind: EventKind,
         text: str,
@@ -2131,7 +2166,7 @@ class Race:
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
-        refusal = f'no kart {command.kart} in the roster, which has {numbers}'
+        refusal = f'the roster has no kart {command.kart}; it has {numbers}'
         if CATALOGUE[command.kind].stop:
             refusal += '; ALL_KILL stops every kart'
         return refusal
@@ -2142,7 +2177,7 @@ class Race:
         start: Start | None = None,
     ) -> Outcome:
         of_race = (self.number, self.heat)
-        # Not `_replace`, which is slow: a stop to a hundred karts would wait for it 0.3 ms.
+        # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
             Event(*each[:-4], *self._hold_and_place(each.kart), *of_race) for each in self._events
         )
@@ -2150,11 +2185,11 @@ class Race:
         self._orders = []
         self._events = []
         if self.state is IN_GARAGE:
-            self.number = 0  # from now on: IN_GARAGE itself is of the race that it ends
+            self.number = 0  # only from now on: IN_GARAGE itself belongs to the race it ends
         return outcome
 
     def _hold_and_place(self, number: int) -> tuple[RaceState | None, int]:
-        """Return the hold and the place of a kart; of number 0, the hold that every kart has."""
+        """Return the hold and place of a kart; for number 0, the hold that all karts share."""
         if number:
             kart = self.karts.get(number)
             return (None, 0) if kart is None else (kart.hold, kart.place)
@@ -2167,36 +2202,36 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
     RED_FLAG: (CommandKind.RACE_OVER, ''),
     RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
 }
-"""What may follow once every kart has acknowledged a state, and on which condition."""
+"""The command that may follow once every kart has acknowledged a state, and its condition."""
 
 LOST_AT_ONCE = 2.0
-"""Maximum time from the first to the last of the karts that are lost at once, in seconds: each is
-lost `send_timeout` after its last answer."""
+"""Maximum time between the losses of karts that count as lost at once, in seconds. (Each kart is
+lost `send_timeout` after its last answer.)"""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
-"""What an official states once where race control does not know what happened before."""
+"""What an official states once, where race control does not know what happened before."""
 
-BEGAN = 'race control began, and does not know what happened before'
-"""Why the race is in RED_RED after a start without proof."""
+BEGAN = 'race control started, and does not know what happened before'
+"""Why the race is in RED_RED after a start without proof of a good end."""
 
-NOT_IN_ROSTER = 'not in the roster any more'
+NOT_IN_ROSTER = 'no longer in the roster'
 
-NOBODY_THERE = 'nobody is there to stop the race'
-"""Why race control sends RED_FLAG to a race by itself."""
+NOBODY_THERE = 'race control heard no screen or button that can stop the race'
+"""Why race control sends RED_FLAG to a race automatically."""
 
 MARKED_AS_FINISHED = 'marked as finished'
-"""Why a kart is held; still true when later places move up, or its finish is undone."""
+"""Why a finished kart is held; still true if places move up later or its finish is undone."""
 
 
 def _cut(phrases: list[str], what: str = 'karts') -> str:
-    """Join at most four phrases; an official can act on no more at once."""
+    """Join up to four phrases, since an official cannot act on more at once."""
     more = len(phrases) - 3
     shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more {what}']
     return '; '.join(shown)
 
 
 def _numbers(numbers: Iterable[int]) -> str:
-    """Return kart numbers in a few words."""
+    """Return a phrase that lists kart numbers."""
     ascending = sorted(numbers)
     listed = [str(number) for number in ascending[:12]]
     if len(ascending) > 12:
@@ -2215,7 +2250,7 @@ def _held(karts: Iterable[Kart]) -> str:
 
 
 def _receivers(karts: Iterable[Kart]) -> str:
-    """Return who is sent a new state now, and who gets it later."""
+    """Return which karts are sent a new state now, and which when they connect."""
     known = list(karts)
     absent = [kart for kart in known if not kart.connected]
     text = _numbers(kart.number for kart in known if kart.connected)
@@ -2236,12 +2271,12 @@ Guard = Callable[[Race, Command], str]
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B); ``CATALOGUE`` has what does not depend on the race.
+    One row of the table of commands (§4.B); what does not depend on the race is in ``CATALOGUE``.
 
-    :param effect: puts the command in force and returns what the official is told.
-    :param refusal: why the command is refused now; empty if it is not.
-    :param statement: what the official must state; empty if nothing.
-    :param karts: the karts it starts or releases.
+    :param effect: puts the command in force and returns the message to the official.
+    :param refusal: returns why the command is refused now; empty if it is not.
+    :param statement: returns what the official must state; empty if nothing.
+    :param karts: returns the karts that the command starts or releases.
     """
 
     effect: Callable[[Race, Command, float], str]
@@ -2251,7 +2286,7 @@ class Rule:
 
 
 COMMANDS: dict[CommandKind, Rule] = {
-    # The stops: never refused.
+    # The stops, which are never refused.
     CommandKind.ALL_KILL: Rule(Race._all_kill),
     CommandKind.RED_FLAG: Rule(Race._red_flag),
     CommandKind.KART_RED_RED: Rule(Race._stop_kart),
@@ -2265,7 +2300,7 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._grid_active,
         Race._no_grid_active,
         lambda race, command: (
-            'the track, which closes now, is clear of humans'
+            'the track, which this command closes, is clear of humans'
             if race.track_open
             else 'the track is clear of humans'
         ),
@@ -2287,7 +2322,7 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._state_made_safe,
         lambda race, command: [race.karts[command.kart]],
     ),
-    # Places, membership and the track are no commands to a kart: GRID_ACTIVE stays the last one.
+    # The rest are not commands to karts, so GRID_ACTIVE stays the last command.
     CommandKind.KART_UNDO_FINISH: Rule(
         Race._kart_undo_finish,
         Race._no_undo_finish,
