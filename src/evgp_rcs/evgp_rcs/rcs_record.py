@@ -3,7 +3,7 @@
 #
 # PYTHON_ARGCOMPLETE_OK
 
-"""``rcs_record``, or ``make record``: what can be done with the record of a race."""
+"""``rcs_record``, or ``make record``: the commands that read the record of a race."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from evgp_rcs.record.runs import CALLED, say, UNREADABLE, UnreadableError
 from evgp_rcs.ros import mcap_export
 
 WAYS: dict[str, tuple[ModuleType, str]] = {
-    'show': (timeline, 'print a run as a timeline; the word show may be left out'),
+    'show': (timeline, 'print a run as a timeline (the default)'),
     'results': (results, 'write the results of each race, with laps and penalties, as CSV'),
     'report': (report, 'write a run, or a part of it, as a report in one HTML file'),
-    'replay': (replay, 'run the rules again on what went into them, and compare'),
+    'replay': (replay, 'run the rules again on the recorded inputs, and compare'),
     'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
-"""What the first argument may be: the module whose ``main`` takes the rest, and what it does."""
+"""The subcommands: the module whose ``main`` gets the other arguments, and what it does."""
 
 NOTES = """\
-A run is what happened between one start of race control and its end. A run that race control is
-still writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'.
+A run is everything between one start of race control and its end. If race control is still writing
+a run, rcs_record reads it up to now. Each subcommand has its own options: 'rcs_record report --help'.
 
 examples:
   rcs_record --list                             the runs in the record
   rcs_record --run 3 --kart 7                   what happened to kart 7 in run 3
-  rcs_record --run 3 --stream                   every entry of run 3, as it is recorded
+  rcs_record --run 3 --stream                   every entry of run 3, as recorded
   rcs_record results -o results.csv             the results, for a spreadsheet
   rcs_record report -o report.html              the report, for a jury
   rcs_record report --from 14:05 --to 14:07 -o incident.html
@@ -49,25 +49,25 @@ With make: make record ARGS='report -o report.html'
 
 exit codes:
   0  done
-  1  the output cannot be written; or the replay found a difference
+  1  the output cannot be written, or the replay found a difference
   2  the record or the run cannot be read, or the usage is wrong
-  3  done, but only with what could be read: the record is damaged, or lacks a part
+  3  done, but incomplete: the record is damaged, or a part is missing
 """
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Do with a record what the first argument says; without one, print the newest run.
+    Run the subcommand that the first argument names; by default, print the newest run.
 
-    :return: the exit code: see `NOTES`.
+    :return: the exit code; see `NOTES`.
     """
-    if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
+    if '_ARGCOMPLETE' in os.environ:  # the shell completes a command line
         import argcomplete
 
         argcomplete.autocomplete(_options())
     given = list(sys.argv[1:] if arguments is None else arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal that knows few characters shows the others somehow.
+        # A terminal with few characters shows a replacement for the others.
         sys.stdout.reconfigure(errors='replace')
     if given and given[0] in ('-h', '--help'):
         print(_options().format_help(), end='')
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         say(str(error))
         return UNREADABLE
     except BrokenPipeError:
-        # Whoever reads has seen enough; Python must not try to write the rest at its end.
+        # The reader has closed the pipe; Python must not write the rest when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _options() -> argparse.ArgumentParser:
-    """Return what knows every option, for help and completion: argparse leaves out no `show`."""
+    """Return a parser with every option, for help and completion only."""
     options = argparse.ArgumentParser(
         prog=CALLED,
         description='Look at what race control recorded.',
@@ -108,7 +108,7 @@ def _options() -> argparse.ArgumentParser:
 
 
 def _misspelt(word: str) -> str:
-    """Return the subcommand that a word may be meant for; empty: it is one, or means a file."""
+    """Return the subcommand that a misspelt word probably means; empty if none."""
     if word in WAYS or not word.isalpha() or pathlib.Path(word).exists():
         return ''
     return next(iter(difflib.get_close_matches(word, WAYS)), '')

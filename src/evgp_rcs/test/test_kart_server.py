@@ -27,12 +27,7 @@ from evgp_rcs.karts.channel import (
     Unpacker,
 )
 from evgp_rcs.karts.link import KartLink
-from evgp_rcs.karts.server import (
-    HELD_UP,
-    KartServer,
-    ROS_HALF_SILENCE,
-    Waiting,
-)
+from evgp_rcs.karts.server import KartServer, ROS_HALF_SILENCE, STALL, Waiting
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Batch, Commanded, Ordered
 from evgp_rcs.rules.race import (
@@ -628,7 +623,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     def hold_up(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
             waiting.append(running.submit(running.command(CommandKind.GRID_ACTIVE)))
-            time.sleep(HELD_UP + 0.1)  # as a machine that was suspended
+            time.sleep(STALL + 0.1)  # as a machine that was suspended
 
     running.on_event = hold_up
     connect(running, 1)
@@ -649,7 +644,7 @@ def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refu
     def hold_up(event: Event) -> None:
         if event.command is CommandKind.CLOSE_TRACK:
             done(True)  # its turn comes before the next beat
-            time.sleep(HELD_UP + 0.1)
+            time.sleep(STALL + 0.1)
 
     running.on_event = hold_up
     running.give(CommandKind.CLOSE_TRACK)
@@ -849,7 +844,7 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
         if event.kind is EventKind.CONNECTED:
             running.server.expect_ros_half(0.0)
             # As a process that was stopped, and the other as well.
-            time.sleep(HELD_UP + ROS_HALF_SILENCE)
+            time.sleep(STALL + ROS_HALF_SILENCE)
             running.on_event = lambda event: None
 
     running.on_event = hold_up

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What officials write before a race, and whether it is right.
+The files that officials write before a race, and their checks.
 
 It imports ``rules``.
 """

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a roster says, or every fault in it: ``rcs_roster check karts.yaml``."""
+"""Prints a roster, or every fault in it: ``rcs_roster check karts.yaml``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Check a roster: print its karts and heats, or every fault with its line.
 
-    :return: 0 if race control would take it, 2 if not.
+    :return: 0 if race control would accept the roster, 2 if not.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_roster'),

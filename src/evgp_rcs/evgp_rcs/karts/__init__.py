@@ -4,5 +4,5 @@
 """
 The process that stops karts: sockets, links, the beat; and the process that writes the record.
 
-It imports ``rules``, ``files`` and ``record``. It never knows ROS.
+It imports ``rules``, ``files`` and ``record``, but not ROS.
 """

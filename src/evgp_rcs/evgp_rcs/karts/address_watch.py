@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The watch of race control's address: whether another machine has it too, and whether it is there.
+The watch of race control's address: does another machine have it, and is it still there?
 
-Every race control runs it from its start to its end. It asks by ARP for its own address at every
-interface by which karts reach it, as RFC 5227 probes, which changes nobody's cache; and it hears
-whatever other machines say of that address. It also sees when the cable or the address of such an
-interface is gone.
+Every race control runs this watch from start to end. At every interface by which karts reach race
+control, it asks by ARP for its own address. These are RFC 5227 probes, which change no cache. It
+also hears ARP packets in which other machines claim the address, and notices when such an
+interface loses its cable or its address.
 
-`Lookout` and what stands above it are pure. `AddressWatch` is the thread around it. A raw packet
-socket asks where this process may have one, otherwise ``arping`` (iputils-arping); where neither
-can, it is not known who is there. Nobody is asked on the loopback interface, where nobody else
-can be.
+`Lookout` and everything above it is pure; `AddressWatch` is the thread around it. It asks through
+a raw packet socket if this process may open one, otherwise through ``arping`` (iputils-arping). If
+neither works, it cannot know who has the address. It does not ask on the loopback interface, where
+there are no other machines.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ from evgp_protocol import clock
 from evgp_rcs.karts.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
-"""Time between two questions, and maximum time between two looks, at the interfaces,
-in seconds. The kernel reports most changes at once, and always that a cable is back."""
+"""Time between two questions, and maximum time between two looks at the interfaces, in seconds.
+The kernel reports most changes at once, including every cable that is plugged in again."""
 
 HEARD_WITHIN = 1.0
 """Time within which another machine answers, in seconds. Race control serves no kart before."""
 
 ANNOUNCEMENTS = 5
-"""Number of times that other machines are told who has the address, once nobody else answers: a
-machine that reached another one by it sends there until then. If one is lost, the next will do."""
+"""Number of times that race control announces its address, once no other machine has answered, in
+case some are lost. Until then, machines may still send to the address's previous owner."""
 
 CLAIMS = 3
-"""Number of times that race control says that it has the address too, before it ends: the other
-one may have asked nobody just then."""
+"""Number of times that race control claims the address again before it ends because of another
+machine, which may not have been asking just then."""
 
 _CLAIM_EVERY = 0.1
 
 MOST_BLIND = 5
-"""Maximum number of looks at the interfaces in a row that fail; one more ends race control."""
+"""Maximum number of failed looks at the interfaces in a row; one more ends race control."""
 
 MOST_HEARD = 1000
-"""Maximum number of ARP packets that are read between two looks at the interfaces."""
+"""Maximum number of ARP packets read between two looks at the interfaces."""
 
 _EVERYBODY = b'\xff' * 6
 _NOBODY = bytes(6)
@@ -73,15 +73,15 @@ class AddressTakenError(RuntimeError):
     """Another machine has race control's address; the text says which, and what to do."""
 
 
-# ----- what is asked, and what is heard -------------------------------------------------------
+# ----- questions and claims -------------------------------------------------------------------
 
 
 class Claim(NamedTuple):
     """
-    A machine at an interface says that it has an address.
+    A claim of a machine at an interface that it has an address.
 
-    :param hardware: its hardware address.
-    :param alone: whoever else would have answered was not heard.
+    :param hardware: hardware address of the machine.
+    :param alone: only the first answer was heard, so others may be missing.
     """
 
     interface: str
@@ -91,7 +91,7 @@ class Claim(NamedTuple):
 
 
 class Question(NamedTuple):
-    """Whether another machine has an address, at an interface."""
+    """The question whether another machine at an interface has an address."""
 
     address: str
     card: Card
@@ -99,10 +99,10 @@ class Question(NamedTuple):
 
 def packet(hardware: str, sender: str, address: str) -> bytes:
     """
-    Return an ARP request for an address, to everybody.
+    Return a broadcast ARP request for an address.
 
-    :param hardware: of the interface that sends it.
-    :param sender: the address 0.0.0.0 only asks; the one that is asked for is an announcement.
+    :param hardware: hardware address of the interface that sends it.
+    :param sender: 0.0.0.0 for a probe, or the same address for an announcement.
     """
     own = bytes.fromhex(hardware.replace(':', ''))
     addresses = socket.inet_aton(sender), _NOBODY, socket.inet_aton(address)
@@ -110,7 +110,7 @@ def packet(hardware: str, sender: str, address: str) -> bytes:
 
 
 def claim_in(interface: str, data: bytes) -> Claim | None:
-    """Return what an ARP packet says, question or answer; None: nothing, or it is none."""
+    """Return the claim in an ARP request or reply; None if there is none."""
     if len(data) < _PACKET.size:
         return None
     _, _, *fixed, _, hardware, sender, _, _ = _PACKET.unpack_from(data)
@@ -121,10 +121,11 @@ def claim_in(interface: str, data: bytes) -> Claim | None:
 
 def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple[Question, ...]:
     """
-    Return at which interfaces karts reach race control, and by which of its addresses.
+    Return the interfaces, and the addresses there, by which karts reach race control.
 
-    :param host: at which it listens: one address, or `EVERY`.
+    :param host: the address at which race control listens, or `EVERY`.
     :param karts: the addresses of the roster.
+    :param there: the interfaces of this machine.
     """
     known = [ipaddress.IPv4Address(each) for each in karts]
     return tuple(
@@ -141,11 +142,11 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
 
 class Lookout:
     """
-    What is known of an address, by all that was seen and heard so far.
+    What is known about race control's addresses from everything seen and heard so far.
 
-    :param asks: returns what is to be asked, with these interfaces.
-    :ivar cut_off: why karts cannot reach race control, as a phrase; empty: nothing is known of
-        that. It says so until the interface is back, and nobody else has answered there.
+    :param asks: returns the questions to ask, given the interfaces.
+    :ivar cut_off: why karts cannot reach race control, as a phrase; empty if they can, as far as
+        is known. It is set until the interface is back and no other machine has answered there.
     """
 
     def __init__(self, asks: Callable[[Sequence[Card]], Sequence[Question]]) -> None:
@@ -160,34 +161,35 @@ class Lookout:
 
     @property
     def cut_off(self) -> str:
-        """Return what is lost of the interfaces that karts use."""
+        """Return which of the interfaces that karts use are lost, as a phrase."""
         return '; '.join(self._lost.values())
 
     @property
     def not_known(self) -> str:
-        """Return why it is not known whether another machine has the address; empty: it is."""
+        """Return why it is unknown whether another machine has the address; empty if known."""
         for address, card in self._asked.values():
             if not card.plugged:
                 return (
-                    f'{card.name} is down or has no cable, so nobody there can be asked who has '
-                    f'{address}'
+                    f'{card.name} is down or has no cable, so race control cannot ask there who '
+                    f'has {address}'
                 )
             if not _takes_arp(card):
-                return f'nobody at {card.name} can be asked by ARP who has {address}'
+                return f'race control cannot ask by ARP at {card.name} who has {address}'
         return self._hidden if self._asked else 'no interface of this machine has that address'
 
     @property
     def asked(self) -> list[Question]:
-        """Return what can be asked now."""
+        """Return the questions that can be asked now."""
         return [each for each in self._asked.values() if _takes_arp(each.card)]
 
     def see(self, there: Sequence[Card], gone: Iterable[str], now: float) -> None:
         """
-        Take the interfaces that are there now.
+        Update what is known from the present interfaces.
 
-        :param gone: the addresses that were taken away since the last look.
+        :param there: the present interfaces.
+        :param gone: the addresses that were removed since the last look.
         """
-        # What this machine sent a moment ago may come in at another interface of it only now.
+        # A packet that this machine sent a moment ago may arrive at another of its interfaces now.
         own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
         self._own, self._owned = own, self._own
         names = {each.name: each for each in there}
@@ -210,18 +212,18 @@ class Lookout:
                 del self._lost[address]
 
     def due(self, now: float) -> list[tuple[Question, bool]]:
-        """Return what is to be asked now, and whether to announce the address besides."""
+        """Return the questions to ask now, each with whether to announce the address as well."""
         found = []
         for key, since in self._since.items():
             if now - since >= self._times[key] * ASK_EVERY and key in self._asked:
-                # Of the times that passed unused, none is made up for.
+                # Missed questions are not made up for.
                 times = self._times[key] = int((now - since) / ASK_EVERY) + 1
                 announce = 0 < times - HEARD_WITHIN / ASK_EVERY <= ANNOUNCEMENTS
                 found.append((self._asked[key], announce))
         return found
 
     def hear(self, claim: Claim) -> str:
-        """Return, as a sentence, what a claim means; empty: nothing."""
+        """Return, as a sentence, which other machine a claim reveals; empty if none."""
         if (claim.address, claim.interface) not in self._asked:
             return ''
         if claim.hardware not in self._own | self._owned:
@@ -231,8 +233,8 @@ class Lookout:
             )
         if claim.alone:
             self._hidden = (
-                f'another interface of this machine ({claim.hardware}) is on the network of '
-                f'{claim.interface} too, and arping hears the first answer only'
+                f'another interface of this machine ({claim.hardware}) is on the same network as '
+                f'{claim.interface}, and arping hears only the first answer'
             )
         return ''
 
@@ -242,7 +244,7 @@ def _takes_arp(card: Card) -> bool:
 
 
 def _is_same(before: Card, after: Card) -> bool:
-    """Return whether an interface was there, with its cable, all the time."""
+    """Return whether an interface kept its cable all the time between two looks."""
     return before._replace(addresses=()) == after._replace(addresses=())
 
 
@@ -254,16 +256,16 @@ def _what_is_lost(address: str, name: str, card: Card | None) -> str:
     return f'{name} has lost its cable or its WLAN'
 
 
-# ----- who asks -------------------------------------------------------------------------------
+# ----- asking ---------------------------------------------------------------------------------
 
 
 class Asker:
     """
-    Asks at an interface, and hears who claims an address; this one may not, and asks nobody.
+    Asks at an interface, and hears who claims an address; this base class cannot ask.
 
-    :ivar trouble: why it cannot ask; empty: it can.
-    :ivar asked: number of questions so far, but for those that are not out yet.
-    :ivar files: are ready to be read when something was heard.
+    :ivar trouble: why it cannot ask; empty if it can.
+    :ivar asked: number of questions sent so far.
+    :ivar files: file descriptors that become readable when there are claims.
     """
 
     def __init__(self) -> None:
@@ -278,31 +280,31 @@ class Asker:
         """Ask whether another machine has the address."""
 
     def announce(self, question: Question) -> None:
-        """Tell everybody at the interface that this machine has the address."""
+        """Announce at the interface that this machine has the address."""
 
     def claims(self) -> list[Claim]:
-        """Return what was heard since this was called last."""
+        """Return the claims heard since the last call."""
         return []
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop asking."""
 
 
 class _RawSocket(Asker):
-    """All that comes by ARP, at every interface of this machine."""
+    """Asks by a raw socket, and hears all ARP packets at every interface of this machine."""
 
     def __init__(self) -> None:
         """
-        Listen from now on.
+        Open the socket.
 
-        :raises OSError: if this process may not.
+        :raises OSError: if this process may not open it.
         """
         super().__init__()
         kind = socket.SOCK_RAW | socket.SOCK_NONBLOCK
         self._socket = socket.socket(socket.AF_PACKET, kind, socket.htons(_PROTOCOL))
         self.trouble, self.asked = '', 0
         self.files = (self._socket.fileno(),)
-        # What this process starts from now on needs no such right; strangers reach some of it.
+        # Processes started from now on do not need this right, and strangers can reach some.
         ctypes.CDLL(None).prctl(_AMBIENT, _CLEAR_ALL, 0, 0, 0)
 
     def ask(self, question: Question) -> None:
@@ -319,7 +321,7 @@ class _RawSocket(Asker):
             self.trouble = ''
         except OSError as error:
             if error.errno not in _NOT_NOW:  # the next look at the interfaces shows it
-                self.trouble = f'{card.name} does not take a question: {error.strerror}'
+                self.trouble = f'race control cannot ask at {card.name}: {error.strerror}'
 
     def claims(self) -> list[Claim]:
         found = []
@@ -336,16 +338,16 @@ class _RawSocket(Asker):
 
 
 class _Arping(Asker):
-    """The program, which may ask where this process may not; it hears answers only."""
+    """Asks by the program ``arping``, which may have a right that this process lacks."""
 
     def __init__(self) -> None:
         """
-        Look for it.
+        Look for the program.
 
-        :raises OSError: if it is not there.
+        :raises OSError: if it is not installed.
         """
         if shutil.which('arping') is None:
-            raise FileNotFoundError(errno.ENOENT, 'there is no arping')
+            raise FileNotFoundError(errno.ENOENT, 'arping is not installed')
         super().__init__()
         self._asking: list[tuple[Question, subprocess.Popen[str]]] = []
         self._announcing: list[subprocess.Popen[str]] = []
@@ -366,7 +368,7 @@ class _Arping(Asker):
             stderr=subprocess.STDOUT,
             text=True,
             errors='replace',
-            start_new_session=True,  # a terminal's Ctrl-C is not for it
+            start_new_session=True,  # Ctrl-C in a terminal must not reach it
             env={**os.environ, 'LC_ALL': 'C'},
         )
 
@@ -386,7 +388,7 @@ class _Arping(Asker):
             elif asked.returncode == 0 and 'Received 0 response' in said:
                 self.trouble = ''
             elif card.plugged:
-                last = (said.strip().splitlines() or ['it says nothing'])[-1]
+                last = (said.strip().splitlines() or ['it printed nothing'])[-1]
                 self.trouble = f'arping cannot ask on {card.name} who has {address}: {last}'
         return found
 
@@ -408,10 +410,10 @@ def _an_asker() -> Asker:
 
 class AddressWatch:
     """
-    The watch, in a thread of its own; it begins at once.
+    The watch, in a thread of its own, which starts at once.
 
-    :param asks: as of `Lookout`.
-    :param announces: whether the address is this machine's, and others are told so.
+    :param asks: as for `Lookout`.
+    :param announces: whether this machine has the address, and announces that.
     """
 
     def __init__(
@@ -435,31 +437,31 @@ class AddressWatch:
 
     @property
     def cut_off(self) -> str:
-        """Return why karts cannot reach race control now, as a phrase; empty: they can."""
+        """Return why karts cannot reach race control now, as a phrase; empty if they can."""
         return self._cut_off
 
     @property
     def answer(self) -> str:
-        """Return, as a sentence, which other machine has the address; empty: none is known."""
+        """Return, as a sentence, which other machine has the address; empty if none is known."""
         return self._answer
 
     @property
     def error(self) -> BaseException | None:
-        """Return why the watch has failed."""
+        """Return the error that ended the watch, if any."""
         return self._error
 
     def first_look(self, seconds: float = HEARD_WITHIN) -> str:
         """
-        Wait until a machine that has the address must have answered, unless nobody can be asked.
+        Wait until another machine with the address would have answered, if the watch can ask.
 
-        :param seconds: how long that is, from the beginning of the watch.
-        :return: why it cannot be known whether one has it; empty: none has.
-        :raises AddressTakenError: if one has it.
+        :param seconds: how long that takes, from the start of the watch, in seconds.
+        :return: why it is unknown whether another machine has the address; empty if none has.
+        :raises AddressTakenError: if another machine has the address.
         """
         until = self._began + seconds
         with self._state:
             while not (self._answer or self._error) and self._lookout.asked:
-                # The program that asks may be slow to start.
+                # arping may be slow to start.
                 now = clock.now()
                 if now >= until and (self._asker.asked or now >= until + seconds):
                     break
@@ -471,7 +473,7 @@ class AddressWatch:
             return self._lookout.not_known or self._asker.trouble
 
     def tell(self, on_news: Callable[[], object]) -> None:
-        """Call something, in the watch's thread, when `cut_off`, `answer` or `error` changes."""
+        """Call `on_news` in the watch's thread when `cut_off`, `answer` or `error` changes."""
         with self._state:
             self._on_news = on_news
         if self._cut_off or self._answer or self._error:
@@ -484,7 +486,7 @@ class AddressWatch:
     def _run(self) -> None:
         try:
             self._watch()
-        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+        except BaseException as error:  # noqa: BLE001 - the node ends the process
             self._error = error
             self._notify()
         finally:
@@ -503,19 +505,19 @@ class AddressWatch:
             gone = self._news.gone()
             try:
                 there, blind = cards(), 0
-            except OSError:  # above all: this process has no file descriptor left now
+            except OSError:  # most likely no file descriptor is left
                 blind += 1
                 if blind > MOST_BLIND:
                     raise
             lookout.see(there, gone, clock.now())
             self._answer = next(filter(None, map(lookout.hear, asker.claims())), '')
-            # A loss that nobody was told yet is not over.
+            # A loss must be reported before its end is.
             cut_off = lookout.cut_off
             if cut_off != self._cut_off and (cut_off or self._on_news is not None):
                 self._cut_off = cut_off
                 self._notify()
         if self._answer:
-            # One that has served karts lets the other machine know, whatever that has asked.
+            # If this race control has served karts, it also lets the other machine know.
             serves = self._on_news is not None
             self._notify()
             for _ in range(CLAIMS if serves else 0):
@@ -535,7 +537,7 @@ def watch_for_race_control(host: str, karts: Callable[[], Iterable[str]]) -> Add
     """
     Return the watch of the address at which race control listens.
 
-    :param host: one address, or `EVERY`.
+    :param host: the address, or `EVERY`.
     :param karts: returns the addresses of the roster.
     """
     return AddressWatch(lambda there: to_be_asked(host, karts(), there))

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the processes of race control say to each other, over local socket pairs.
+The messages between the processes of race control, over local socket pairs.
 
 The *kart server* (``karts.process``) has one pair with the *ROS half* (``ros.node``) and one with
-the *record* (``karts.record_process``). Each message is one of the classes below, a ``Snapshot``
-or ``Batch``, pickled, behind its length. All are this package and nobody else can reach a pair, so
-pickle is safe here.
+the *record* (``karts.record_process``). A message is its length, followed by the pickle of one of
+the classes below, a ``Snapshot`` or a ``Batch``. Both ends are this package and no other program
+can reach a pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -38,12 +38,12 @@ from evgp_rcs.rules.race import (
 )
 
 ANSWER_TIMEOUT = 4.0
-"""Maximum time an official's call waits for its answer, in seconds; after it, no command but a
-stop takes effect. A kart server that works needs no more than `RaceTimes.journal_timeout`; one
-that hangs is killed before."""
+"""Maximum time that an official's call waits for its answer, in seconds; after that, only stops
+still take effect. A working kart server needs at most `RaceTimes.journal_timeout`; one that hangs
+is killed earlier."""
 
 PAIR_BYTES = 65536
-"""Maximum read from a pair at a time, in bytes."""
+"""Maximum number of bytes read from a pair at a time."""
 
 _LENGTH = struct.Struct('!I')
 
@@ -56,12 +56,12 @@ class ServerSettings:
     """
     How the kart server listens and sends.
 
-    :param host: the IPv4 address to listen at; 0.0.0.0 is every address of the machine.
-    :param port: the TCP port; 0 lets the system choose one (for tests).
-    :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
-    :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
-    :param snapshot_interval: the least time between two snapshots of the race, s.
-    :param snapshot_at_least: the most time between two snapshots, even if nothing changed, s.
+    :param host: IPv4 address to listen at; 0.0.0.0 for every address of the machine.
+    :param port: TCP port; 0 lets the system choose one (for tests).
+    :param beat_rate: frames per second to each kart; §4.C requires at least 10 Hz.
+    :param send_timeout: time after which a kart that leaves bytes unanswered is lost, in seconds.
+    :param snapshot_interval: minimum time between two snapshots of the race, in seconds.
+    :param snapshot_at_least: maximum time between two snapshots, in seconds.
     """
 
     host: str = '0.0.0.0'
@@ -75,11 +75,12 @@ class ServerSettings:
 @dataclass(frozen=True)
 class Begin:
     """
-    The first message: with what to start, and where the record is.
+    The first message: the roster and settings to start with.
 
+    :param record: path of the record.
     :param cannot_know: why another race control at the same address cannot be ruled out, in a
-        phrase; empty: it can. Where it cannot, no proof of a good end is believed.
-    :param run: the id of this run; empty: the record draws one.
+        phrase; empty if it can. If it cannot, no proof of a good end is believed.
+    :param run: id of this run; if empty, the record draws one.
     """
 
     roster: Roster
@@ -94,8 +95,8 @@ class Request(NamedTuple):
     """
     An official's command.
 
-    :param number: counts the requests, so that the answer finds its way back.
-    :param came: when the command came, on the clock of the rules (s).
+    :param number: number of the request, which its answer repeats.
+    :param came: when the command came, on the clock of the rules, in seconds.
     """
 
     number: int
@@ -105,12 +106,12 @@ class Request(NamedTuple):
 
 class Alive(NamedTuple):
     """
-    The ROS half goes on and hears officials.
+    The ROS half is alive and hears officials.
 
-    Also: whether it hears another race control, and who is there.
-
-    :param cut_off: why karts cannot reach race control now, as a phrase: the cable or the address
-        of an interface that they use is gone; empty: they can.
+    :param rival: whether it hears another race control.
+    :param there: who can stop the race.
+    :param cut_off: why karts cannot reach race control now, as a phrase, such as a lost cable or
+        address of an interface that they use; empty if they can.
     """
 
     rival: bool
@@ -123,7 +124,8 @@ class End:
     """
     Send RED_RED to every kart and end.
 
-    :param in_order: the next run need not take up a race that was not under way.
+    :param in_order: an orderly end, after which the next run may begin from the roster if no race
+        was under way.
     """
 
     in_order: bool
@@ -141,7 +143,7 @@ class Listening:
 
 @dataclass(frozen=True)
 class Refused:
-    """The kart server, or the record, cannot start; the text says why and what would be right."""
+    """The kart server or the record cannot start; the text says why, and what to do."""
 
     text: str
 
@@ -154,7 +156,7 @@ class Answered(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """What happened, in order."""
+    """Events, in order."""
 
     events: list[StampedEvent]
 
@@ -171,9 +173,10 @@ class Failed:
 
 class Remember(NamedTuple):
     """
-    What the next run is to find.
+    What to save for the next run.
 
-    :param confirm: a number that comes back when it is on the disk or failed; 0: none does.
+    :param confirm: number that the record returns once this is on the disk or has failed; 0 if no
+        confirmation is needed.
     """
 
     memory: RaceMemory
@@ -183,9 +186,9 @@ class Remember(NamedTuple):
 @dataclass(frozen=True)
 class Ended:
     """
-    This is all: the run has ended.
+    The last message: the run has ended.
 
-    :param ends_as: what the next run may know of it.
+    :param ends_as: how it ended, for the next run.
     """
 
     ends_as: LastRun
@@ -199,10 +202,10 @@ class Opened:
     """
     The first message: what is known of the last run.
 
-    :param left_behind: what the record has of it; None: nothing.
-    :param last_run: how it ended, by the mark.
-    :param why: why that cannot be known, as a phrase; empty: it can.
-    :param error: what fails; empty: nothing.
+    :param left_behind: what the record contains of it; None if nothing.
+    :param last_run: how it ended, according to the mark.
+    :param why: why that cannot be known, as a phrase; empty if it can.
+    :param error: why the record fails, as a phrase; empty if it works.
     """
 
     left_behind: RaceMemory | None
@@ -213,11 +216,12 @@ class Opened:
 
 class Written(NamedTuple):
     """
-    How writing went.
+    The result of writing.
 
     :param batches: number of batches on the disk so far.
-    :param error: what fails; empty: nothing.
-    :param confirmed: of the memories that are on the disk now, or failed if there is an error.
+    :param error: why the record fails, as a phrase; empty if it works.
+    :param confirmed: numbers of the memories that are on the disk now or, if there is an error,
+        have failed.
     """
 
     batches: int
@@ -235,13 +239,13 @@ def pack(message: object) -> bytes:
 
 
 class Unpacker:
-    """Cuts the bytes of one direction into messages."""
+    """Splits the bytes of one direction into messages."""
 
     def __init__(self) -> None:
         self._data = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Any]:
-        """Yield the messages that are whole by now."""
+        """Yield the messages that are now complete."""
         self._data += data
         head = _LENGTH.size
         while len(self._data) >= head:
@@ -255,9 +259,9 @@ class Unpacker:
 
 class LocalEnd:
     """
-    The kart server's end of a pair; nothing here waits, but for `first` and `send_the_rest`.
+    The kart server's end of a pair; only `first` and `send_the_rest` block.
 
-    :ivar gone: why the other end is gone; empty: it is there.
+    :ivar gone: why the other end is gone; empty if it is not.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -272,7 +276,7 @@ class LocalEnd:
         """
         Wait for the first message.
 
-        :raises EOFError: if the other end ends before.
+        :raises EOFError: if the other end closes first.
         """
         while data := self._end.recv(PAIR_BYTES):
             for message in self._unpacker.feed(data):
@@ -280,7 +284,7 @@ class LocalEnd:
         raise EOFError('the other end ended before it began')
 
     def attach(self, loop: asyncio.AbstractEventLoop, on_news: Callable[[], None]) -> None:
-        """Call something in this loop when there is something to receive, or it is gone."""
+        """Call `on_news` in this loop when there is something to receive, or the peer is gone."""
         self._loop = loop
         self._on_news = on_news
         self._end.setblocking(False)
@@ -288,11 +292,11 @@ class LocalEnd:
 
     @property
     def unsent(self) -> int:
-        """Return the number of bytes that the other end has not taken yet."""
+        """Return the number of bytes that the other end has not accepted yet."""
         return len(self._unsent)
 
     def receive(self) -> Iterator[Any]:
-        """Yield the messages that have come."""
+        """Yield the messages that have arrived."""
         while not self.gone:
             try:
                 data = self._end.recv(PAIR_BYTES)
@@ -309,22 +313,22 @@ class LocalEnd:
                 return
 
     def send(self, data: bytes) -> None:
-        """Send a packed message; what the other end does not take now waits here."""
+        """Send a packed message; bytes that the other end does not accept now wait here."""
         if not self.gone:
             self._unsent += data
             self._flush()
 
     def send_the_rest(self, *messages: object, timeout: float) -> None:
-        """Send all that waits and the last messages, as long as the other end takes it."""
+        """Send everything that waits and the last messages, if the other end accepts them."""
         if self.gone:
-            return  # half a message may be out: what follows could not be read
+            return  # half a message may be out, so the rest would be unreadable
         self._unsent += b''.join(map(pack, messages))
-        with contextlib.suppress(OSError):  # it is gone, or does not take it: the end either way
+        with contextlib.suppress(OSError):  # the other end is gone or stuck; nothing is left to do
             self._end.settimeout(timeout)
             self._end.sendall(self._unsent)
 
     def lose(self, why: str) -> None:
-        """Give the other end up."""
+        """Give up the other end."""
         self.gone = why
         self._unsent.clear()
         if self._loop is not None:

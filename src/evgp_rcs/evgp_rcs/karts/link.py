@@ -4,8 +4,8 @@
 """
 One connection of one kart: its bytes in, frames out, and whether it still answers (§4.C, §4.D).
 
-Everything here runs in the loop of the kart server, which owns the links. What a link needs of it
-is a `LinkOwner`. What counts of that which a kart says is decided in ``hearing``.
+Everything here runs in the loop of the kart server, which owns the links. `LinkOwner` is what a
+link needs of it. ``hearing`` decides which reports of a kart count.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
 
 TICK = 0.01
-"""Longest tick of a kernel's clock, in seconds; what it says of a time is off by one at most."""
+"""Maximum tick of a kernel's clock, in seconds; the kernel's times may be one tick late."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
@@ -41,29 +41,30 @@ class LinkOwner(Protocol):
     """What a link needs of the kart server."""
 
     def now(self) -> float:
-        """Return the time of the rules (s)."""
+        """Return the time on the clock of the rules, in seconds."""
 
     def take_commands(self) -> None:
-        """Judge what officials have sent: it comes before what karts said."""
+        """Judge the commands of officials, which come before the reports of karts."""
 
     def link_made(self, link: KartLink, address: str) -> None:
-        """Take a new connection from this IPv4 address, or drop it."""
+        """Accept a new connection from this IPv4 address, or drop it."""
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
         """
-        Take what a kart said, and the serial of the order that it can answer.
+        Handle what a kart reported.
 
+        :param serial: serial of the order that the report can answer.
         :param counts_in: see `Hearing.counts_in`.
         """
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
+        """Record that the kart's kernel answered an order by this time (s)."""
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Take note of how good the link is."""
+        """Record how good the link is."""
 
     def link_lost(self, link: KartLink) -> None:
-        """Take note that a connection has ended; `KartLink.reason` says why."""
+        """Record that a connection has ended; `KartLink.reason` says why."""
 
 
 class KartLink(asyncio.BufferedProtocol):
@@ -71,11 +72,11 @@ class KartLink(asyncio.BufferedProtocol):
     One connection of one kart.
 
     :param owner: the kart server.
-    :param beat_rate: how often ``beat`` is called, Hz.
-    :param send_timeout: time for which a kart may leave a byte unanswered before it is lost, s.
-    :ivar number: the kart's number, which the owner gives it; 0: none yet.
-    :ivar reason: why the connection ended, or will.
-    :ivar silent: it ended since its link stopped answering.
+    :param beat_rate: rate at which ``beat`` is called, in Hz.
+    :param send_timeout: time after which a kart that leaves a byte unanswered is lost, in seconds.
+    :ivar number: the kart's number, which the owner sets; 0 before that.
+    :ivar reason: why the connection ended, or will end.
+    :ivar silent: the connection ended because its link stopped answering.
     """
 
     def __init__(self, owner: LinkOwner, beat_rate: float, send_timeout: float) -> None:
@@ -88,8 +89,8 @@ class KartLink(asyncio.BufferedProtocol):
         self._frame = b''
         self._answers = Answers()
         self._meter = LinkMeter(owner.now())
-        self._ordered = 0  # the serial of the last order
-        self._delivered: tuple[int, float] | None = None  # to be told
+        self._ordered = 0  # serial of the last order
+        self._delivered: tuple[int, float] | None = None  # to report to the owner
         self.number = 0
         self.reason = 'the connection ended'
         self.silent = False
@@ -97,18 +98,18 @@ class KartLink(asyncio.BufferedProtocol):
     # ----- asyncio's side -----------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Hand the connection to the owner."""
+        """Pass the connection to the owner."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._socket = transport.get_extra_info('socket')
         self._owner.link_made(self, transport.get_extra_info('peername')[0])
 
     def get_buffer(self, sizehint: int) -> bytearray:
-        """Return where the next bytes go."""
+        """Return the buffer for the next bytes."""
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Take what was read; more than a flood's worth waits for the next beat."""
+        """Handle the bytes that were read; beyond a flood's worth, reading pauses until a beat."""
         self._hearing.read(nbytes)
         if self._hearing.waits:
             self._look(self._owner.now())
@@ -121,7 +122,7 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Drop the kart at once, whatever waits to be written: it hears nothing any more."""
+        """Drop the kart at once, whatever waits to be written; it can no longer hear it."""
         self.drop(CLOSED_BY_KART)
         return False
 
@@ -130,7 +131,7 @@ class KartLink(asyncio.BufferedProtocol):
         if exc is not None:
             no_answer = isinstance(exc, TimeoutError)
             self.reason = 'its network link stopped answering' if no_answer else in_words(exc)
-            # Not what its own system answers, as when a program of the kart is gone.
+            # A ConnectionError is an answer of the kart's system, as when its program is gone.
             self.silent = not isinstance(exc, ConnectionError)
         self._transport = None
         self._owner.link_lost(self)
@@ -138,12 +139,12 @@ class KartLink(asyncio.BufferedProtocol):
     # ----- the owner's side ---------------------------------------------------------------
 
     def set_up(self) -> None:
-        """Make the socket prompt."""
+        """Configure the socket to send without delay."""
         assert self._socket is not None
         make_prompt(self._socket)
 
     def order(self, state: RaceState, serial: int) -> None:
-        """Send a new state at once; what has arrived by now is no answer to it."""
+        """Send a new state at once; frames that have arrived by now cannot answer it."""
         self._frame = FRAMES[state]
         self._ordered = serial
         end = self._answers.written + len(self._frame)
@@ -154,8 +155,8 @@ class KartLink(asyncio.BufferedProtocol):
         """
         Send the state again, unless an earlier frame has not left yet.
 
-        So a stop is never behind more than one frame that waits here, in whatever buffer. Where
-        answers become late, fewer are sent (``Answers.may_beat``).
+        A stop therefore never waits behind more than one earlier frame, in whatever buffer. If the
+        kart's answers become late, fewer frames are sent (``Answers.may_beat``).
         """
         now = self._owner.now()
         was_full = self._hearing.is_full
@@ -189,13 +190,13 @@ class KartLink(asyncio.BufferedProtocol):
         return self._answers.age(now) < GRADES[Grade.FAIR]
 
     def drop(self, reason: str) -> None:
-        """Give the connection up now; what waits to be written is thrown away."""
+        """Give up the connection now, and discard what waits to be written."""
         self.reason = reason
         if self._transport is not None:
             self._transport.abort()
 
     def farewell(self) -> None:
-        """Send RED_RED and close: race control is going away."""
+        """Send RED_RED and close the connection, because race control ends."""
         self.reason = 'race control ended'
         if self._transport is not None:
             self._transport.write(FRAMES[RaceState.RED_RED])
@@ -209,15 +210,15 @@ class KartLink(asyncio.BufferedProtocol):
         self._transport.write(self._frame)
 
     def _look(self, now: float) -> None:
-        """Take note of what the kart's TCP has answered."""
+        """Record what the kart's TCP has answered."""
         if self._transport is None or self._socket is None:
             return
         waits = self._hearing.waits
-        # In this order: what had arrived while an order was unanswered was sent before it came.
+        # The order matters: bytes that arrived while an order was unanswered were sent before it.
         arrived = self._unread() if waits else 0
         rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
         if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
-            # The answer came before this look: race control may have been held up.
+            # The answer came before this look, perhaps long before if race control stalled.
             info = read(self._socket)
             now -= 0.0 if info is None else max(0.0, info.since_answer - TICK)
         for took in self._answers.look(rest, now):
@@ -234,7 +235,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._owner.link_measured(self, measured)
 
     def _unsent(self) -> int:
-        """Return how many bytes have not left yet, or may not have."""
+        """Return the number of bytes that may not have left yet."""
         if self._answers.answered == self._answers.written:
             return 0
         if self._transport is None or self._socket is None:
@@ -242,7 +243,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._transport.get_write_buffer_size() + unsent(self._socket)
 
     def _unread(self) -> int:
-        """Return how many bytes have arrived and were not read yet."""
+        """Return the number of bytes that have arrived but are not read yet."""
         if self._socket is None or self._transport is None:
             return 0
         return unread(self._socket)

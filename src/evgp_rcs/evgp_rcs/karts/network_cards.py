@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The network interfaces of this machine, as the kernel has them now (rtnetlink, without root).
+The network interfaces of this machine, as the kernel reports them now (rtnetlink, without root).
 
-Not from ``/sys``, which shows the interfaces of another network namespace than this process's
-where it was mounted there.
+``/sys`` would not do, because it shows the interfaces of the network namespace in which it was
+mounted, which may not be the one of this process.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import sys
 from typing import NamedTuple
 
 LOOPBACK_CARD = 'lo'
-"""The interface of which the other end is always this machine."""
+"""Name of the loopback interface, whose other end is always this machine."""
 
 _DUMP = 0x0301  # NLM_F_REQUEST | NLM_F_DUMP
 _DONE, _NEW_LINK, _GET_LINK, _NEW_ADDRESS, _GONE_ADDRESS, _GET_ADDRESS = 3, 16, 18, 20, 21, 22
@@ -39,10 +39,10 @@ class Card(NamedTuple):
     """
     A network interface.
 
-    :param number: the kernel's; the same interface has another one after it was unplugged.
-    :param hardware: its hardware address, such as 02:00:00:00:00:01; empty: it has none.
-    :param plugged: whether it is up, with a cable in it, or on a WLAN.
-    :param losses: how often it has lost its cable, or its WLAN, so far.
+    :param number: the kernel's number, which changes when the interface is unplugged.
+    :param hardware: hardware address, such as 02:00:00:00:00:01; empty if it has none.
+    :param plugged: whether it is up and has a cable or a WLAN.
+    :param losses: how often it has lost its cable or WLAN so far.
     :param addresses: its IPv4 addresses, with their networks.
     """
 
@@ -60,9 +60,9 @@ class Card(NamedTuple):
 
 def cards() -> tuple[Card, ...]:
     """
-    Return the interfaces of this machine; it takes some 0.1 ms.
+    Return the interfaces of this machine, which takes some 0.1 ms.
 
-    :raises OSError: if the kernel does not say.
+    :raises OSError: if the kernel does not report them.
     """
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as kernel:
         found = {}
@@ -86,9 +86,9 @@ def cards() -> tuple[Card, ...]:
 
 class CardNews:
     """
-    Tells that an interface or an address has come, changed or gone.
+    Notices that an interface or an address has come, changed or gone.
 
-    :ivar file: is ready to be read then.
+    :ivar file: becomes readable then.
     """
 
     def __init__(self) -> None:
@@ -97,9 +97,9 @@ class CardNews:
         self.file.setblocking(False)
 
     def gone(self) -> set[str]:
-        """Return the addresses that were taken away since this was called last."""
+        """Return the addresses that were removed since the last call."""
         found = set()
-        # Where too much has happened to be told (ENOBUFS), whoever asks looks anyway.
+        # After an overflow (ENOBUFS) nothing is lost: the caller looks at the interfaces anyway.
         with contextlib.suppress(OSError):  # above all BlockingIOError
             while True:
                 for kind, body in _messages(self.file.recv(_BYTES)):
@@ -108,7 +108,7 @@ class CardNews:
         return found
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         self.file.close()
 
 
@@ -143,5 +143,5 @@ def _attributes(data: bytes, at: int) -> Iterator[tuple[int, bytes]]:
 def _address(body: bytes) -> tuple[int, ipaddress.IPv4Interface]:
     _, prefix, _, _, index = _ADDRESS.unpack_from(body)
     about = dict(_attributes(body, _ADDRESS.size))
-    own = about.get(_LOCAL) or about[1]  # IFA_ADDRESS; of two ends, that is the other's
+    own = about.get(_LOCAL) or about[1]  # IFA_ADDRESS, which can be the address of the other end
     return index, ipaddress.IPv4Interface((own, prefix))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which parts of race control get the processor before other programs.
+Priority of race control's processes over other programs.
 
-They do where the system allows it (root, or a limit for the user). Elsewhere race control runs
-like any other program; docs/dev/performance.md says what that costs.
+The system must allow it (root, or a limit for the user). Otherwise race control runs like any
+other program; docs/dev/performance.md says what that costs.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import os
 import pathlib
 
 NICENESS = -10
-"""Niceness of all of race control: it must take a stop however busy the computer is."""
+"""Niceness of all of race control, which must accept a stop however busy the computer is."""
 
 LOOP = 3
 """Real-time priority (SCHED_RR) of the kart server's loop, which sends the karts' frames."""
 
 
 def come_before_others() -> None:
-    """Give this thread, and all that it starts, more of the processor."""
+    """Give this thread, and everything that it starts, more of the processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     # Linux shares the processor between sessions first. `make run` and systemd give race control
@@ -34,7 +34,7 @@ def come_before_others() -> None:
 
 
 def come_first() -> None:
-    """Put this thread, and none that it starts, before all ordinary programs."""
+    """Give this thread, but none that it starts, priority over all ordinary programs."""
     with contextlib.suppress(PermissionError):
         policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(0, policy, os.sched_param(LOOP))

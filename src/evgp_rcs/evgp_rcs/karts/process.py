@@ -4,12 +4,13 @@
 """
 The kart server's process: rules, karts' sockets and beat, without ROS; it starts the record's.
 
-The ROS half (``node``) starts it, and the two are joined by one local socket pair (``channel``).
-Neither outlives the other. When the ROS half ends, or is silent for `ROS_HALF_SILENCE`, no
-official could stop a kart any more: every kart is sent RED_RED, and this process ends.
+The ROS half (``node``) starts this process, and a local socket pair connects the two
+(``channel``). Neither outlives the other. If the ROS half ends, or is silent for
+`ROS_HALF_SILENCE`, officials could no longer stop a kart, so this process sends every kart RED_RED
+and ends.
 
-One thread: the kart server's loop. When the ROS half is slow, events for it wait here; snapshots
-of the race are left out.
+One thread runs the kart server's loop. If the ROS half is slow, its events wait here, and
+snapshots of the race are skipped.
 """
 
 from __future__ import annotations
@@ -33,19 +34,20 @@ from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
 from evgp_rcs.rules.race import LastRun
 
 FIRST_SIGN = 2.0
-"""Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
+"""Additional time for the first sign of life of the ROS half, which is still starting, in
+seconds."""
 
 LAST_WORDS_TIMEOUT = 2.0
-"""Maximum time at the end for the record to be finished, and for the ROS half to take the last
-messages, each, in seconds."""
+"""Maximum time at the end for the record to finish, and again for the ROS half to accept the last
+messages, in seconds."""
 
 
 async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
     """
-    Run the kart server until it is to end, and return what the next run may know of it.
+    Run the kart server until it ends, and return how, for the next run.
 
     :raises KartServerError: if it cannot start.
-    :raises BaseException: what ended it.
+    :raises BaseException: the failure that ended it.
     """
     loop = asyncio.get_running_loop()
     setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
@@ -67,11 +69,11 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
-    # Its own signals end it in order too; those of a terminal reach the ROS half only.
+    # Signals to this process end it in good order; a terminal's reach only the ROS half.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         loop.add_signal_handler(number, server.end)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
-    # The race and its karts stay: the search for garbage need not go through them every time.
+    # The race and its karts stay, so the garbage collector need not visit them every time.
     gc.collect()
     gc.freeze()
 
@@ -98,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
             begin = ros_half.first()
         except EOFError:
             return 1
-        gc.freeze()  # what this process and the record's share stays shared
+        gc.freeze()  # memory shared with the record's process stays shared
         try:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
             record = RecordProcess(begin.record, mark, begin.run)
@@ -108,7 +110,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             ends_as = clock.run(serve(begin, ros_half, record))
         except KartServerError as error:
-            # No kart was sent anything: what the last run left is what this one leaves.
+            # No kart was sent anything, so this run leaves what the last run left.
             record.end(LAST_WORDS_TIMEOUT, record.last_run)
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
@@ -118,8 +120,8 @@ def main(arguments: list[str] | None = None) -> int:
             ros_half.send_the_rest(Failed(words), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
                 raise
-            with contextlib.suppress(PermissionError):  # it has died, and this is another
-                os.kill(os.getppid(), signal.SIGCONT)  # one that was stopped finds this, and ends
+            with contextlib.suppress(PermissionError):  # the ROS half has died; another is parent
+                os.kill(os.getppid(), signal.SIGCONT)  # a stopped ROS half notices this, and ends
             return 1
         record.end(LAST_WORDS_TIMEOUT, ends_as)
         ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The process of the record and of the mark of the run: it alone waits for the disk.
+The process that writes the record and the mark of the run; no other process waits for the disk.
 
 The kart server forks this process before it does anything else, and sends it everything over a
-socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; what comes beyond that is lost, and
-`RecordProcess.trouble` says so. When the kart server ends, in whatever way, this process writes
-what has reached it and ends too. When this process ends, hangs or is frozen, or cannot write the
-mark (``run_mark``), the record fails: karts go on, and no race starts.
+socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; anything beyond that is lost, and
+`RecordProcess.trouble` reports the loss. When the kart server ends, in whatever way, this process
+writes what has reached it and ends as well. If this process ends, hangs or is frozen, or cannot
+write the mark (``run_mark``), the record fails: the race goes on, but no new race can start.
 
 `RecordProcess.trouble` is the one place that knows whether the record fails.
 """
@@ -46,17 +46,17 @@ from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import LastRun, RaceMemory
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
-"""Maximum backlog of the stream that is not on the disk; what comes beyond it is lost.
-Enough for an hour of racing with 20 karts. In bytes."""
+"""Maximum backlog of the stream that is not on the disk yet, in bytes; anything beyond it is lost.
+This is enough for an hour of racing with 20 karts."""
 
 SLOW = 2.0
-"""Time for which an event may wait before `RecordProcess.trouble` reports it, in seconds."""
+"""Maximum time that an event waits before `RecordProcess.trouble` reports it, in seconds."""
 
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 class _Confirm(NamedTuple):
-    """Something that must be on the disk: who is told, since when it waits, and for how long."""
+    """Something that must be on the disk: its callback, when it began to wait, and how long."""
 
     done: Callable[[bool], None]
     since: float
@@ -65,12 +65,12 @@ class _Confirm(NamedTuple):
 
 class RecordProcess:
     """
-    The record, as the kart server sees it; only ``__init__`` and ``end`` wait.
+    The record, as the kart server sees it; only ``__init__`` and ``end`` block.
 
     :param path: the file of the record.
     :param mark: the file of the mark; see ``run_mark.place``.
-    :param run: the id of the run; empty: the record draws one.
-    :raises RecordError: if another race control that runs has one of them.
+    :param run: id of the run; if empty, the record draws one.
+    :raises RecordError: if another running race control uses one of the files.
     """
 
     def __init__(self, path: pathlib.Path, mark: pathlib.Path, run: str = '') -> None:
@@ -103,18 +103,18 @@ class RecordProcess:
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
-        """What the record has of the last run; None: nothing."""
+        """What the record contains of the last run; None if nothing."""
         self.last_run: LastRun = opened.last_run
         """How the last run ended."""
         self.why: str = opened.why
-        """Why that cannot be known, as a phrase; empty: it can."""
+        """Why that cannot be known, as a phrase; empty if it can."""
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
         self._end.attach(loop, self.look)
 
     def put(self, batch: Batch) -> None:
-        """Record what follows in the stream."""
+        """Append a batch to the record's stream."""
         data = pack(batch)
         size = len(data)
         events = batch.entries.count(None)
@@ -131,7 +131,7 @@ class RecordProcess:
 
     def remember(self, memory: RaceMemory) -> None:
         """Save this for the next run; see ``Record.remember``."""
-        # Where the process hangs, it is kept for when it goes on.
+        # If the process hangs, this waits until it goes on.
         if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
             self._end.send(pack(Remember(memory)))
@@ -140,9 +140,10 @@ class RecordProcess:
         """
         Save this for the next run, and report when it is on the disk.
 
-        :param within: the record fails if that takes longer, until it is there, in seconds.
-        :param done: called in the loop with whether it is there; never called if that is not
-            known.
+        :param within: maximum time, in seconds; beyond it the record counts as failing until this
+            is on the disk.
+        :param done: called in the loop with whether this is on the disk; never called if that is
+            not known.
         """
         self._confirms += 1
         self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
@@ -164,7 +165,7 @@ class RecordProcess:
 
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty if it does not."""
-        # Not the clock of the rules, which counts a suspend: that does not make a disk slow.
+        # Unlike the clock of the rules, this one skips suspends, which do not make a disk slow.
         now = time.monotonic()
         if not self._events:
             self._caught_up_at = now
@@ -174,7 +175,7 @@ class RecordProcess:
         elif not reason and (slow_for := self._slow_for(now)):
             reason = f'nothing could be written for {slow_for:.0f} s'
         elif not reason and self._full:
-            reason = 'more comes than the disk takes'
+            reason = 'events come faster than the disk can write them'
         if not reason:
             return ''
         lost = f', {self._lost} are lost' if self._lost else ''
@@ -182,9 +183,9 @@ class RecordProcess:
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
     def _slow_for(self, now: float) -> float:
-        """Return for how long the disk has taken nothing, in seconds; 0: not for too long."""
+        """Return how long the disk has not written anything, in seconds; 0 if not too long."""
         waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
-        # A start that waited for this too long waits no more; the disk is not there for the next.
+        # A start whose wait was too long has been refused, but the disk is still not ready.
         waits += [
             now - each.since for each in self._confirm.values() if now - each.since >= each.within
         ]
@@ -192,10 +193,10 @@ class RecordProcess:
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
         """
-        Record what is left, and that this run has ended.
+        Record the rest, and that this run has ended.
 
         :param timeout: maximum time to wait, in seconds.
-        :param ends_as: what the next run may know of it.
+        :param ends_as: how the run ended, for the next run.
         """
         until = time.monotonic() + timeout
         self._end.send_the_rest(Ended(ends_as), timeout=timeout)
@@ -215,7 +216,7 @@ class RecordProcess:
 
 
 def wake_when_the_parent_dies() -> None:
-    """Have this process, should it be stopped, go on when its parent dies: it finds that out."""
+    """Make a stopped process go on when its parent dies, so that it notices and ends."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
 
 
@@ -226,7 +227,7 @@ def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) 
         # The kart server's files, such as the ROS half's pair, must close when it ends.
         os.closerange(3, end.fileno())
         os.closerange(end.fileno() + 1, os.sysconf('SC_OPEN_MAX'))
-        # It ends with the kart server. SIGCONT wakes it then, if it is frozen.
+        # This process ends with the kart server; SIGCONT then wakes it if it is frozen.
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
         wake_when_the_parent_dies()
@@ -239,7 +240,7 @@ def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) 
 
 
 def _whole(batch: Batch) -> Batch:
-    """Return a batch with its events in their places."""
+    """Return a batch with its events put in their places."""
     happened = Unpacker().feed(batch.happened)
     told = iter([event for each in happened for event in each.events])
     entries = [next(told) if entry is None else entry for entry in batch.entries]

@@ -6,15 +6,15 @@ The kart server: the TCP side of race control, and the one owner of the race (§
 
 Rules of what lives in this file:
 
-- One thread, one asyncio loop, in a process without ROS (``karts.process``). The race, the sockets
-  and everything below are touched by that thread alone.
-- No disk, no log. What the ROS half and the record need goes into two socket pairs (``channel``),
-  which never wait.
-- A command is judged and its frames are written to every socket in one go, without an await in
-  between: nothing else runs between an official's stop and its bytes.
-- Everything goes into the rules through ``KartServer._take``, which logs it: what does not could
-  not be replayed.
-- Every peer is bounded: bytes read per beat, bytes waiting to be written, events told.
+- One thread, one asyncio loop, in a process without ROS (``karts.process``). Only that thread
+  touches the race, the sockets and everything below.
+- No disk, no log file. What the ROS half and the record need goes into two socket pairs
+  (``channel``), which never block.
+- The server judges a command and writes its frames to every socket in one go, without an await,
+  so nothing else runs between an official's stop and its bytes.
+- Every input reaches the rules through ``KartServer._take``, which logs it so that a replay can
+  repeat it.
+- Every peer has limits: bytes read per beat, bytes waiting to be written, and events published.
 """
 
 from __future__ import annotations
@@ -60,37 +60,37 @@ from evgp_rcs.rules.race import (
 )
 from evgp_rcs.rules.snapshot import snapshot_of
 
-HELD_UP = 1.0
-"""Delay of a beat after which race control counts as held up, in seconds."""
+STALL = 1.0
+"""Delay of a beat above which it counts as a stall of race control, in seconds."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit of a kart's connections: how many at once, and how many a second after that."""
+"""Limit on a kart's connections: the size of a burst, and the rate per second after that."""
 
 TAKEOVERS = (3, 10.0)
-"""How many times within how many seconds new connections of a kart take the place of its last one
-until two programs count as contesting for it. They do so no more once none came for as long."""
+"""Limit on takeovers of a kart: if new connections replace a live one this many times within this
+many seconds, two programs contest the kart. The contest ends after as many seconds without one."""
 
 CONNECTION_QUEUE = 4096
-"""Maximum number of connections that wait to be taken; the kernel may allow fewer (somaxconn). A
-kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out until then."""
+"""Maximum number of connections that wait to be accepted; the kernel may allow fewer (somaxconn).
+A kart that finds the queue full tries again after 1, 3, 7, ... s."""
 
 CONNECTIONS_AT_ONCE = 16
-"""Maximum number of connections taken before a stop or a beat has its turn."""
+"""Maximum number of connections accepted before a stop or a beat has its turn."""
 
 GATHER = 0.005
-"""Time for which events are gathered until they are handed on, in seconds. When a hundred karts
-acknowledge, each by itself would keep all processes busy; and what officials are told would be in
-the way of the answer to the stop that made it happen."""
+"""Time for which events are gathered before they are sent on, in seconds. If a hundred karts
+acknowledge at once, single events would keep all processes busy, and delay the answer to the stop
+that caused them."""
 
 SHOW_AFTER = 0.01
-"""Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
+"""Time from an event until a snapshot shows it, in seconds, for the same reason."""
 
 MOST_GATHERED = 100
-"""Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
-which a stop waits."""
+"""Number of gathered events above which no more are added. Sending this many takes some 0.4 ms,
+during which a stop waits."""
 
 KARTS_BETWEEN_LOOKS = 8
-"""Number of karts that a beat writes to before it looks again whether a command has come."""
+"""Number of karts that a beat writes to before it checks for commands again."""
 
 TO_ROS_HALF_BYTES = 64 * 2**20
 """Maximum backlog to the ROS half, in bytes; beyond it, the ROS half counts as gone."""
@@ -102,14 +102,14 @@ _ENDING = Answer(False, 'Race control is stopping; if a kart still moves, use th
 
 
 class KartServerError(RuntimeError):
-    """The kart server cannot start or go on; the text says why and what would be right."""
+    """The kart server cannot start or go on; the text says why, and what to do."""
 
 
 class RosHalfGoneError(RuntimeError):
     """
-    The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone.
+    The ROS half was silent for longer than `ROS_HALF_SILENCE`, or is gone.
 
-    :param how: what became of it; officials read it, who do not know its name.
+    :param how: what became of it, for officials, who do not know the term "ROS half".
     """
 
     def __init__(self, how: str) -> None:
@@ -119,10 +119,10 @@ class RosHalfGoneError(RuntimeError):
 @dataclass
 class Waiting:
     """
-    A command that was not judged yet.
+    A command that waits to be judged.
 
-    :param answered: takes the answer, once every frame has been written.
-    :param came: when it came (s).
+    :param answered: called with the answer, once every frame has been written.
+    :param came: when the command came, in seconds.
     """
 
     command: Command
@@ -130,12 +130,12 @@ class Waiting:
     came: float
 
     def is_late(self, now: float) -> bool:
-        """Return whether it must not take effect any more: its official was told of no answer."""
+        """Return whether it is too late to take effect: its sender was told "no answer"."""
         return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
 
 
 class _Allowance:
-    """So many times at once, and then so often a second: what a peer may cause."""
+    """Limit what a peer may cause: a token bucket with a burst, then `rate` per second."""
 
     def __init__(self, burst: int, rate: float = 1.0) -> None:
         self._burst = burst
@@ -154,7 +154,7 @@ class _Allowance:
         return True
 
     def mention(self) -> str:
-        """Return how many were withheld since the last mention, as the end of a sentence."""
+        """Return the end of a sentence that mentions what was withheld since the last mention."""
         withheld, self.withheld = self.withheld, 0
         return f' ({withheld} more not reported)' if withheld else ''
 
@@ -163,11 +163,11 @@ class KartServer:
     """
     The karts' sockets and the race, in one asyncio loop.
 
-    :param race: the race; from ``serve`` on it belongs to this server.
+    :param race: the race; from ``serve`` on, it belongs to this server.
     :param settings: how to listen and send.
-    :param ros_half: the pair with the ROS half.
+    :param ros_half: this process's end of the socket pair to the ROS half.
     :param record: the record's process.
-    :param left_behind: what is known of the last run; ``None``: the race just begins (for tests).
+    :param left_behind: what is known of the last run; ``None`` for a new race (in tests).
     """
 
     def __init__(
@@ -178,7 +178,7 @@ class KartServer:
         record: RecordProcess,
         left_behind: inputs.Recovered | None = None,
     ) -> None:
-        """Take note of everything; nothing is opened before ``serve``."""
+        """Prepare the server; ``serve`` opens its port."""
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
@@ -190,12 +190,12 @@ class KartServer:
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
-        # Whose answer is still to come: a start that waits for the record.
+        # A start that waits for the record; its answer is still to come.
         self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
-        # Of each kart, by its number.
+        # For each kart, by its number.
         self._connections = defaultdict[int, _Allowance](lambda: _Allowance(*CONNECTIONS))
         self._takeovers = defaultdict[int, deque[float]](lambda: deque(maxlen=TAKEOVERS[0]))
         self._too_often = defaultdict[int, _Allowance](lambda: _Allowance(1))
@@ -210,16 +210,16 @@ class KartServer:
         self._closing: asyncio.Event | None = None
         self._failure: BaseException | None = None
 
-    # ----- for whoever runs it, in the thread of its loop ---------------------------------
+    # ----- for its owner, in the thread of its loop ---------------------------------------
 
     async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
         """
-        Listen for karts until ``end``; the last that every kart hears is RED_RED.
+        Listen for karts until ``end``; the last frame that every kart is sent is RED_RED.
 
-        :param listening: takes the address and port, once karts can connect.
-        :returns: what the next run may know of this one.
-        :raises KartServerError: if the address cannot be listened at.
-        :raises BaseException: what ended it, after every kart was sent RED_RED.
+        :param listening: called with the address and port, once karts can connect.
+        :returns: how this run ended, for the next run.
+        :raises KartServerError: if it cannot listen at its address.
+        :raises BaseException: the failure that ended it, after every kart was sent RED_RED.
         """
         self._loop = loop = asyncio.get_running_loop()
         self._closing = asyncio.Event()
@@ -233,18 +233,18 @@ class KartServer:
                 backlog=CONNECTIONS_AT_ONCE,
                 reuse_address=True,
             )
-            # asyncio knows one number for both, and sets the queue to it.
+            # asyncio has one number for both limits, so the queue is enlarged here.
             with server.sockets[0].dup() as taking:
                 taking.listen(CONNECTION_QUEUE)
         except OSError as error:
             where = f'{self._settings.host}, port {self._settings.port}'
             raise KartServerError(
-                f'race control cannot listen for karts at {where}: {in_words(error)}; '
-                'is another race control still running here? Stop the program that has the port, '
+                f'race control cannot listen for karts at {where}: {in_words(error)}. '
+                'Is another race control still running here? Stop the program that has the port, '
                 'or choose another address or port'
             ) from error
         if self._left_behind is not None:
-            self._tell_of_rules(self._first_events, self._left_behind.at)
+            self._publish_outcome(self._first_events, self._left_behind.at)
         self._beat_at = self._began_again_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
@@ -254,15 +254,15 @@ class KartServer:
             server.close()
             for link in list(self._links.values()):
                 link.farewell()
-            self._tell(_ended(self._failure))
+            self._publish(_ended(self._failure))
             self._refuse_the_rest()
-            # What changed since the last snapshot must be found by the next run too.
+            # The next run must also find what changed since the last snapshot.
             self._remember()
             ends_as = self._race.memory().ends_as
-        # One turn of the loop, so that closed transports let go of their sockets, and the
-        # disconnections are told after the end that they come from.
+        # One turn of the loop, so that closed transports release their sockets, and disconnections
+        # are published after the end that caused them.
         await asyncio.sleep(0)
-        self._hand_on()
+        self._flush()
         if self._failure is not None:
             raise self._failure
         return ends_as
@@ -271,23 +271,23 @@ class KartServer:
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
     ) -> None:
         """
-        Take an official's command; it is judged in ``take_commands``, stops before the rest.
+        Queue an official's command; ``take_commands`` judges it, with all stops first.
 
-        :param answered: takes the answer.
-        :param came: when it came (s), if that was before.
+        :param answered: called with the answer.
+        :param came: when the command came, if earlier than now, in seconds.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
 
     def expect_ros_half(self, allowance: float) -> None:
-        """Expect a sign of life of the ROS half; the first may take this much longer (s)."""
+        """Expect signs of life from the ROS half; the first may take this much longer (s)."""
         self._ros_half_heard_at = self.now() + allowance
 
     def end(self, failure: BaseException | None = None) -> None:
         """
-        Send every kart RED_RED, close every connection, and have ``serve`` return.
+        Send every kart RED_RED, close every connection, and make ``serve`` return.
 
-        :param failure: what ``serve`` raises then.
+        :param failure: exception for ``serve`` to raise.
         """
         if self._failure is None:
             self._failure = failure
@@ -295,20 +295,20 @@ class KartServer:
             self._closing.set()
 
     def now(self) -> float:
-        """Return the time of the rules (s)."""
+        """Return the time on the clock of the rules, in seconds."""
         assert self._loop is not None, 'there is no time before serve'
         return self._loop.time()
 
     # ----- the loop -----------------------------------------------------------------------
 
     def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-        """Stop everything on an error nobody foresaw: the karts see RED_RED, then the end."""
+        """Stop everything on an unexpected error: karts are sent RED_RED, then disconnected."""
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
-            # Out of file descriptors: asyncio tries again in a second, the race goes on.
+            # No file descriptor is left. asyncio tries again in a second, and the race goes on.
             if self._refusals.take(self.now()):
-                text = f'No further connection can be taken now: {in_words(error)}'
-                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+                text = f'Race control cannot accept another connection now: {in_words(error)}'
+                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
             return
         self.end(
             error
@@ -332,13 +332,13 @@ class KartServer:
             return
         self.take_commands()
         now = self.now()
-        self._notice_delay(now)
+        self._notice_stall(now)
         self._beat_at = now
-        self._look_at_the_ros_half(now)
-        self._take_note_of(self._record.trouble(), now)
+        self._check_ros_half(now)
+        self._note_record_trouble(now)
         self._take(inputs.Tick(now))
         for kart in [each.number for each in self._race.karts.values() if each.contested]:
-            self._look_who_contests(kart, now)
+            self._check_contest(kart, now)
         for count, link in enumerate(list(self._links.values())):
             if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
@@ -346,21 +346,21 @@ class KartServer:
         if now - self._shown_at >= self._settings.snapshot_at_least:
             self._ask_to_show()
         period = 1.0 / self._settings.beat_rate
-        # A late beat is not made up for: the next one is a whole period away at the most.
+        # A late beat is not made up for; the next one comes at most one period later.
         due = max(due + period, self._loop.time())
         self._loop.call_at(due, self._beat, due)
 
-    def _look_at_the_ros_half(self, now: float) -> None:
-        """End when the ROS half is silent: then no official could stop a kart any more."""
+    def _check_ros_half(self, now: float) -> None:
+        """End if the ROS half is silent, because no official could then stop a kart."""
         if self._ros_half_heard_at is None:
             return
-        # While race control itself was held up, nobody could have been heard.
+        # During a stall of its own, race control could not hear the ROS half.
         silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
         if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
-        """Judge what officials have sent, stops first; called before any other work."""
+        """Judge the commands that have come, stops first; called before any other work."""
         for message in self._ros_half.receive():
             self._hear(message)
         if self._ros_half.gone:
@@ -369,7 +369,7 @@ class KartServer:
             self._withdraw_start()
         while self._stops or self._commands:
             now = self.now()
-            self._notice_delay(now)
+            self._notice_stall(now)
             waiting = (self._stops or self._commands).popleft()
             if waiting.is_late(now):
                 continue
@@ -377,12 +377,12 @@ class KartServer:
                 waiting.answered(_ENDING)
                 continue
             if CATALOGUE[waiting.command.kind].loosens:
-                # No race starts without a record, and what counts is whether it works now.
-                self._take_note_of(self._record.trouble(), now)
+                # No race starts without a record, so check whether it works now.
+                self._note_record_trouble(now)
             self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
 
     def _hear(self, message: Any) -> None:
-        """Take a message of the ROS half, each of which is a sign that it takes stops."""
+        """Handle a message of the ROS half; each one is a sign that it accepts stops."""
         self._ros_half_heard_at = self.now()
         if isinstance(message, Request):
             number = message.number
@@ -407,41 +407,41 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Take it that what the start of this number waits for is on the disk, or is not."""
+        """Pass on to the rules whether the disk has saved the memory of a start."""
         if self._is_ending():
-            return  # the rest is refused
+            return  # the start is refused with the rest
         self.take_commands()
         now = self.now()
-        self._notice_delay(now)
+        self._notice_stall(now)
         if not written:
-            self._take_note_of(self._record.trouble(), now)
+            self._note_record_trouble(now)
         phase = StartPhase.WRITTEN if written else StartPhase.FAILED
         self._take(inputs.StartBecame(now, phase, number))
 
     def _withdraw_start(self) -> None:
-        """Have a start that waits not go out."""
+        """Withdraw the start that waits, if any."""
         if self._race.start is not None:
             number = self._race.start.number
             self._take(inputs.StartBecame(self.now(), StartPhase.WITHDRAWN, number))
 
-    def _notice_delay(self, now: float) -> None:
-        """Tell the rules if race control was held up."""
-        held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
-        if held_up > HELD_UP:
+    def _notice_stall(self, now: float) -> None:
+        """Tell the rules if race control stalled."""
+        stalled = now - self._beat_at - 1.0 / self._settings.beat_rate
+        if stalled > STALL:
             self._beat_at = self._began_again_at = now
-            self._take(inputs.HeldUp(now, held_up))
+            self._take(inputs.Stalled(now, stalled))
             self._ask_to_show()
 
     def _feed(self, given: inputs.Input) -> Outcome:
-        """Hand an input to the rules; the only way to them."""
+        """Log an input and feed it to the rules; nothing else may feed them."""
         self._log.add(given)
         return inputs.feed(given, self._race)
 
     def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
         """
-        Take an input: send, answer and tell what it brings about.
+        Feed an input to the rules, then send, answer and publish what results from it.
 
-        :param waiting: the command that is the input, if it is one.
+        :param waiting: the waiting command, if the input is one.
         """
         outcome = self._feed(given)
         self._send(outcome)
@@ -450,13 +450,13 @@ class KartServer:
             waiting, self._starting = self._starting, None
         if outcome.answer is not None and waiting is not None:
             waiting.answered(outcome.answer)
-        self._tell_of_rules(outcome.events, given.at, 1 + bool(outcome.orders))
+        self._publish_outcome(outcome.events, given.at, 1 + bool(outcome.orders))
         if of_start:
             self._remember()
         if outcome.start is not None:
             number = outcome.start.number
             self._starting = waiting
-            self._hand_on()
+            self._flush()
             self._record.make_sure(
                 outcome.start.memory,
                 outcome.start.until - given.at,
@@ -471,23 +471,24 @@ class KartServer:
         if outcome.orders:
             self._log.add(inputs.Ordered(outcome.orders))
 
-    def _tell_of_rules(self, events: tuple[Event, ...], at: float, entries: int = 1) -> None:
+    def _publish_outcome(self, events: tuple[Event, ...], at: float, entries: int = 1) -> None:
         """
-        Tell what the last input has made happen.
+        Publish the events of the last input.
 
-        :param entries: how many entries of the log are of this input.
-        :param at: the time of this input, which is theirs too: so a replay can compare it.
+        :param at: time of the input, in seconds. Its events get the same time, so that a replay
+            can compare them.
+        :param entries: number of log entries that belong to this input.
         """
-        told = [each for each in events if not each.chatter or self._may_tell(each, at)]
-        if told:
-            self._gather(self._stamped(told, at), entries)
+        published = [each for each in events if not each.chatter or self._may_publish(each, at)]
+        if published:
+            self._gather(self._stamped(published, at), entries)
 
-    def _may_tell(self, event: Event, at: float) -> bool:
+    def _may_publish(self, event: Event, at: float) -> bool:
         """Return whether a kart may cause one more event."""
         return self._reports[event.kart].take(at)
 
-    def _tell(self, event: Event) -> None:
-        """Tell what no input of the rules has made happen."""
+    def _publish(self, event: Event) -> None:
+        """Publish an event that does not come from the rules."""
         self._gather(self._stamped([event], self.now()))
 
     def _stamped(self, events: Iterable[Event], at: float) -> list[StampedEvent]:
@@ -496,22 +497,22 @@ class KartServer:
 
     def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
         """
-        Gather events.
+        Gather events, to send them on together.
 
-        :param of_stamped: how many of the last entries of the log brought them about: what an
-            input has made stays with it.
+        :param of_stamped: number of the last log entries that caused them; these entries stay
+            together with their events.
         """
         if len(self._gathered) >= MOST_GATHERED:
-            self._hand_on(of_stamped)
+            self._flush(of_stamped)
         self._log.add(*[None] * len(stamped))
         if not self._gathered:
             assert self._loop is not None
-            self._loop.call_later(GATHER, self._hand_on)
+            self._loop.call_later(GATHER, self._flush)
         self._gathered += stamped
         self._ask_to_show()
 
-    def _hand_on(self, but: int = 0) -> None:
-        """Hand on what was gathered, and the stream up to now, but for so many entries."""
+    def _flush(self, but: int = 0) -> None:
+        """Send on the gathered events, and the stream without its last `but` entries."""
         gathered, self._gathered = self._gathered, []
         happened = pack(Happened(gathered)) if gathered else b''
         self._ros_half.send(happened)
@@ -519,7 +520,7 @@ class KartServer:
         if batch.entries:
             self._record.put(batch._replace(happened=happened))
         if self._ros_half.unsent > TO_ROS_HALF_BYTES:
-            self._ros_half.lose('it takes nothing any more')
+            self._ros_half.lose('it no longer accepts messages')
 
     def _ask_to_show(self) -> None:
         if not self._showing:
@@ -529,33 +530,34 @@ class KartServer:
             self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
-        """Send a snapshot, unless the ROS half has not even taken what was sent before."""
+        """Send a snapshot, unless the ROS half has not accepted the previous messages yet."""
         assert self._loop is not None
         self.take_commands()
         self._showing = False
         now = self._shown_at = self.now()
-        self._take_note_of(self._record.trouble(), now)
+        self._note_record_trouble(now)
         if not self._ros_half.unsent:
             self._log.add(inputs.Shown(now))
             self._ros_half.send(pack(snapshot_of(self._race, now)))
         self._remember()
         if self._race.paused_until > max(now, self._shown_pause):
-            # Then more commands are available, though nothing happens.
+            # At the end of the pause more commands are available, even if nothing else happens.
             self._shown_pause = self._race.paused_until
             self._loop.call_at(self._shown_pause, self._ask_to_show)
 
-    def _take_note_of(self, trouble: str, now: float) -> None:
+    def _note_record_trouble(self, now: float) -> None:
+        trouble = self._record.trouble()
         if trouble != self._race.record_fails:
             self._take(inputs.RecordTrouble(now, trouble))
 
     def _remember(self) -> None:
-        self._hand_on()
+        self._flush()
         self._record.remember(self._race.memory())
 
-    # ----- what the links tell ------------------------------------------------------------
+    # ----- called by the links ------------------------------------------------------------
 
     def link_made(self, link: KartLink, address: str) -> None:
-        """Take a new connection, or refuse it if its address is not in the roster (§4.A)."""
+        """Accept a new connection, or refuse it if its address is not in the roster (§4.A)."""
         karts = self._race.karts.values()
         number = next((each.number for each in karts if each.address == address), None)
         now = self.now()
@@ -566,7 +568,7 @@ class KartServer:
                     f'A connection from {address} was refused: no kart of the roster has that '
                     f'address{self._refusals.mention()}'
                 )
-                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+                self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
             return
         if not self._connections[number].take(now):
             link.drop('it connects too often')
@@ -576,10 +578,11 @@ class KartServer:
                     f'A connection of {self._race.karts[number]} was refused: it connects too '
                     f'often{allowance.mention()}'
                 )
-                self._tell(Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False))
+                event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
+                self._publish(event)
             return
         old = self._links.pop(number, None)
-        # Not a kart that has lost its link, and comes back before race control has noticed.
+        # A kart that lost its link and is back before race control has noticed does not count.
         is_pushed_out = old is not None and old.answers(now)
         if old is not None:
             old.drop('a new connection from its address replaced it')
@@ -589,10 +592,10 @@ class KartServer:
         self._take(inputs.Connected(now, number))
         if is_pushed_out:
             self._takeovers[number].append(now)
-            self._look_who_contests(number, now)
+            self._check_contest(number, now)
 
-    def _look_who_contests(self, number: int, now: float) -> None:
-        """Tell the rules if two programs contest for a kart, or do so no more."""
+    def _check_contest(self, number: int, now: float) -> None:
+        """Tell the rules if two programs contest a kart, or no longer do."""
         most, within = TAKEOVERS
         before, at = self._race.karts[number].contested, self._takeovers[number]
         contested = len(at) == most and now - at[-1 if before else 0] <= within
@@ -600,7 +603,7 @@ class KartServer:
             self._take(inputs.Contested(now, number, contested))
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
-        """Take a frame, or what should have been one, from a kart."""
+        """Handle a frame, or a malformed one, from a kart."""
         if self._links.get(link.number) is not link:
             return
         now = self.now()
@@ -609,22 +612,22 @@ class KartServer:
             if allowance.take(now):
                 kart = self._race.karts[link.number]
                 text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
-                self._tell(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
+                self._publish(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
             return
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
+        """Record that the kart's kernel answered an order by this time (s)."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Take note of how good the link is."""
+        """Record how good the link is."""
         if self._links.get(link.number) is link:
             self._take(inputs.Measured(self.now(), link.number, quality))
 
     def link_lost(self, link: KartLink) -> None:
-        """Take note that a connection ended; one that was replaced has been told already."""
+        """Record that a connection ended, unless a new one has replaced it already."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
             given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)
@@ -632,7 +635,7 @@ class KartServer:
 
 
 def _ended(failure: BaseException | None) -> Event:
-    """Return that race control ends, and why."""
+    """Return the event that race control ends, and why."""
     follows = 'RED_RED is sent to every connected kart, and the connections are closed'
     if failure is None:
         text = f'Race control ends because it was told to (Ctrl-C or a signal): {follows}'

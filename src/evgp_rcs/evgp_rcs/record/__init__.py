@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The evidence: the stream of a run on the disk, its replay, and what is read out of it.
+The evidence: the stream of a run on the disk, its replay, and the reports from it.
 
-It imports ``rules`` and ``files``. It never knows a socket, a kart or ROS.
+It imports ``rules`` and ``files``. It uses no socket, no kart and no ROS.
 """

@@ -4,5 +4,5 @@
 """
 The half that officials reach by ROS: node, topics, services, messages, settings.
 
-It imports all rooms but ``spare``. Nothing that a stop waits for is decided here.
+It imports all rooms except ``spare``. No decision that a stop waits for is made here.
 """

@@ -18,7 +18,7 @@ _NESTED = re.compile(r'([a-z][a-z0-9_]*)/([A-Z]\w*)')
 
 
 def definition(message: Any) -> str:
-    """Return the definition of a message type and of every type in it, as MCAP wants it."""
+    """Return the definition of a message type and of every type in it, in MCAP's format."""
     texts = [_source(*_name(message))]
     known = {_name(message)}
     waiting = [message]
@@ -50,10 +50,9 @@ def write_bag(path: pathlib.Path, messages: Iterable[tuple[str, int, Any]]) -> i
     """
     Write messages to a new file, and return how many.
 
-    :param messages: each with its topic, and the wall time at which it was published (ns since the
-        epoch).
-    :raises FileExistsError: if there is such a file; it is left as it is.
-    :raises OSError: if it cannot be written.
+    :param messages: topic, wall time of publication (in ns since the epoch) and message.
+    :raises FileExistsError: if the file exists; it is left unchanged.
+    :raises OSError: if the file cannot be written.
     """
     channels: dict[str, int] = {}
     written = 0

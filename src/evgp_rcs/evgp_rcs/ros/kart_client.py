@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ROS half's end of the kart server: starts its process, hands commands over, hears what happens.
+The ROS half's end of the kart server: starts its process, passes commands on, hears events.
 
-One thread of its own hears the kart server; every other method may be called from any thread and
-returns without waiting for it, but for ``start`` and ``stop``.
+A thread of its own hears the kart server. Every method may be called from any thread.
 """
 
 from __future__ import annotations
@@ -42,41 +41,41 @@ from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
-"""Maximum time the kart server's process may take to end, in seconds; then it is killed."""
+"""Maximum time that the kart server's process may take to end before it is killed, in seconds."""
 
 START_TIMEOUT = 20.0
-"""Maximum time the kart server may take to start, in seconds. A disk may be slow; one that hangs
-must not keep officials without an answer."""
+"""Maximum time that the kart server may take to start, in seconds. A disk may be slow, but a disk
+that hangs must not leave officials without an answer."""
 
 KART_SERVER_SILENCE = 1.5
-"""Time after which a kart server that says nothing counts as hung, in seconds. A snapshot of
-the race comes every 0.5 s at least."""
+"""Time after which a silent kart server counts as hung, in seconds. It normally sends a snapshot
+of the race at least every 0.5 s."""
 
 LOOKS = 10
-"""Number of looks in which that time passes. If this process was stopped too, it is one look."""
+"""Number of checks for silence in that time. If this process was stopped, that is one check."""
 
 SEND_TIMEOUT = 0.5
-"""Maximum time a message may wait for a kart server that reads nothing, in seconds."""
+"""Maximum time that a message waits for a kart server that does not read, in seconds."""
 
 FROM_KART_SERVER_BYTES = 1 << 20
-"""Maximum read from the kart server at a time, in bytes: a snapshot of a large race in one go."""
+"""Maximum number of bytes read from the kart server at a time, enough for a large snapshot."""
 
 _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from evgp_rcs.karts.process import main; sys.exit(main(sys.argv[1:2]))'
 )
-"""What the kart server's process runs: it finds its modules where this process finds them."""
+"""Program of the kart server's process, which finds its modules where this process does."""
 
 
 class KartServerClient:
     """
     The kart server in its process, as the ROS half sees it.
 
-    :param begin: with what it starts.
-    :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
-    :param on_snapshot: takes a snapshot of the race, likewise.
-    :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
-        text says why. Every kart has been sent RED_RED or has lost its connection.
+    :param begin: the roster and settings to start with.
+    :param on_events: called with events, in order, in the hearing thread; it must not block.
+    :param on_snapshot: called with each snapshot of the race, likewise.
+    :param on_end: called, in the hearing thread, with the reason if the kart server has ended on
+        its own. Every kart has then been sent RED_RED or has lost its connection.
     """
 
     def __init__(
@@ -86,7 +85,7 @@ class KartServerClient:
         on_snapshot: Callable[[Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
-        """Take note of everything; nothing is started before ``start``."""
+        """Prepare the client; ``start`` starts the process."""
         self._begin = begin
         self._on_events = on_events
         self._on_snapshot = on_snapshot
@@ -97,7 +96,7 @@ class KartServerClient:
         self._sending = threading.Lock()
         self._ended = ''
         self._stopping = False
-        """The kart server has taken the last ones, and may be sent others."""
+        """The end of the kart server was requested, so nothing more is sent."""
         self._end: socket.socket
         self._process: subprocess.Popen[bytes]
         self._thread = threading.Thread(target=self._run, name='kart_client', daemon=True)
@@ -110,16 +109,16 @@ class KartServerClient:
         :raises KartServerError: if it cannot start.
         """
         self._end, other = socket.socketpair()
-        # A kart server that hangs must not hold up the thread that takes the next stop.
+        # A kart server that hangs must not block the thread that receives the next stop.
         option = struct.pack('ll', 0, int(SEND_TIMEOUT * 1e6))
         self._end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, option)
         with other:
             self._process = subprocess.Popen(
-                # Not -m, which would look for modules in the working directory first.
+                # -m would look for modules in the working directory first.
                 [sys.executable, '-c', _CHILD, str(other.fileno()), *map(str, sys.path)],
                 pass_fds=(other.fileno(),),
                 stdin=subprocess.DEVNULL,
-                # What ends the ROS half by its terminal reaches the kart server through it.
+                # A signal of the terminal reaches only the ROS half, which ends the kart server.
                 start_new_session=True,
             )
         self._thread.start()
@@ -133,23 +132,23 @@ class KartServerClient:
             self._process.kill()
             self._clear_away()
             raise KartServerError(
-                f'the kart server has not started for {START_TIMEOUT:g} s. Does the disk of the '
-                f'record hang ({self._begin.record})?'
+                f'the kart server has not started within {START_TIMEOUT:g} s. Does the disk of '
+                f'the record hang ({self._begin.record})?'
             ) from None
 
     def command(self, command: Command, came: float) -> Answer | None:
         """
-        Hand over an official's command, and wait for its answer.
+        Pass on an official's command, and wait for its answer.
 
-        A stop that has no answer goes on waiting to be judged; any other command does not.
+        Without an answer, a stop still waits to be judged, but no other command does.
 
-        :param came: when it came, on the clock of the rules (s).
-        :return: the answer, which comes once every frame has been written; None: it has not come
-            within `ANSWER_TIMEOUT`.
-        :raises KartServerError: if the kart server is gone: then only the MSR is left.
+        :param came: when the command came, on the clock of the rules, in seconds.
+        :return: the answer, which comes once every frame has been written; None if it does not
+            come within `ANSWER_TIMEOUT`.
+        :raises KartServerError: if the kart server is gone, so that only the MSR can stop karts.
         """
         number = next(self._numbers)
-        # Not a future: to make one takes longer than to send a stop.
+        # A future would take longer to create than a stop takes to send.
         answers = self._waiting[number] = queue.SimpleQueue()
         self._send(Request(number, command, came))
         if self._ended:
@@ -165,20 +164,20 @@ class KartServerClient:
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
         """
-        Say that the ROS half can take a stop.
+        Give the kart server a sign of life: the ROS half can receive a stop.
 
         :param rival: whether another race control is heard in this domain.
-        :param there: who is there to stop the race.
-        :param cut_off: why karts cannot reach race control now; empty: they can.
+        :param there: who can stop the race.
+        :param cut_off: why karts cannot reach race control now; empty if they can.
         """
         if not self._stopping:
             self._send(Alive(rival, there, cut_off))
 
     def end(self, in_order: bool) -> None:
         """
-        Have every kart sent RED_RED and the process end, and return at once.
+        Make the kart server send every kart RED_RED and end, and return at once.
 
-        :param in_order: the next run need not take up a race that was not under way.
+        :param in_order: as for ``channel.End``.
         """
         if self._stopping or self._thread.ident is None:
             return
@@ -210,7 +209,7 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Half a message may be out: the kart server is given up, and ends by that.
+            # Half a message may be out, so this gives up the kart server, which then ends.
             with contextlib.suppress(OSError):  # it is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
             raise KartServerError('race control hangs: use the MSR') from error
@@ -220,10 +219,10 @@ class KartServerClient:
     def _run(self) -> None:
         try:
             why = self._hear()
-        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
-            why = f'it cannot be heard any more: {error!r}'
+        except BaseException as error:  # noqa: BLE001 - the node ends the process
+            why = f'it can no longer be heard: {error!r}'
         self._ended = why
-        # Whatever became of it: no kart may be left with a race control that nobody hears.
+        # In any case, end the kart server: no kart may stay with a race control nobody hears.
         with contextlib.suppress(OSError):
             self._end.shutdown(socket.SHUT_RDWR)
         self._refuse_the_rest()
@@ -233,7 +232,7 @@ class KartServerClient:
             self._on_end(why)
 
     def _hear(self) -> str:
-        """Hand on what comes; return why nothing comes any more."""
+        """Handle messages of the kart server until it ends; return why it ended."""
         unpacker = Unpacker()
         why = 'its process has ended'
         silent = 0
@@ -243,7 +242,7 @@ class KartServerClient:
                 if silent < LOOKS:
                     continue
                 self._process.kill()  # so that the karts lose their connections
-                return f'it said nothing for {KART_SERVER_SILENCE:g} s and was killed'
+                return f'it was silent for {KART_SERVER_SILENCE:g} s and was killed'
             silent = 0
             try:
                 data = self._end.recv(FROM_KART_SERVER_BYTES)
@@ -277,5 +276,5 @@ class KartServerClient:
             try:
                 _, answers = self._waiting.popitem()
             except KeyError:
-                return  # the other thread that refuses was quicker
+                return  # another thread that refuses was quicker
             answers.put(None)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A run of a record as a bag: what ``~/race``, ``~/events`` and ``/diagnostics`` said in it."""
+"""Writes a recorded run as a bag: its ``~/race``, ``~/events`` and ``/diagnostics``."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ DIAGNOSTICS_EVERY = 1.0
 
 
 def options() -> argparse.ArgumentParser:
-    """Return what reads the command line of `rcs_record mcap`."""
+    """Return the parser of `rcs_record mcap`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} mcap',
         description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     wanted = options().parse_args(arguments)
     try:
-        # With the rest of ROS; and mcap has no rosdep key.
+        # Imported here, because it needs ROS, and mcap, which has no rosdep key.
         from evgp_rcs.ros.bag import write_bag
     except ModuleNotFoundError as error:
         if (error.name or '').split('.')[0] != 'mcap':
@@ -79,7 +79,7 @@ def main(arguments: Sequence[str]) -> int:
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
     if lacks := replay.lacks:
-        print(plain(f'The bag has the race up to there only, and then events: {lacks}.'))
+        print(plain(f'After some point, the bag contains only events, not the race: {lacks}.'))
         return PARTLY
     return runs.code
 
@@ -90,10 +90,10 @@ Message = tuple[str, int, Any]
 
 def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
     """
-    Yield a run as messages, and the race among them as far as the rules can follow.
+    Yield a run as messages, including the race as far as the rules can replay it.
 
-    A reader puts messages in the order of their times in the bag. So these go by the clock of the
-    rules, which nobody sets; the messages themselves have the wall time.
+    Readers sort messages by their times in the bag. Those times are therefore on the clock of the
+    rules, which cannot be set; the messages themselves contain the wall time.
     """
     from evgp_node.codec import message_of
     from evgp_rcs.ros.messages import diagnostics_message, events_message
@@ -108,7 +108,7 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
             yield f'/{NODE}/events', _wall_ns(last.monotonic, first), events_message([last])
         if step.race is not None and isinstance(step.entry, Shown):
             race, at = snapshot_of(step.race, step.entry.at), step.entry.at
-            # The clock may have been set since the first event, but hardly since the last one.
+            # The wall clock may have been set since the first event, but hardly since the last.
             in_bag, wall_ns = _wall_ns(at, first), _wall_ns(at, last)
             yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, wall_ns - round(at * NS))
             if at - told >= DIAGNOSTICS_EVERY:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What of the race is no message field by field; the rest is ``evgp_node.codec``'s."""
+"""Conversions of the race to messages that are not field by field (``evgp_node.codec``)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_msgs import msg
 
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
-"""Alerts without the MSR that are errors in the diagnostics."""
+"""Alerts that are errors in the diagnostics although they do not call for the MSR."""
 
 CONSTANTS |= {
     CommandKind: msg.CommandAvailability,
@@ -30,7 +30,7 @@ CONSTANTS |= {
 
 
 def events_message(events: Iterable[StampedEvent], run: str = '') -> msg.RaceEvents:
-    """Return events of a run as a message."""
+    """Return events as a message."""
     return msg.RaceEvents(run=run, events=list(map(_event, events)))
 
 
@@ -45,9 +45,9 @@ def _event(stamped: StampedEvent) -> msg.RaceEvent:
 
 def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> StampedEvent:
     """
-    Return the event of a message; ``said`` as for ``value_of``.
+    Return the event in a message; ``said`` as for ``value_of``.
 
-    :raises ValueError: if it is none.
+    :raises ValueError: if the message is invalid.
     """
     wall_ns = message.stamp.sec * NS + message.stamp.nanosec
     monotonic = message.monotonic.sec + message.monotonic.nanosec / NS
@@ -56,9 +56,9 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
 
 def race_of(message: msg.Race) -> Snapshot:
     """
-    Return the race of a message.
+    Return the race in a message.
 
-    :raises ValueError: if it is none.
+    :raises ValueError: if the message is invalid.
     """
     return value_of(message, Snapshot)
 
@@ -67,8 +67,8 @@ def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticAr
     """
     Return race control's diagnostics: the race, and each kart.
 
-    :param wall_ns: the wall time of the message (ns since the epoch).
-    :param name: the node's, with its namespace.
+    :param wall_ns: wall time of the message, in ns since the epoch.
+    :param name: name of the node, with its namespace.
     """
     alerts, state = race.alerts, race.state.value if race.state else 'UNKNOWN'
     level, summary = DiagnosticStatus.OK, f'The race is in {state}'

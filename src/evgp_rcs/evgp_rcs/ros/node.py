@@ -5,16 +5,17 @@
 The ``rcs`` node: race control as ROS topics and services (§4.B); the ROS half of race control.
 
 The kart server, with the rules and the karts' sockets, is another process (``karts.process``).
-This one starts it, and neither outlives the other. Each thread here has its own work:
+This process starts it, and neither outlives the other. The threads of this process:
 
-- three threads take officials' service calls, hand each to the kart server and wait for its
-  answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
-  the rest. So no stop waits behind another call;
+- three threads serve officials' calls: one for stops, one for GREEN_GREEN, which may wait for the
+  disk, and one for the rest. Each passes a command to the kart server and waits for the answer, so
+  a stop never waits behind another kind of call;
 - the client's thread (``kart_client``) hears the kart server;
-- one calls this node again and again, as an official's program would, gives the kart server a sign
-  of life as long as the calls come in, tells it who is there, and looks after the graph;
+- the asking thread calls this node repeatedly, as an official's program would. As long as the
+  calls arrive, it gives the kart server signs of life. It also reports who can stop the race, and
+  checks the graph;
 - the publisher's thread (``publisher``) publishes the race and its events, and logs;
-- the watch's thread (``address_watch``) sees whether another machine has race control's address.
+- the watch's thread (``address_watch``) notices if another machine has race control's address.
 """
 
 from __future__ import annotations
@@ -71,19 +72,19 @@ from rclpy.qos import (
 )
 
 ALIVE_EVERY = 0.2
-"""Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
-RED_RED to every kart."""
+"""Time between two signs of life to the kart server, in seconds. After 1 s without one, the kart
+server sends RED_RED to every kart."""
 
 CALL_EVERY = 2
-"""Number of signs of life for each call of race control to itself."""
+"""Number of signs of life per call of race control to itself."""
 
 MOST_UNHEARD = 4
-"""Maximum number of these calls in a row that have not come in, or of looks in a row that find the
-same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process
-that was stopped called nobody."""
+"""Maximum number of these calls in a row that do not arrive, or of checks in a row that find the
+same datagram unread; one more ends race control, after 2 s. They are counted rather than timed,
+because a stopped process makes no calls."""
 
 GRAPH_LOOK = 10
-"""Number of signs of life for each look at the graph, which takes the kernel up to 1 ms."""
+"""Number of signs of life per check of the graph, which takes the kernel up to 1 ms."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -91,8 +92,8 @@ SERVICE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
-first out, unanswered. Not KEEP_ALL: a client that takes no answers must not hold up the others."""
+"""QoS of the services. With ROS's usual depth of 10, the eleventh stop of a burst would push out
+the first, unanswered. KEEP_ALL would let a client that reads no answers block the others."""
 
 
 PRESENCE_QOS = QoSProfile(
@@ -103,29 +104,29 @@ PRESENCE_QOS = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Infinite,
 )
-"""Of ``~/presence``. It asks for the least liveliness, so that whoever says anything is heard;
-who says nothing for `presence.SILENT_AFTER` counts as gone."""
+"""QoS of ``~/presence``. It requires the least liveliness, so that every program is heard; a
+program that is silent for `presence.SILENT_AFTER` counts as gone."""
 
 
 MOST_AGE = 86_400.0
-"""Maximum age of a press that is kept, in seconds: a day."""
+"""Maximum age of a press, in seconds (a day); race control limits a longer one to it."""
 
 
 class DeafError(RuntimeError):
-    """What officials send does not come in any more."""
+    """Officials' calls no longer arrive."""
 
 
 class RcsNode(StrictNode):
     """
     Race control's node.
 
-    :param on_failure: is called, in another thread, when race control cannot go on and the process
-        should end: every kart has been sent RED_RED, or ``close`` sends it.
+    :param on_failure: called, in another thread, when race control cannot go on and the process
+        should end. Every kart has then been sent RED_RED, or ``close`` sends it.
     :raises ParameterError: if a parameter is wrong.
-    :raises RosterError: if the roster is.
+    :raises RosterError: if the roster is wrong.
     :raises KartServerError: if the kart server cannot start.
     :raises GraphError: if the ROS graph can be reached from where karts connect.
-    :raises RivalError: if there is another race control on it.
+    :raises RivalError: if there is another race control on the ROS graph.
     :raises AddressTakenError: if another machine has race control's address.
     """
 
@@ -136,34 +137,35 @@ class RcsNode(StrictNode):
         accept_open_graph = parameters.declare(
             'accept_open_graph',
             False,
-            'The ROS graph may be reached from where karts connect, without SROS2: whoever is on '
-            'their network can then start them (docs/security.md).',
+            'Accept that the ROS graph can be reached from where karts connect, without SROS2: '
+            'anyone on their network can then start them (docs/security.md).',
         )
         self._banner = parameters.declare(
             'banner',
             '',
-            'What every screen says at its top, and every answer at its beginning, such as '
-            'REHEARSAL; empty: nothing. Screens that say it are trusted to be in no race: never '
-            'set it for one.',
+            'Text at the top of every screen and the beginning of every answer, such as '
+            'REHEARSAL; empty for none. People rely on it to mean that no race is under way: '
+            'never set it for a race.',
         )
         officials = parameters.declare(
             'officials',
             [''],
-            "The event's officials, by name: a window offers them as who commands from it.",
+            "The names of the event's officials, which a window offers for the person who "
+            'commands from it.',
         )
         begin = read_settings(parameters)
         self._roster = str(self.get_parameter('roster').value)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
-        # It asks while the graph is looked at, and goes on until the end.
+        # The watch asks while this process looks for rivals, and goes on until the end.
         self._addresses = [each.address for each in begin.roster.karts]
         self._watch = watch_for_race_control(begin.settings.host, lambda: self._addresses)
         try:
             refuse_rivals(self)
             begin = self._after_the_first_look(begin)
         except (RivalError, AddressTakenError):
-            # Another machine races: what this one knew of its own last run proves nothing.
-            with contextlib.suppress(OSError):  # then there is no proof either
+            # Another machine races, so what this machine knows of its last run proves nothing.
+            with contextlib.suppress(OSError):  # without a mark there is no proof either
                 leave_began(place(begin.settings.host, begin.settings.port))
             raise
         self._on_failure = on_failure
@@ -200,16 +202,16 @@ class RcsNode(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """Send every kart RED_RED, close their connections, and tell what is left to tell."""
+        """Send every kart RED_RED, close their connections, and publish the remaining events."""
         if self._failure:
-            # At once: what follows may take its time.
+            # First of all, since the rest may take a while.
             self._server.end(in_order=False)
             self._publisher.stop()
             try:
                 self._publisher.last_words(self._failure)
             except RCLError as error:  # as Fast DDS publishes nothing past 2038
                 self.get_logger().error(
-                    f'Officials cannot be told that race control ends: {error}'
+                    f'Race control cannot tell officials that it ends: {error}'
                 )
         self._server.stop(in_order=not self._failure)
         self._publisher.stop()
@@ -219,25 +221,29 @@ class RcsNode(StrictNode):
 
     def _after_the_first_look(self, begin: Begin) -> Begin:
         """
-        Wait until another machine that has the address must have answered.
+        Wait until another machine that has the address would have answered.
 
-        :return: with what to start, and whether that can be known.
-        :raises AddressTakenError: if one has answered.
+        :return: what to start with, including whether another machine can be ruled out.
+        :raises AddressTakenError: if another machine has answered.
         """
         try:
             not_known = self._watch.first_look()
         except AddressTakenError as error:
             raise AddressTakenError(
-                f'{error}: karts would reach either. Unplug one of the two machines, or end the '
-                'other race control and take its address away'
+                f'{error}, so karts could reach either machine. Unplug one of the two, or end the '
+                'other race control and remove its address'
             ) from error
         if not not_known or ipaddress.IPv4Address(begin.settings.host).is_loopback:
             return begin
         if begin.settings.host == EVERY:
-            # Nobody has said that this machine is where karts look for race control.
-            self.get_logger().info(f'Other race controls are not looked for: {not_known}')
+            # No setting says that karts look for race control at an address of this machine.
+            self.get_logger().info(
+                f'Race control does not look for other race controls: {not_known}'
+            )
             return begin
-        self.get_logger().warning(f'Is there a second race control? {not_known}')
+        self.get_logger().warning(
+            f'Race control cannot rule out a second race control: {not_known}'
+        )
         return dataclasses.replace(begin, cannot_know=not_known)
 
     def _take_snapshot(self, race: Snapshot) -> None:
@@ -245,10 +251,10 @@ class RcsNode(StrictNode):
         self._publisher.race(race)
 
     def _hear_watch(self) -> None:
-        """Hand on what the watch of the address has found, in its thread."""
+        """Act on what the watch of the address has found, in the watch's thread."""
         if self._watch.error is not None:
             self._fail(
-                'Race control cannot see any more whether another machine has its address, and '
+                'Race control can no longer see whether another machine has its address, and '
                 'sends RED_RED to every kart: use the MSR if a kart still moves',
                 self._watch.error,
             )
@@ -259,7 +265,7 @@ class RcsNode(StrictNode):
                 'and ends. Use the MSR if a kart still moves, and unplug one of the two machines',
                 AddressTakenError(self._watch.answer),
             )
-            # First of all: the watch then says that it is here, and karts may turn to it.
+            # Before anything else, because the watch then announces this machine to the karts.
             self._server.end(in_order=False)
         else:
             self._give_sign_of_life()
@@ -270,7 +276,7 @@ class RcsNode(StrictNode):
                 there = self._presences.attendance(clock.now())
                 self._server.alive(self._rival, there, self._watch.cut_off)
             except KartServerError:
-                pass  # its end is noticed, and told, by the thread that hears it
+                pass  # the client's thread notices and reports the end of the kart server
 
     def _publisher_failed(self, error: BaseException) -> None:
         self._fail(
@@ -300,20 +306,21 @@ class RcsNode(StrictNode):
             if sign % CALL_EVERY == 0:
                 missing, unread = self._calls - self._heard, inbox.unread()
                 if max(missing, unread) > MOST_UNHEARD:
-                    # No further sign of life either, should this not end it.
+                    # Stop the signs of life as well, in case this does not end the process.
                     self._fail(
                         'Race control no longer hears officials and sends RED_RED to every kart: '
                         'use the MSR if a kart still moves',
                         DeafError(
-                            'what officials send does not come in through DDS: of the calls to '
-                            f'itself {missing} in a row are missing, and a datagram was found '
-                            f'unread {unread} times in a row'
+                            "officials' calls do not arrive through DDS: race control misses "
+                            f'{missing} calls to itself in a row, and found a datagram unread '
+                            f'{unread} times in a row'
                         ),
                     )
                     return
                 self._rival = look_for_rivals(self)
-                # To itself DDS sends by the officials' address only. While that is gone (their
-                # cable was pulled), no call can come in, though those of this machine do.
+                # DDS sends calls to itself only by the officials' address. While that is gone
+                # (their cable was pulled), these calls cannot arrive, but those of other programs
+                # on this machine can.
                 if has_its_address():
                     self._calls += 1
                     called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
@@ -323,29 +330,29 @@ class RcsNode(StrictNode):
                 return
 
     def _hear(self, request: Any, response: Any) -> Any:
-        """Take a call of this process to itself, in the thread that takes the stops."""
-        # Whoever else may call: it came in.
+        """Receive a call of this process to itself, in the thread that serves stops."""
+        # A call of another program shows as well that calls arrive, but its number may be wrong.
         self._heard = max(self._heard, min(request.number, self._calls))
         return response
 
     def _hear_presence(self, message: msg.Presence) -> None:
         if not self._presences.hear(message, clock.now()):
             self.get_logger().warning(
-                f'More than {MOST_PROGRAMS} programs say that officials can stop the race from '
-                'them: not all of them are heard',
+                f'More than {MOST_PROGRAMS} programs announce that officials can stop the race '
+                'from them; race control ignores the rest',
                 throttle_duration_sec=60.0,
             )
 
     # ----- services -----------------------------------------------------------------------
 
     def _offer_services(self) -> None:
-        # One thread serves each node. On a shared one a stop would usually wait behind other
-        # services, so the stops have a node of their own.
+        # Each node is served by one thread. On a shared node, a stop would often wait behind other
+        # services, so stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
-        # From one node to another, through DDS's sockets and threads, as a stop comes in. A thread
-        # calls, as a timer would not do: some middlewares wait for one by the wall clock. Nobody
-        # takes the answers: that a call came in is all there is to know.
+        # The call goes from one node to another, through DDS's sockets and threads, as a stop
+        # does. A thread makes it, because some middlewares run timers by the wall clock. The
+        # answers are ignored; only the arrival of the call matters.
         name = self.resolve_service_name('~/sign_of_life')
         stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
         self._self_call = starts.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
@@ -355,7 +362,7 @@ class RcsNode(StrictNode):
             self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
-        """Return a node of this process that only offers services, and has a thread of its own."""
+        """Return a node of this process that only offers services, in a thread of its own."""
         return Node(
             f'{self.get_name()}_{what}',
             context=self.context,
@@ -367,16 +374,16 @@ class RcsNode(StrictNode):
         )
 
     def _offer(self, node: Node, name: str, kinds: tuple[CommandKind, ...]) -> None:
-        """Offer a service below a node, for the commands that share it."""
+        """Offer a service at a node, for the commands that share it."""
 
         def serve(request: Any, response: Any) -> Any:
             answer = self._command(_asked_for(kinds, request))
             response.success = answer.success
-            # In a rehearsal nobody must believe that a real kart was stopped.
+            # In a rehearsal, nobody must believe that a real kart was stopped.
             response.message = ': '.join(filter(None, (self._banner, answer.message)))
             return response
 
-        # Also below another node a name is what it is in this one, remapped or not.
+        # At another node, the service has the same name as at this one, remapped or not.
         own = f'~/{name}' if node is self else self.resolve_service_name(f'~/{name}')
         service = service_class(CATALOGUE[kinds[0]].service_type)
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
@@ -392,7 +399,7 @@ class RcsNode(StrictNode):
             return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
             False,
-            f'{command.kind.value} has not been answered for {ANSWER_TIMEOUT:g} s'
+            f'{command.kind.value} had no answer within {ANSWER_TIMEOUT:g} s'
             + (
                 '; use the MSR.'
                 if CATALOGUE[command.kind].overtakes
@@ -402,7 +409,7 @@ class RcsNode(StrictNode):
 
 
 def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
-    """Return the command of a request to the service that these commands share."""
+    """Return the command that a request means, of those that share the service."""
     kind = next(
         each
         for each in kinds
@@ -428,19 +435,19 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
 
 
 def _age(said: float) -> float:
-    """Return the age of a press (s), whatever was sent as one; not a number: 0."""
+    """Return the age of a press from an untrusted number (s); 0 if it is not a number."""
     return min(said, MOST_AGE) if said > 0.0 else 0.0
 
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
+    Run race control until SIGINT or SIGTERM, then send every kart RED_RED.
 
-    :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED, or lost their
-        connection), 2 if a setting is wrong, 3 if another program is in the way. What a crashed
-        race control left behind may be in the way for a few seconds.
+    :return: 0 after an orderly end, 1 after a failure (every kart was sent RED_RED, or lost its
+        connection), 2 if a setting is wrong, 3 if another program is in the way. The remains of a
+        crashed race control may be in the way for a few seconds.
     """
-    # First: what ROS starts gets it too, and so does the kart server.
+    # First, so that the kart server and ROS's threads inherit the priority.
     priority.come_before_others()
     refusals = (ParameterError, GraphError, RosterError)
     obstacles = (RivalError, AddressTakenError, KartServerError)

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Who is there to stop the race: the programs that say so at least once a second, by their ids.
+The programs from which officials can stop the race; each announces itself at least once a second.
 
-A program counts while its last word without a fault is not older than `SILENT_AFTER`. A stop
-button that is gone is reported for longer: until another is started in its place. The timekeeper
-never counts: it gives FINISH, and cannot stop a race.
+A program counts if its last message without a fault is younger than `SILENT_AFTER`. A missing stop
+button is reported until another one is started in its place. The timekeeper never counts, because
+it sends only FINISH and cannot stop a race.
 
-Pure: words and times go in, from any thread.
+Pure: messages and times are inputs, from any thread.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from evgp_node.official import MOST_OF_NAME, tidy, TIMEKEEPER
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
-"""Time after its last word from which on a program counts as gone, in seconds."""
+"""Time after its last message from which a program counts as gone, in seconds."""
 
 MOST_PROGRAMS = 50
-"""Maximum number of programs that are heard at once; further ones are not."""
+"""Maximum number of programs at once; further programs are ignored."""
 
 MOST_OF_FAULT = 160
-"""Maximum length of what is kept of a fault, in characters."""
+"""Maximum length of the stored text of a fault, in characters."""
 
 MOST_NAMED = 4
-"""Maximum number of programs that are named at once."""
+"""Maximum number of programs named in one text."""
 
 BUTTON = 'rcs_button'
 
 LABELS = {'rcs_gui': 'window', 'rcs_ctl': 'terminal', BUTTON: 'button'}
-"""What officials call each program."""
+"""The name that officials use for each program."""
 
 
 class Word(Protocol):
-    """What a program says; the meanings are those of `Presence.msg`."""
+    """A message of a program; its fields mean the same as in `Presence.msg`."""
 
     program: str
     id: str  # noqa: A003 - the field's name
@@ -50,11 +50,13 @@ class Word(Protocol):
 @dataclass
 class Program:
     """
-    A program that said that it is there.
+    A program that has announced itself.
 
-    :param name: what officials call it, and whose it is.
-    :param began: when it was heard first; ``heard``: last; ``worked``: last without a fault (s).
-    :param replaces: it may have been started in place of one that is gone.
+    :param name: its name for officials, with the official who uses it.
+    :param began: when it was first heard, in seconds.
+    :param heard: when it was last heard, in seconds.
+    :param worked: when it was last heard without a fault, in seconds.
+    :param replaces: whether it can still be the replacement of a missing button.
     """
 
     name: str
@@ -70,12 +72,12 @@ class Program:
         return now - self.worked < SILENT_AFTER
 
     def is_gone(self, now: float) -> bool:
-        """Return whether nothing is heard of it any more."""
+        """Return whether it has been silent for too long."""
         return now - self.heard >= SILENT_AFTER
 
 
 class Presences:
-    """The programs that are there, or were and are missed."""
+    """The programs that are there, and the buttons that are missing."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -83,9 +85,10 @@ class Presences:
 
     def hear(self, word: Word, now: float) -> bool:
         """
-        Take what a program says, whatever is in it, at a time (s).
+        Record a program's message, whatever it contains, at a time (s).
 
-        :return: whether there is room for it; there is none if `MOST_PROGRAMS` others are there.
+        :return: whether there was room for the program, which means fewer than `MOST_PROGRAMS`
+            others.
         """
         if TIMEKEEPER in (word.program, tidy(word.official)):
             return True
@@ -111,7 +114,7 @@ class Presences:
         return True
 
     def attendance(self, now: float) -> Attendance:
-        """Return who is there at this time (s)."""
+        """Return who can stop the race at this time (s)."""
         with self._lock:
             self._forget(now)
             programs = list(self._programs.values())
@@ -125,7 +128,7 @@ class Presences:
         return Attendance(len(able), _listed([each.name for each in able]), _listed(wrong))
 
     def _forget(self, now: float) -> None:
-        """Forget who is gone; of the buttons, those in whose place others were started."""
+        """Forget programs that are gone, but buttons only once another was started in place."""
         gone = [(key, each) for key, each in self._programs.items() if each.is_gone(now)]
         for key, each in gone:
             others = self._programs.values()

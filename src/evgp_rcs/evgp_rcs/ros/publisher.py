@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Publishes what the kart server tells, in a thread of its own.
+Publishes what the kart server reports, in a thread of its own.
 
-Events go out in order, all of them: the kart server limits those that karts cause by what they
-say. Of several copies of the race only the newest does, and that may overtake events: it waits for
-no more of them than `BATCH`, so that what officials see is the present race.
+Every event is published, in order; the kart server limits the events that karts can cause by their
+reports. Of several snapshots of the race, only the newest is published. It waits for at most
+`BATCH` events and may overtake the rest, so that officials see the present race.
 """
 
 from __future__ import annotations
@@ -36,40 +36,41 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 RACE_QOS = latched(1)
-"""Of ``~/race``: a late subscriber gets the present race at once."""
+"""QoS of ``~/race``: a late subscriber gets the present race at once."""
 
 EVENTS_QOS = latched(200)
-"""Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
+"""QoS of ``~/events``: a late subscriber gets the last 200 messages, each with some events."""
 
 OF_EACH_KART = (
     EventKind.KART_STATE,
     EventKind.DELIVERED,
     EventKind.ACKNOWLEDGED,
 )
-"""Not in the log: the command says what karts are sent, other events that all answer or not."""
+"""Kinds of events that are not logged: the command's event says what karts are sent, and others
+say whether all have answered."""
 
 STATE_EVERY = 0.1
-"""Time between two publications of the race's plain state, seconds."""
+"""Time between two publications of the race's plain state, in seconds."""
 
 STATE_AGE = 1.0
-"""Age of the newest race beyond which the plain state is not published any more, seconds: the
-state may be another by now, and whoever reads it takes silence for a doubt."""
+"""Maximum age of a race whose plain state is still published, in seconds. An older state may have
+changed, and readers treat silence as a doubt."""
 
 BATCH = 100
-"""Maximum number of events in one message; then a newer race is published."""
+"""Maximum number of events in one message, before a newer race is published."""
 
 CLOCK_STEP_NS = 10_000_000
-"""Change of the wall clock from which on the times in the race are computed again, nanoseconds."""
+"""Minimum change of the wall clock after which times in the race are recomputed, in ns."""
 
 
 class RacePublisher:
     """
     Publishes the race, its events, its plain state and diagnostics.
 
-    :param on_failure: is called, in the publisher's thread, when it cannot go on.
-    :param banner: what every screen says at its top.
-    :param officials: the event's officials.
-    :param run: the id of this run of race control.
+    :param on_failure: called, in the publisher's thread, when it cannot go on.
+    :param banner: text at the top of every screen.
+    :param officials: names of the event's officials.
+    :param run: id of this run of race control.
     """
 
     def __init__(
@@ -86,14 +87,14 @@ class RacePublisher:
         self._banner, self._officials = banner, officials
         self._run_id = run
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
-        self._state = node.create_publisher(String, '~/state', 1)  # volatile: no old word is kept
+        self._state = node.create_publisher(String, '~/state', 1)  # volatile, to keep no old state
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: tuple[Alert, ...] = ()
         self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
-        self._told_diagnostics = 0.0
+        self._diagnosed_at = 0.0
         self._shown = NOTHING
         self._published = msg.Race()
         self._newest: Snapshot | None = None
@@ -103,23 +104,23 @@ class RacePublisher:
         self._sequence = 0
 
     def events(self, events: list[StampedEvent]) -> None:
-        """Take events, from any thread."""
+        """Publish events; may be called from any thread."""
         self._happened.put(events)
 
     def race(self, race: Snapshot) -> None:
-        """Take a snapshot of the race, from any thread."""
+        """Publish a snapshot of the race; may be called from any thread."""
         self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
-        """Take, from any thread, what is wrong with the graph from now on; empty: nothing."""
+        """Publish what is wrong with the graph (empty: nothing); may be called from any thread."""
         self._happened.put(text)
 
     def start(self) -> None:
-        """Begin to publish."""
+        """Start publishing."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Publish what is still to be told, and return."""
+        """Publish everything that waits, and return."""
         if self._thread.ident is not None:
             self._happened.put(None)
             self._thread.join()
@@ -128,8 +129,8 @@ class RacePublisher:
         """
         Publish the alert that a part of race control has failed, after ``stop``.
 
-        It goes on top of the last race that could be published, and waits until subscribers have
-        it.
+        The alert is added to the last race that was published. This method waits until subscribers
+        have received it.
         """
         now, wall_ns = clock.now(), time.time_ns()
         alert = Alert(AlertKind.PART_FAILED, 0, now, text, use_msr=True)
@@ -143,7 +144,7 @@ class RacePublisher:
     def _run(self) -> None:
         try:
             self._publish_until_the_end()
-        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+        except BaseException as error:  # noqa: BLE001 - the node ends the process
             self._on_failure(error)
 
     def _publish_until_the_end(self) -> None:
@@ -168,14 +169,14 @@ class RacePublisher:
                 else:
                     waiting += news
             if waiting:
-                self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
+                self._publish([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
                 self._newest = newest
-                self._tell_race(newest)
-            self._say_state(clock.now())
+                self._publish_race(newest)
+            self._publish_state(clock.now())
 
-    def _say_state(self, now: float) -> None:
-        """Publish the race's state by its name, if that is due and known."""
+    def _publish_state(self, now: float) -> None:
+        """Publish the name of the race's state, if due and known."""
         race = self._newest
         state = race.state if race is not None and now - race.stamp <= STATE_AGE else None
         if state is self._stated and now < self._stated_at + STATE_EVERY:
@@ -193,7 +194,7 @@ class RacePublisher:
         else:
             log.info('The ROS graph is in order again')
 
-    def _tell(self, batch: list[StampedEvent]) -> None:
+    def _publish(self, batch: list[StampedEvent]) -> None:
         self._events.publish(events_message(batch, self._run_id))
         self._sequence = batch[-1].sequence
         log = self._node.get_logger()
@@ -204,7 +205,7 @@ class RacePublisher:
             elif event.kind not in OF_EACH_KART:
                 log.info(text)
 
-    def _tell_race(self, race: Snapshot) -> None:
+    def _publish_race(self, race: Snapshot) -> None:
         clock_ns = time.time_ns() - round(clock.now() * 1e9)
         race = race._replace(
             alerts=(*race.alerts, *self._graph_alerts),
@@ -213,11 +214,11 @@ class RacePublisher:
         )
         if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
             self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns
-        # At rest, nothing but this changes; to make the message takes longer than to publish it.
+        # At rest only the stamp changes; building the message takes longer than publishing it.
         self._published.stamp = stamp_of(clock_ns + round(race.stamp * 1e9))
         self._shown = race
         self._race.publish(self._published)
-        if race.stamp - self._told_diagnostics >= 1.0:
-            self._told_diagnostics = race.stamp
+        if race.stamp - self._diagnosed_at >= 1.0:
+            self._diagnosed_at = race.stamp
             name = self._node.get_fully_qualified_name().lstrip('/')
             self._diagnostics.publish(diagnostics_message(race, time.time_ns(), name))

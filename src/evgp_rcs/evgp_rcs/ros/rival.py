@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A second race control on the same ROS graph, which officials could not tell from the first.
+Protection against a second race control on the same ROS graph.
 
-Its answers and its race would mix with ours. So the second does not start (`claim_the_graph`,
-`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`). Whether another
-machine has race control's address on the karts' network is for ``address_watch``.
+Officials could not tell the two apart, because their answers and races would mix. The second one
+therefore does not start (`claim_the_graph`, `refuse_rivals`), and if two graphs are joined later,
+both notice (`look_for_rivals`). ``address_watch`` checks whether another machine has race control's
+address on the karts' network.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from evgp_node.graph import LOOPBACK, reachable_at
 from rclpy.node import Node
 
 FIRST_LOOK = 1.5
-"""Time for which race control looks for another on other machines before it starts, in seconds."""
+"""Time for which race control looks for rivals on other machines before it starts, in seconds."""
 
 _STEP = 0.05
 
@@ -31,8 +32,8 @@ def claim_the_graph(node: Node) -> socket.socket:
     """
     Claim the node's name on this machine's graph, for as long as the returned socket is open.
 
-    The claim is an abstract UNIX socket: the kernel keeps those for each network namespace, as it
-    does the loopback interface on which the graph is, and takes them away with the process.
+    The claim is an abstract UNIX socket. The kernel keeps these per network namespace, like the
+    loopback interface that the graph uses, and removes them when the process ends.
 
     :raises RivalError: if another process holds the claim.
     """
@@ -52,14 +53,14 @@ def claim_the_graph(node: Node) -> socket.socket:
 
 def refuse_rivals(node: Node) -> None:
     """
-    Refuse to start beside a race control on another machine, if the graph reaches beyond this one.
+    Refuse to start if another machine on the graph runs a race control.
 
-    Call it before the node publishes the race.
+    Call this before the node publishes the race.
 
-    :raises RivalError: if there is one.
+    :raises RivalError: if there is a rival.
     """
     if reachable_at() == (LOOPBACK,):
-        return  # the claim has told already
+        return  # on this machine alone, the claim is enough
     until = time.monotonic() + FIRST_LOOK
     while time.monotonic() < until:
         if look_for_rivals(node):
@@ -68,15 +69,15 @@ def refuse_rivals(node: Node) -> None:
                 f'domain {node.context.get_domain_id()}. End it first, or give this one another '
                 'ROS_DOMAIN_ID'
             )
-        time.sleep(_STEP)  # rclpy has nothing to await a change of the graph by
+        time.sleep(_STEP)  # rclpy cannot wait for a change of the graph
 
 
 def look_for_rivals(node: Node) -> bool:
     """
-    Return whether anyone else publishes this race control's race.
+    Return whether another node publishes the topic of this race control's race.
 
-    A rival that was killed counts until DDS gives it up, 20 s. It takes a few microseconds for
-    each publisher, waits for nothing, and may be called in any thread.
+    A rival that was killed counts until DDS gives it up, after 20 s. The call takes a few
+    microseconds per publisher, never blocks, and may be made in any thread.
     """
     topic = node.resolve_topic_name('~/race')
     own = sum(publisher.topic_name == topic for publisher in node.publishers)

@@ -18,27 +18,27 @@ from evgp_rcs.rules.race import Entrant, Heat, LEAST_PAUSE, RaceTimes, Roster
 _SECONDS = (0.1, 3600)
 
 OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
-    ('port', 'The TCP port at which karts connect.', (1, 65535)),
-    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, one more to skip).', (11, 100)),
+    ('port', 'TCP port at which karts connect.', (1, 65535)),
+    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus one in reserve).', (11, 100)),
     (
         'send_timeout',
         'Time after which a kart that leaves bytes unanswered is lost, s.',
         (0.2, 10),
     ),
 )
-"""Parameters of the kart server: name, meaning and range; their defaults are `ServerSettings`."""
+"""Parameters of the kart server: name, meaning and range; defaults are in `ServerSettings`."""
 
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
-    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
-    ('auto_race_over', 'Once every kart has finished, the race goes over by itself.'),
+    ('finish_stop', 'Maximum time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('auto_race_over', 'Once every kart has finished, race control ends the race automatically.'),
     ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
     ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
     ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
     ('red_alert', 'Time until the alert that RED_RED is not acknowledged, s.', _SECONDS),
-    ('require_inspection', 'A kart without an inspection in the roster cannot race.'),
+    ('require_inspection', 'Karts without an inspection in the roster cannot race.'),
     (
         'nobody_there',
-        'Time after which a race that nobody can stop any more goes to RED_FLAG, s; 0: never.',
+        'Time after which a race that nobody can stop goes to RED_FLAG, s; 0: never.',
         (0, 3600),
     ),
     (
@@ -47,14 +47,14 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
         (LEAST_PAUSE, 10),
     ),
 )
-"""Parameters of the rules, likewise; their defaults are `RaceTimes`."""
+"""Parameters of the rules in the same form; their defaults are in `RaceTimes`."""
 
 
 def read_roster(path: str) -> Roster:
     """
-    Return what the rules know of the roster in a file.
+    Return the part of a roster file that the rules use.
 
-    :raises RosterError: if it cannot be read, or is none.
+    :raises RosterError: if the file cannot be read, or is not a valid roster.
     """
     roster = load_roster(pathlib.Path(path))
     return Roster(
@@ -68,22 +68,22 @@ def read_roster(path: str) -> Roster:
 
 def read_settings(parameters: Parameters) -> Begin:
     """
-    Declare every parameter of race control, read the roster, and return with what to start.
+    Declare every parameter of race control, read the roster, and return what to start with.
 
     :raises ParameterError: if a parameter is wrong.
-    :raises RosterError: if the roster is.
+    :raises RosterError: if the roster is wrong.
     """
     declare = parameters.declare
-    path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
+    path = declare('roster', '', 'Path of the file that lists the karts; see config/karts.yaml.')
     record = declare(
         'record',
         '',
-        'The file of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
+        'Path of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
     )
     address = declare(
         'address',
         ServerSettings.host,
-        'The IPv4 address at which karts connect; 0.0.0.0: every one.',
+        'IPv4 address at which karts connect; 0.0.0.0: every address of this machine.',
     )
     server: dict[str, Any] = {
         name: declare(name, getattr(ServerSettings, name), *meaning_and_limits)
@@ -92,13 +92,13 @@ def read_settings(parameters: Parameters) -> Begin:
     delays = declare(
         'finish_delays',
         list(RaceTimes.finish_delays),
-        'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
+        'Time from FINISH to RED_FLAG for place 1, 2, …; the last applies to all later places, '
+        's, 0-60.',
     )
     settle = declare(
         'settle_time',
         RaceTimes.settle,
-        'A kart that acknowledges a red must stand by it for this long before humans may rely on '
-        'it, s.',
+        'Time for which a kart must keep reporting its stop before humans may rely on it, s.',
         (0.5, 60),
     )
     rules: dict[str, Any] = {

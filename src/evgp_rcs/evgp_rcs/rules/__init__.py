@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What may happen in a race, and what there is to see of it: rules, commands, inputs, snapshot.
+What may happen in a race, and what officials see of it: rules, commands, inputs, snapshot.
 
-Pure: nothing here knows a clock, a socket, a thread, a file, ROS or a log, and none of the other
-rooms.
+Pure: nothing here uses a clock, a socket, a thread, a file, ROS, a log, or any other room.
 """
