@@ -32,8 +32,8 @@ WAYS: dict[str, tuple[ModuleType, str]] = {
 """The subcommands: the module whose ``main`` gets the other arguments, and what it does."""
 
 NOTES = """\
-A run is everything between one start of race control and its end. If race control is still writing
-a run, rcs_record reads it up to now. Each subcommand has its own options: 'rcs_record report --help'.
+A run is everything between one start of race control and its end. A run that race control is still
+writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'.
 
 examples:
   rcs_record --list                             the runs in the record

@@ -361,7 +361,7 @@ def write_and_die(path: pathlib.Path) -> None:
     record = Record(path)
     record.put(Batch(0, [Rules(rules_version(), paper.setup)]))
     record.put(paper.log.take())
-    record.remember(paper.race.memory(), surely=True)
+    record.remember(paper.race.memory(), durable=True)
     os._exit(0 if record.write() else 1)
 
 

@@ -95,7 +95,7 @@ def put(record: Record, *entries: Entry, first: int = 0) -> None:
 
 def have_written(record: Record, memory: RaceMemory) -> None:
     """Have this on the disk for the next run."""
-    record.remember(memory, surely=True)
+    record.remember(memory, durable=True)
     assert record.write()
 
 
@@ -305,7 +305,7 @@ def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     ballast = filled(small_disk)
     count = 1000
     record.put(Batch(1, [event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)]))
-    record.remember(RACING, surely=True)
+    record.remember(RACING, durable=True)
     assert not record.write()
     assert record.error == 'database or disk is full'
     ballast.unlink()

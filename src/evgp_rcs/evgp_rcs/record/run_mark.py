@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mark of a run: one small file that says whether race control ended well on this machine.
+The mark of a run: a small file that says whether race control ended well on this machine.
 
-There is one for each port, at one fixed place that survives a restart of the machine, whatever
-user, home, record or unit race control has. `RUN_BEGAN` is on the disk before a kart can connect;
-an orderly end writes how it ended. Whatever cannot be read or written proves nothing.
+There is one mark per port, at a fixed place that survives a restart of the machine. It does not
+depend on race control's user, home, record or unit. Race control writes `RUN_BEGAN` to the disk
+before a kart can connect, and at an orderly end how the run ended. A mark that cannot be read or
+written proves nothing.
 
-Where `FOLDER` is not the machine's, or is lost with its power, no mark can be written there: see
-``why_not_lasting``. While there is none, race control starts no race (``record_process``).
+If `FOLDER` is private to a service, or is lost with the power, it cannot hold a mark; see
+``why_not_lasting``. Without a mark, race control does not start a race (``record_process``).
 """
 
 from __future__ import annotations
@@ -27,46 +28,46 @@ from evgp_protocol import clock
 from evgp_rcs.rules.race import LastRun
 
 FOLDER = pathlib.Path('/var/tmp/evgp-race-control')  # noqa: S108 - see the checks below
-"""Where the marks are. Every user of the machine may write there, without being root."""
+"""Folder of the marks. Every user of the machine may write there, without being root."""
 
 CLAIM_TIMEOUT = 2.0
-"""Maximum time to wait for a race control that is just ending to let go of its mark or its
-record, in seconds."""
+"""Maximum time to wait until a race control that is just ending releases its mark or its record,
+in seconds."""
 
 KEEP_EVERY = 1.0
-"""Time between two looks whether the mark is still there, in seconds."""
+"""Time between two checks that the mark still exists, in seconds."""
 
 RUN_BEGAN = LastRun.UNKNOWN.value
-"""What the mark says while race control runs, and after a run that did not end well."""
+"""Text of the mark while race control runs, and after a run that did not end well."""
 
-_SIZE = 32  # each word is written over the last one, by one write within one sector
+_SIZE = 32  # a new text overwrites the last one, by one write within one sector
 _MOUNTS = pathlib.Path('/proc/self/mountinfo')
 
 
 class InUseError(RuntimeError):
-    """Another race control that runs has this mark; the text says what to do."""
+    """Another running race control has this mark; the text says what to do."""
 
 
 def place(address: str, port: int) -> pathlib.Path:
     """
     Return the file of the mark.
 
-    :param address: where race control listens. No kart of another machine reaches a loopback
-        address, so a rehearsal there has a mark of its own.
+    :param address: address at which race control listens. Karts on other machines cannot reach a
+        loopback address, so a rehearsal there has a mark of its own.
     """
     loopback = ipaddress.IPv4Address(address).is_loopback
     return FOLDER / (f'{address}:{port}' if loopback else str(port))
 
 
 def in_words(error: BaseException) -> str:
-    """Return what an error says to an official, without the number of the system's."""
+    """Return the text of an error for an official, without the system's error number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror.lower()
     return str(error) or type(error).__name__
 
 
 def claim(file: int) -> bool:
-    """Have a file to oneself, until it is closed; return whether nobody else has it."""
+    """Lock a file until it is closed; return whether that was possible."""
     until = clock.now() + CLAIM_TIMEOUT
     while True:
         try:
@@ -81,7 +82,7 @@ def claim(file: int) -> bool:
 
 def why_not_lasting(folder: pathlib.Path, mounts: str) -> str:
     """
-    Return why a file in this folder would not be there for the next run; empty: it would.
+    Return why a file in this folder would be lost before the next run; empty if it would not.
 
     :param mounts: the text of ``/proc/self/mountinfo``.
     """
@@ -96,16 +97,16 @@ def why_not_lasting(folder: pathlib.Path, mounts: str) -> str:
             if 'systemd-private' in root:
                 reason = f'{point} is private to this service: set PrivateTmp=no in its unit'
             elif kind in ('tmpfs', 'ramfs'):
-                reason = f'{point} is in memory: what is written there is lost with the power'
+                reason = f'{point} is in memory, so files there are lost with the power'
     return reason
 
 
 class RunMark:
     """
-    The mark, for as long as a run of race control goes on.
+    The mark during a run of race control.
 
-    :param path: its file; see ``place``.
-    :raises InUseError: if a race control that runs has it.
+    :param path: file of the mark; see ``place``.
+    :raises InUseError: if another running race control has it.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -113,11 +114,11 @@ class RunMark:
         self._file: int | None = None
         self._looked_at = clock.now()
         self.error = ''
-        """Why the mark cannot be written now, as a phrase; empty: it can."""
+        """Why the mark cannot be written now, as a phrase; empty if it can."""
         self.last_run = LastRun.UNKNOWN
-        """What is known of how the last run ended."""
+        """How the last run ended, as far as is known."""
         self.why = ''
-        """Why nothing can be known of the last run; empty: it can."""
+        """Why nothing is known of the last run; empty if something is."""
         try:
             self.last_run = LastRun(self._begin())
         except OSError as error:
@@ -126,11 +127,11 @@ class RunMark:
             self.why = f'{path} is damaged'
 
     def due_in(self) -> float:
-        """Return after which time ``keep`` is to be called, in seconds."""
+        """Return the time until ``keep`` is due, in seconds."""
         return max(0.0, self._looked_at + KEEP_EVERY - clock.now())
 
     def keep(self) -> None:
-        """Write *began* if it could not be written before, or if somebody has deleted the mark."""
+        """Write *began* if that failed before, or if somebody has deleted the mark."""
         self._looked_at = clock.now()
         try:
             if self._file is None or not self._is_there(self._file):
@@ -141,9 +142,9 @@ class RunMark:
 
     def end(self, ends_as: LastRun) -> None:
         """
-        Write how this run ended, and let the mark go.
+        Write how this run ended, and release the mark.
 
-        If it cannot be written, the next start is careful.
+        If that fails, the mark still says *began*, and the next run assumes the worst.
         """
         if self._file is not None:
             with contextlib.suppress(OSError):
@@ -151,7 +152,7 @@ class RunMark:
             os.close(self._file)
 
     def _begin(self) -> str:
-        """Have the mark to oneself, write *began*, and return the word that was there before."""
+        """Lock the mark, write *began*, and return its previous text."""
         if self._path.parent == FOLDER:
             real = FOLDER.parent.resolve() / FOLDER.name
             if why := why_not_lasting(real, _MOUNTS.read_text(errors='replace')):
@@ -165,7 +166,7 @@ class RunMark:
             try:
                 if not claim(file):
                     raise InUseError(
-                        f'a race control has this port already (it has {self._path}): is '
+                        f'another race control already has this port (it holds {self._path}). Is '
                         'another race control still running here? End it, or choose another port'
                     )
                 if not self._is_there(file):
@@ -182,7 +183,7 @@ class RunMark:
         return word
 
     def _is_there(self, file: int) -> bool:
-        """Return whether the mark is this open file."""
+        """Return whether the mark is still this open file."""
         try:
             there = self._path.stat(follow_symlinks=False)
         except FileNotFoundError:
@@ -190,17 +191,17 @@ class RunMark:
         return os.path.samestat(there, os.fstat(file))
 
     def _in_words(self, error: Exception) -> str:
-        what = f'{self._path}, by which the next start knows of a crash, cannot be used'
+        what = f'{self._path}, which tells the next start about a crash, cannot be used'
         return f'{what}: {in_words(error)}'
 
 
 def leave_began(path: pathlib.Path) -> None:
     """
-    Have a mark say *began*, so that the next start on this machine proves nothing.
+    Write *began* into a mark, so that the next start on this machine assumes the worst.
 
-    A race control that runs here has written it already.
+    If a race control runs here, it has already written that.
 
-    :raises OSError: if it cannot be written.
+    :raises OSError: if the mark cannot be written.
     """
     try:
         mark = RunMark(path)
@@ -212,7 +213,7 @@ def leave_began(path: pathlib.Path) -> None:
 
 
 def _open_folder(path: pathlib.Path) -> int:
-    """Open the folder of the marks; make it if there is none."""
+    """Open the folder of the marks, and create it if necessary."""
     with contextlib.suppress(FileExistsError):
         path.mkdir()
         _sync(path.parent)
@@ -230,7 +231,7 @@ def _sync(path: pathlib.Path) -> None:
 
 
 def _let_all_write(file: int, mode: int) -> None:
-    """Let every user of the machine write what is one's own, whatever the umask is."""
+    """Let every user of the machine write a file of this user, whatever the umask is."""
     found = os.fstat(file)
     if found.st_uid == os.geteuid() and stat.S_IMODE(found.st_mode) != mode:
         os.fchmod(file, mode)
@@ -240,9 +241,9 @@ def _open(name: str, folder: int) -> tuple[int, bool]:
     """
     Open a mark, and return whether it is new.
 
-    :raises OSError: if it cannot be written, or is something else than a file of its own.
+    :raises OSError: if it cannot be written, or is not a regular file without other links.
     """
-    # Others may have put a pipe there, for whose other end one waits, or a link.
+    # Another user may have put a link there, or a pipe, on which opening would block.
     how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         file, is_new = os.open(name, how, dir_fd=folder), False
@@ -251,8 +252,8 @@ def _open(name: str, folder: int) -> tuple[int, bool]:
     try:
         found = os.fstat(file)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1:
-            raise OSError('it is no file of its own')
-        # What has the sticky bit, systemd-tmpfiles does not delete when it is old.
+            raise OSError('it is not a regular file without other links')
+        # systemd-tmpfiles does not delete old files that have the sticky bit.
         _let_all_write(file, stat.S_ISVTX | 0o666)
     except BaseException:
         os.close(file)

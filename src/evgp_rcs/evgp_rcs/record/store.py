@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The record: the stream of each run (``inputs``), and what a race must find again after a crash.
+The record: the stream of each run (``inputs``), and the memory that a race needs after a crash.
 
-It is written in a process of its own (``record_process``), in blocks. Each batch is one
-transaction of SQLite, together with what the race must remember (§3.E), so that after a crash of
-the process or of the machine both are there up to the same event, or neither is. Entries without
-an event are written every `INPUTS_EVERY` seconds. When the disk does not take it, everything waits
-here and is tried again.
+A process of its own writes it (``record_process``), in blocks. Each batch is one transaction of
+SQLite, together with the race's memory (§3.E), so that after a crash of the process or the machine
+both end at the same event. Entries without an event are written every `INPUTS_EVERY` seconds. If
+the disk fails, everything waits here until a later try succeeds.
 
-What the next run finds is `left_behind`: what this record knows of the last run, or nothing. How
-that ended, no record can say: the mark of the machine does (``run_mark``). What a GREEN_GREEN
-leaves behind is on the disk before it goes out; and, unless somebody reads the record just then,
-in the file itself and not only in SQLite's ``-wal`` beside it.
+The next run finds `left_behind`: what this record contains of the last run, or nothing. The record
+cannot know how that run ended; the machine's mark does (``run_mark``). The memory of a GREEN_GREEN
+is on the disk before GREEN_GREEN is sent. Unless another program reads the record just then, it is
+in the file itself, and not only in SQLite's ``-wal`` beside it.
 """
 
 from __future__ import annotations
@@ -40,14 +39,14 @@ from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
 PROGRAM = 'race control'
-"""Who writes these streams; another program may write its own beside them (``Began``)."""
+"""Name of the program that writes these streams (``Began``); others may add their own."""
 
 INPUTS_EVERY = 1.0
-"""Maximum time that entries without an event wait for others, in seconds. A disk that must confirm
-every write has little to do then."""
+"""Maximum time that entries without an event wait for others, in seconds, to spare a disk that must
+confirm every write."""
 
 LAST_WORDS = 10.0
-"""Maximum time from the event that says that a run ends to the last event, in seconds."""
+"""Maximum time from the event that a run ends to the last event, in seconds."""
 
 RETRY = 1.0
 """Time after a failure until the next try, in seconds."""
@@ -67,11 +66,11 @@ CREATE TABLE memory ( -- what the next run must know; the last one only
 
 
 class RecordError(RuntimeError):
-    """The record is in use by another race control, or cannot be relied on; no start with it."""
+    """Another race control uses the record, or it is unreliable, so race control cannot start."""
 
 
 class _NoRecordError(RuntimeError):
-    """The file is no record, or is damaged; the text says why and what would be right."""
+    """The file is not a record, or is damaged; the text says why, and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,11 +78,10 @@ class Session:
     """
     One run of race control.
 
-    :param ended_ns: the wall time of the event that says that it ended in good order; None: there
-        is none.
-    :param events: the number of its last event.
-    :param last_ns: the wall time of that.
-    :param id: the run's id, see ``Began``; empty: that cannot be read.
+    :param ended_ns: wall time of the event that it ended in good order; None if there is none.
+    :param events: number of its last event.
+    :param last_ns: wall time of its last event.
+    :param id: id of the run, see ``Began``; empty if it cannot be read.
     """
 
     number: int
@@ -96,9 +94,9 @@ class Session:
 
 def rules_version() -> str:
     """
-    Return which rules these are: with equal ones, a replay comes out equal.
+    Return the version of the rules; the same version replays a run to the same result.
 
-    16 hexadecimal digits of their sources; empty if these are not there.
+    It is a hash of the rules' sources, of 16 hexadecimal digits; empty if they are missing.
     """
     try:
         texts = [
@@ -110,7 +108,7 @@ def rules_version() -> str:
 
 
 def default_path() -> pathlib.Path:
-    """Return where race control keeps its record if it is not told: below ROS_HOME."""
+    """Return the default path of the record, below ROS_HOME."""
     return rcs_folder() / 'record.sqlite3'
 
 
@@ -118,14 +116,14 @@ class Record:
     """
     Writes the record of one run of race control.
 
-    What is handed over waits in memory; ``write`` writes all of it. So whoever calls it decides
-    when it waits for the disk.
+    Entries wait in memory until ``write`` writes all of them; only ``write`` and ``end`` wait for
+    the disk.
 
-    :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
-        no record, `error` says so, ``write`` tries it again, and nothing is known of the time
-        before.
-    :param run: the id of the run; empty: it is drawn here.
-    :raises RecordError: if it is the record of another race control that is running.
+    :param path: the file; created, with its folder, if necessary. If it cannot be written, or is
+        not a record, `error` says why, ``write`` tries again, and nothing is known of the last
+        run.
+    :param run: id of the run; if empty, a random one.
+    :raises RecordError: if another running race control uses the record.
     """
 
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
@@ -134,48 +132,48 @@ class Record:
         self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
         self._since = 0.0  # when the first of them came
-        self._urgent = False  # they have an event
+        self._urgent = False  # an event is among them
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
-        self._surely = False  # the memory must be in the file itself
+        self._durable = False  # the memory must be in the file itself
         self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
         self._run = 0
         self._claimed: IO[bytes] | None = None
         self.error = ''
-        """Why the last try to write failed, in a phrase; empty: it did not."""
+        """Why the last try to write failed, in a phrase; empty if it did not."""
         self.left_behind: RaceMemory | None = None
-        """What is known of the last run; None: nothing."""
+        """What is known of the last run; None if nothing."""
         try:
             self._claim()
             self.left_behind = self._open()
         except _UNWRITABLE as error:
             self._fail(error)
 
-    # ----- what is to be written; none of these waits -------------------------------------
+    # ----- what to write; these methods do not wait ---------------------------------------
 
     def put(self, batch: Batch) -> None:
-        """Take what follows in the stream."""
+        """Append a batch to the stream."""
         entries = [entry for entry in batch.entries if entry is not None]
         if entries:
             if not self._waiting:
                 self._since = clock.now()
-            # Before them all is Began.
+            # Began comes before all of them.
             self._waiting.append(Block(1 + batch.first, b''.join(map(encode, entries))))
             self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in entries)
 
-    def remember(self, memory: RaceMemory, surely: bool = False) -> None:
+    def remember(self, memory: RaceMemory, durable: bool = False) -> None:
         """
-        Take what the next run is to find.
+        Save a memory for the next run.
 
-        :param surely: have it in the file itself.
+        :param durable: write it into the file itself, not only into the ``-wal``.
         """
         self._memory = memory
-        self._surely |= surely
+        self._durable |= durable
 
     def due_in(self) -> float | None:
-        """Return after which time it is to be written, in seconds; None: there is nothing."""
+        """Return the time until a write is due, in seconds; None if there is nothing to write."""
         now = clock.now()
         if self.error:
             return max(0.0, self._failed_at + RETRY - now)
@@ -186,14 +184,14 @@ class Record:
     # ----- writing ------------------------------------------------------------------------
 
     def write(self) -> bool:
-        """Write all that was handed over; return whether it is on the disk now."""
+        """Write everything that waits; return whether it is on the disk now."""
         try:
             if self._database is None:
                 self._claim()
                 self._open()
             self._write()
         except (*_UNWRITABLE, RecordError) as error:
-            # What SQLite knows of the file may be wrong by now: the next try opens it again.
+            # SQLite's view of the file may be wrong by now, so the next try opens it again.
             if self._database is not None:
                 self._database.close()
                 self._database = None
@@ -203,7 +201,7 @@ class Record:
         return True
 
     def end(self) -> None:
-        """Write what is left, and let the file go."""
+        """Write the rest, and release the file."""
         self.write()
         self._release()
 
@@ -212,26 +210,26 @@ class Record:
         self._failed_at = clock.now()
 
     def _claim(self) -> None:
-        """Have the file to oneself."""
+        """Lock the file."""
         if self._claimed is not None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         if self._path.exists() and not self._path.is_file():
             raise _NoRecordError(
-                f'{self._path} is no file: move it away, or choose another one with the parameter '
-                'record'
+                f'{self._path} is not a file: move it away, or choose another file with the '
+                'parameter record'
             )
         claimed = self._path.open('ab')
         if not claim(claimed.fileno()):
             claimed.close()
             raise RecordError(
                 f'{self._path} is the record of another race control that is running: '
-                'end that one, or choose another file with the parameter record'
+                'end that race control, or choose another file with the parameter record'
             )
         self._claimed = claimed
 
     def _open(self) -> RaceMemory | None:
-        """Open the file, begin a run of its own, and return what the last run left."""
+        """Open the file, begin a new run, and return what the last run left."""
         database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         try:
             left_behind = self._prepare(database)
@@ -246,12 +244,12 @@ class Record:
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if tables and version != SCHEMA_VERSION:
             raise _NoRecordError(
-                f'{self._path} is no record of this race control (its version is {version}, '
+                f'{self._path} is not a record of this race control (its version is {version}, '
                 f'not {SCHEMA_VERSION}): move it away, or choose another file with the '
                 'parameter record'
             )
         database.execute('PRAGMA journal_mode = WAL')
-        # A race control that loses its power has lost nothing that it wrote.
+        # FULL, so that a loss of power loses nothing that was written.
         database.execute('PRAGMA synchronous = FULL')
         begins = not self._run
         left_behind = None
@@ -289,9 +287,9 @@ class Record:
         self._blocks_written += len(blocks)
         self._blocks.clear()
         self._memory = None
-        if self._surely:
+        if self._durable:
             _checkpoint(self._database)
-            self._surely = False
+            self._durable = False
 
     def _release(self) -> None:
         if self._database is not None:
@@ -302,14 +300,14 @@ class Record:
 
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
-"""What a file raises that cannot be written, or is damaged, or is something else."""
+"""The exceptions of a file that cannot be written, is damaged, or is not a record."""
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:
     """
-    Have all that was written in the file itself: the ``-wal`` beside it may be deleted.
+    Move everything from the ``-wal``, which somebody may delete, into the file itself.
 
-    Where another program reads, some may stay in the ``-wal``: nothing waits for a reader.
+    If another program reads the record, some may stay in the ``-wal``, since this does not wait.
     """
     database.execute('PRAGMA wal_checkpoint(PASSIVE)')
 
@@ -327,13 +325,13 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
-    """Return what is known of the last run; None: nothing."""
+    """Return what is known of the last run; None if nothing."""
     last = next(sessions(database), None)
     if last is None:
         return None  # there is no run
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
     if found is None:
-        return None  # it wrote nothing
+        return None  # that run saved nothing
     with contextlib.suppress(ValueError):  # damaged
         return read(RaceMemory, found[0])
     return None
@@ -344,7 +342,7 @@ def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     """
-    Open a record to read it, also while race control writes it.
+    Open a record for reading, even while race control writes it.
 
     :raises FileNotFoundError: if there is no such file.
     :raises sqlite3.Error: if it cannot be read.
@@ -358,13 +356,13 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
 
 def is_being_written(path: pathlib.Path) -> bool:
     """
-    Return whether a race control that runs now has this record.
+    Return whether a running race control writes this record.
 
     :raises OSError: if it cannot be read.
     """
     with path.open('rb') as file:
         try:
-            # Given back at once; a race control that starts just now tries for longer than that.
+            # Released at once; a race control that is just starting tries for longer than that.
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
@@ -375,7 +373,7 @@ def blocks_of(
     database: sqlite3.Connection, run: int, backwards: bool = False
 ) -> Iterator[tuple[int, bytes]]:
     """
-    Yield the stream of a run, in blocks, each with its number and compressed.
+    Yield the blocks of a run's stream, each with its number and still compressed.
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
@@ -398,7 +396,7 @@ def sessions(database: sqlite3.Connection) -> Iterator[Session]:
 
 
 def _session(database: sqlite3.Connection, number: int) -> Session | None:
-    """Return a run; None: another program wrote it."""
+    """Return a run; None if another program wrote it."""
     first = next(entries_of(itertools.islice(blocks_of(database, number), 1)), None)
     began = first if isinstance(first, Began) else Began('', PROGRAM, 0)
     if began.program != PROGRAM:
@@ -415,13 +413,13 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
 
 
 def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
-    """Yield the events of a block, whatever came before it."""
+    """Yield the events of a block, regardless of the blocks before it."""
     return entries_of([block], only=(StampedEvent,))
 
 
 def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:
     """
-    Yield the events of one run that can be read, in order.
+    Yield the readable events of one run, in order.
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """

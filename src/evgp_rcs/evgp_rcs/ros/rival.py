@@ -6,8 +6,8 @@ Protection against a second race control on the same ROS graph.
 
 Officials could not tell the two apart, because their answers and races would mix. The second one
 therefore does not start (`claim_the_graph`, `refuse_rivals`), and if two graphs are joined later,
-both notice (`look_for_rivals`). ``address_watch`` checks whether another machine has race control's
-address on the karts' network.
+both notice (`look_for_rivals`). ``address_watch`` checks whether another machine has race
+control's address on the karts' network.
 """
 
 from __future__ import annotations

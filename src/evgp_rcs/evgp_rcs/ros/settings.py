@@ -19,7 +19,7 @@ _SECONDS = (0.1, 3600)
 
 OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
     ('port', 'TCP port at which karts connect.', (1, 65535)),
-    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus one in reserve).', (11, 100)),
+    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus a reserve).', (11, 100)),
     (
         'send_timeout',
         'Time after which a kart that leaves bytes unanswered is lost, s.',
@@ -29,7 +29,7 @@ OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
 """Parameters of the kart server: name, meaning and range; defaults are in `ServerSettings`."""
 
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
-    ('finish_stop', 'Maximum time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
     ('auto_race_over', 'Once every kart has finished, race control ends the race automatically.'),
     ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
     ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The stream of a run: all that went into the rules and came out of them, as typed entries in order.
+The stream of a run: every input and output of the rules, as typed entries in order.
 
-`Began` is the first entry, then `Rules`: with what the rules begin. Then come the inputs of the
-``Race``, each with its time to the last bit. After an input are the orders that it has brought
-about (`Ordered`) and the events that it made (``StampedEvent``), whole. Between these are the
-events that the server itself made, and where the race was shown to officials (`Shown`). `feed`
-hands an input to the rules: the kart server has no other way to them, so a stream can be run
-again.
+`Began` is the first entry; `Rules`, with the setup of the rules, is the second. The inputs of the
+``Race`` follow, each with its time to the last bit. Each input is followed by the orders
+(`Ordered`) and events (``StampedEvent``) that it caused. Between these are events that the server
+itself made, and the times at which the race was shown to officials (`Shown`). The kart server
+feeds the rules only through `feed`, so a stream can be replayed.
 
-The thread that stops karts only appends entries to a `Log`, and hands them on when frames and
-answers are out. The record's process encodes them, in blocks. A block says how many entries came
-before it, so that missing ones are noticed and counted.
+The thread that stops karts only appends entries to a `Log`, and passes them on once frames and
+answers are out. The record's process encodes them in blocks. Each block contains the number of
+entries before it, so that missing entries are noticed and counted.
 
 Pure. No clock, socket, ROS, thread, file or log.
 """
@@ -43,16 +42,16 @@ from evgp_rcs.rules.race import (
     StartPhase,
 )
 
-# ----- with what the rules begin --------------------------------------------------------------
+# ----- the setup of the rules -----------------------------------------------------------------
 
 
 @dataclasses.dataclass(frozen=True)
 class Setup:
     """
-    With what the rules begin.
+    The setup of the rules.
 
-    :param now: the time of it, on the clock of the rules (s).
-    :param run: the id of this run, as in ``Began``.
+    :param now: time of the setup, on the clock of the rules, in seconds.
+    :param run: id of this run, as in ``Began``.
     """
 
     karts: tuple[Entrant, ...]
@@ -62,7 +61,7 @@ class Setup:
     run: str = ''
 
     def race(self) -> Race:
-        """Return a race that has just begun."""
+        """Return a new race."""
         karts = [
             Kart(
                 each.number,
@@ -77,7 +76,7 @@ class Setup:
 
 
 class Rules(NamedTuple):
-    """With what the rules begin, and their version (``rules_version``); empty: not known."""
+    """The setup of the rules, and their version (``rules_version``; empty if unknown)."""
 
     version: str
     setup: Setup
@@ -87,7 +86,7 @@ class Rules(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """An official's command, and when it came (s)."""
+    """An official's command, and when it came, in seconds."""
 
     at: float
     command: Command
@@ -102,11 +101,11 @@ class Connected(NamedTuple):
 
 
 CLOSED_BY_KART = 'the kart closed the connection'
-"""Why a connection is gone that its kart ended in good order."""
+"""Reason of a disconnection that the kart made in good order."""
 
 
 class Disconnected(NamedTuple):
-    """A kart's connection is gone; ``silent``: its link stopped answering."""
+    """A kart's connection is gone; ``silent`` if its link stopped answering."""
 
     at: float
     kart: int
@@ -116,7 +115,7 @@ class Disconnected(NamedTuple):
 
 class Heard(NamedTuple):
     """
-    A kart said a state, and can have meant the order of this serial.
+    A kart reported a state, which can answer the order of this serial.
 
     :param counts_in: see `Race.heard`.
     """
@@ -129,7 +128,7 @@ class Heard(NamedTuple):
 
 
 class Delivered(NamedTuple):
-    """A kart's kernel answered the order of this serial, at a time (s)."""
+    """A kart's kernel answered the order of this serial, at a time in seconds."""
 
     at: float
     kart: int
@@ -138,7 +137,7 @@ class Delivered(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """How good a kart's link is: each second, and when it gets worse."""
+    """How good a kart's link is, once a second and whenever it gets worse."""
 
     at: float
     kart: int
@@ -152,21 +151,21 @@ class Tick(NamedTuple):
 
 
 class Stalled(NamedTuple):
-    """Race control stalled for this long (s)."""
+    """Race control stalled for this long, in seconds."""
 
     at: float
     seconds: float
 
 
 class CutOff(NamedTuple):
-    """Race control lost the karts' network, for this reason; empty: it has it back."""
+    """Race control lost the karts' network, for this reason; empty once it is back."""
 
     at: float
     reason: str
 
 
 class Contested(NamedTuple):
-    """Two programs connect as a kart again and again, or do so no more."""
+    """Two programs keep connecting as one kart, or no longer do."""
 
     at: float
     kart: int
@@ -181,21 +180,21 @@ class Rival(NamedTuple):
 
 
 class Attended(NamedTuple):
-    """Who is there to stop the race changed."""
+    """The programs that can stop the race changed."""
 
     at: float
     there: Attendance
 
 
 class RecordTrouble(NamedTuple):
-    """Why the record fails, as a sentence for officials; empty: it works."""
+    """Why the record fails, as a sentence for officials; empty if it works."""
 
     at: float
     text: str
 
 
 class StartBecame(NamedTuple):
-    """What the start of this number waits for came to this ``StartPhase``."""
+    """The start of this number came to this ``StartPhase``."""
 
     at: float
     phase: StartPhase
@@ -206,9 +205,10 @@ class Recovered(NamedTuple):
     """
     What is known of the last run.
 
-    :param memory: what the record has of it; None: nothing.
-    :param last_run: how it ended, by the mark of the machine (``run_mark``).
-    :param why: why no proof of a good end is believed, as a phrase; empty: no such reason.
+    :param memory: what the record contains of it; None if nothing.
+    :param last_run: how it ended, according to the machine's mark (``run_mark``).
+    :param why: why a proof of a good end is not believed, as a phrase; empty if that is not the
+        case.
     """
 
     at: float
@@ -237,7 +237,7 @@ Input = (
 
 
 def feed(given: Input, race: Race) -> Outcome:
-    """Hand an input to the rules."""
+    """Feed an input to the rules."""
     match given:
         case Heard(at, kart, serial, state, counts_in):
             return race.heard(kart, serial, state, at, counts_in)
@@ -271,17 +271,17 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.recover(memory, last_run, at, why)
 
 
-# ----- what comes of them -----------------------------------------------------------------
+# ----- the outputs ------------------------------------------------------------------------
 
 
 class Ordered(NamedTuple):
-    """What the input before has ordered karts; without this entry, nothing."""
+    """The orders that the previous input caused; if there are none, the entry is missing."""
 
     orders: tuple[Order, ...]
 
 
 class Shown(NamedTuple):
-    """A snapshot of the race was sent to the ROS half here."""
+    """The server sent a snapshot of the race to the ROS half here."""
 
     at: float
 
@@ -296,9 +296,9 @@ _MOST = 2**32 - 1
 
 def _check(entry: Entry) -> None:
     """
-    Refuse what no message of ROS can have: numbers of 32 bits, text.
+    Refuse numbers and texts that a ROS message cannot hold.
 
-    :raises ValueError: if an event or a setup has it.
+    :raises ValueError: if an event or a setup contains one.
     """
     texts: list[str] = []
     numbers: list[int] = []
@@ -325,9 +325,9 @@ class Batch(NamedTuple):
     """
     Entries that follow each other in a log.
 
-    :param first: how many came before them.
-    :param entries: None is in the place of an event that is in `happened`.
-    :param happened: these events, packed as the ROS half gets them: so they are packed once.
+    :param first: number of entries before them.
+    :param entries: the entries, with None in place of each event that is in `happened`.
+    :param happened: these events, packed as for the ROS half, so that they are packed only once.
     """
 
     first: int
@@ -336,7 +336,7 @@ class Batch(NamedTuple):
 
 
 class Log:
-    """Everything that goes into the rules of one race and comes out of them, behind ``Rules``."""
+    """The entries of one race after ``Rules``: every input and output of the rules."""
 
     def __init__(self) -> None:
         self._new: list[Entry | None] = []
@@ -344,14 +344,14 @@ class Log:
 
     def add(self, *entries: Entry | None) -> None:
         """
-        Take entries: an input before it goes into the rules, then what it brings about.
+        Append entries: an input before the rules get it, then what it causes.
 
-        :param entries: None: an event, which whoever takes the batch adds.
+        :param entries: the entries, with None for an event, which the taker of the batch adds.
         """
         self._new += entries
 
     def take(self, but: int = 0) -> Batch:
-        """Return what was added since this was asked last, but for so many; perhaps nothing."""
+        """Return the entries added since the last call, without the last `but` of them."""
         count = len(self._new) - but
         batch = Batch(self._taken, self._new[:count])
         self._taken += count
@@ -360,6 +360,6 @@ class Log:
 
 
 STREAM: Stream[Entry] = Stream(get_args(Entry), _check)
-"""How entries are written and read."""
+"""The encoding of entries."""
 
 encode, decode, entries_of = STREAM.encode, STREAM.decode, STREAM.entries_of

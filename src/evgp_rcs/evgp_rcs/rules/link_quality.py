@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How good the link to one kart is: the figures that officials see, and what they are made of.
+How good the link to one kart is: the figures that officials see, and how they are computed.
 
-Pure: times and counts in, figures out. ``evgp_protocol.link`` has the words *good*, *fair* and
-*poor* and where they begin; ``kart_link`` holds the socket and says what its kernel tells. It is
-the kart's *kernel* that answers, whether or not the kart's program reads (§2.A, §4.D).
+Pure: times and counts in, figures out. ``evgp_protocol.link`` defines the grades *good*, *fair* and
+*poor*; ``karts.link`` holds the socket and reads the kernel's figures. The kart's *kernel* answers,
+whether or not the kart's program reads (§2.A, §4.D).
 """
 
 from __future__ import annotations
@@ -20,42 +20,42 @@ from evgp_protocol.link import BEAT_RATE, Grade, grade, GRADE_WINDOW, GRADES, Tc
 from evgp_protocol.states import RaceState
 
 MEASURE_EVERY = 1.0
-"""Time between two measurements of a link that gets no worse, in seconds."""
+"""Time between two measurements of a link that does not get worse, in seconds."""
 
 POOR_LATELY = 60.0
-"""Time after a link was poor in which GRID_ACTIVE's question names its kart, in seconds."""
+"""Time after a poor link during which GRID_ACTIVE's confirmation names its kart, in seconds."""
 
 CLOSING = 0.4
-"""Share of the largest window that a kart's TCP has offered, below which the kart leaves unread
-what it is sent. lwIP's window of a kart that reads everything goes down to half of it; Linux's, of
-some 64 kB, shows nothing for a long time."""
+"""Share of the largest window that a kart's TCP has offered; a smaller window means that the kart
+leaves frames unread. The lwIP window of a kart that reads everything goes down to half of the
+largest. Linux has a window of some 64 kB, which shows unread frames only after a long time."""
 
 BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
-"""Number of bytes that a kart is sent in a second of racing, at the usual rate."""
+"""Number of bytes sent to a kart per second of racing, at the usual rate."""
 
 _WORSE_FROM = {
     Grade.GOOD: GRADES[Grade.FAIR],
     Grade.FAIR: GRADES[Grade.POOR],
     Grade.POOR: math.inf,
 }
-"""For each grade, the answer with which a link gets worse, in seconds."""
+"""For each grade, the answer time from which a link is worse than that, in seconds."""
 
 
 class LinkQuality(NamedTuple):
     """
-    One measurement of a link. What the kernel does not tell is None; a number of it is 0.
+    One measurement of a link. Times that the kernel does not report are None, and numbers are 0.
 
-    :param worst_answer: the longest that a frame waited for the answer of the kart's kernel in the
-        last ``GRADE_WINDOW``, or has been waiting, s; the grade goes by it.
-    :param round_trip: there and back, smoothed by the kernel, s; its mean deviation is
-        ``round_trip_variation``, s.
-    :param retransmitted: segments sent again, on this connection.
-    :param retransmitted_last_second: those of them since the measurement before this one.
-    :param unanswered_bytes: bytes that the kart's kernel has not answered.
-    :param answered_ago: time since anything came from it, s.
-    :param worst_gap: the longest time between two frames since the measurement before, s.
-    :param behind: how far the kart's program may be behind in reading what it is sent, s; 0:
-        nothing shows that it is.
+    :param worst_answer: longest time that a frame waited, or has been waiting, for the answer of
+        the kart's kernel in the last ``GRADE_WINDOW``, in seconds; the grade depends on it.
+    :param round_trip: round-trip time, smoothed by the kernel, in seconds.
+    :param round_trip_variation: its mean deviation, in seconds.
+    :param retransmitted: number of segments retransmitted on this connection.
+    :param retransmitted_last_second: number of these since the previous measurement.
+    :param unanswered_bytes: number of bytes that the kart's kernel has not answered.
+    :param answered_ago: time since anything arrived from the kart's kernel, in seconds.
+    :param worst_gap: longest time between two frames since the previous measurement, in seconds.
+    :param behind: how late the kart's program may read what it is sent, in seconds; 0 if there is
+        no sign of that.
     """
 
     grade: Grade
@@ -77,7 +77,7 @@ class LinkMeter:
     """
     Measures one connection.
 
-    :param now: when it was made, s.
+    :param now: time at which the connection was made, in seconds.
     """
 
     def __init__(self, now: float) -> None:
@@ -87,25 +87,25 @@ class LinkMeter:
         self._wrote_at = now
         self._worst_gap = 0.0
         self._largest_window = 0
-        # The longest answer, and each that is the longest after it; so the first is the worst.
+        # The longest answer, then the longest of the later ones, and so on: the first is the worst.
         self._longest: deque[tuple[float, float]] = deque()
 
     def wrote(self, now: float) -> None:
-        """Take note that a frame was written, at a time in seconds."""
+        """Record that a frame was written, at a time in seconds."""
         self._worst_gap = max(self._worst_gap, now - self._wrote_at)
         self._wrote_at = now
 
     def answered(self, took: float, now: float) -> None:
-        """Take note that a frame was answered at a time, after some time (both s)."""
+        """Record that a frame was answered, how long that took, and when (both s)."""
         while self._longest and self._longest[-1][1] <= took:
             self._longest.pop()
         self._longest.append((now, took))
 
     def is_due(self, age: float, now: float) -> bool:
         """
-        Return whether to measure at a time (s): each second, and at once when it gets worse.
+        Return whether a measurement is due: each second, and at once when the link gets worse.
 
-        :param age: of the oldest frame that is not answered, s; 0: all are.
+        :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         """
         if now - self._measured_at >= MEASURE_EVERY:
             return True
@@ -115,12 +115,13 @@ class LinkMeter:
         self, age: float, unanswered: int, info: TcpInfo | None, now: float, behind: float = 0.0
     ) -> LinkQuality:
         """
-        Return the figures at a time, in seconds.
+        Return the figures at a time in seconds.
 
-        :param age: of the oldest frame that is not answered, s; 0: all are.
-        :param unanswered: number of bytes that are not.
-        :param info: what the kernel tells; None: it does not.
-        :param behind: how far the kart's program may be behind by what it says (s); 0: it is not.
+        :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
+        :param unanswered: number of unanswered bytes.
+        :param info: the kernel's figures; None if it has none.
+        :param behind: how late the kart's program may read according to its reports, in seconds; 0
+            if there is no sign of that.
         """
         behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
@@ -144,7 +145,7 @@ class LinkMeter:
         return quality
 
     def _behind_by_window(self, info: TcpInfo | None) -> float:
-        """Return how much the kart may have left unread, as time at most (s); 0: nothing shows."""
+        """Return how late the kart may read at most, by its window (s); 0 if there is no sign."""
         if info is None or info.window is None:
             return 0.0
         self._largest_window = max(self._largest_window, info.window)

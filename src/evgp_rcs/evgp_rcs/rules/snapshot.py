@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What officials see of the race, as plain data: the only model of it outside the rules.
+What officials see of the race, as plain data: the only model of the race outside the rules.
 
-The kart server makes it. ``evgp_rcs_msgs/Race`` is its image, field by field (``messages``), and
-window, terminal, board and rehearsal read it and nothing of their own. What follows from its
-fields is a property here, so that no screen works it out a second time.
+The kart server makes it. ``evgp_rcs_msgs/Race`` is its image, field by field (``messages``);
+window, terminal, board and rehearsal have no other model. Whatever follows from its fields is a
+property here, so that no screen computes it a second time.
 
-Times are in seconds, on one clock: that of the rules in race control; once read from a message,
-race control's wall clock. So only differences of them mean something.
+Times are in seconds, on one clock: the clock of the rules in race control, or race control's wall
+clock in a snapshot read from a message. Only differences of these times have a meaning.
 
 Pure.
 """
@@ -29,7 +29,7 @@ _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
 
 
 class KartSnapshot(NamedTuple):
-    """One kart; the meanings are those of `KartStatus.msg`, and of ``Kart``."""
+    """One kart; its fields mean the same as in `KartStatus.msg` and ``Kart``."""
 
     number: int
     team: str
@@ -58,23 +58,23 @@ class KartSnapshot(NamedTuple):
     commands: tuple[Availability, ...]
 
     def __str__(self) -> str:
-        """Return how officials call this kart."""
+        """Return the name that officials use for this kart."""
         return called(self.number, self.team)
 
     @property
     def in_doubt(self) -> bool:
-        """Return whether it may be moving although it is not to, or without being heard."""
+        """Return whether it may be moving although it must not, or while it is not connected."""
         return self.may_be_moving and not (self.connected and self.sent is RaceState.GREEN_GREEN)
 
     @property
     def says_no_more(self) -> bool:
-        """Return whether its last word is what it is sent, said to an earlier command."""
+        """Return whether it last reported what it is sent, but only for an earlier command."""
         waits = self.connected and not self.acknowledged and self.sent is not RaceState.IN_GARAGE
         return waits and self.counts_at is None and self.reported is self.sent
 
     @property
     def settles(self) -> bool:
-        """Return whether it has said that it stopped, and only must stand for a while yet."""
+        """Return whether it reports its stop, but has not done so for long enough yet."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
 
     @property
@@ -85,23 +85,23 @@ class KartSnapshot(NamedTuple):
 
     @property
     def is_stopping(self) -> bool:
-        """Return whether it is in doubt in the ordinary way: it is told to stop, and hears it."""
+        """Return whether it is in doubt only because it is connected and being stopped."""
         return self.in_doubt and self.connected and self.sent.is_red
 
     def offered(self, command: CommandKind) -> Availability:
-        """Return whether a command to it would be accepted."""
+        """Return whether a command to this kart would be accepted."""
         return _offered(self.commands, command)
 
 
 class Snapshot(NamedTuple):
     """
-    The race at one time; the meanings are those of `Race.msg`, and of ``Race``.
+    The race at one time; its fields mean the same as in `Race.msg` and ``Race``.
 
-    :param stamp: the time of it.
-    :param state: None only before race control was heard.
-    :param commands: those that are not to one kart.
-    :param banner: race control itself gives none; ``node`` has it as a parameter, as
-        ``officials``, the event's officials.
+    :param stamp: time of the snapshot.
+    :param state: state of the race; None only before race control was heard.
+    :param commands: the commands that are not to one kart.
+    :param banner: text at the top of every screen, which ``node`` adds from its parameter.
+    :param officials: the event's officials, which ``node`` adds likewise.
     """
 
     stamp: float
@@ -138,13 +138,13 @@ class Snapshot(NamedTuple):
 
     @property
     def no_kart_in_doubt(self) -> bool:
-        """Return whether no kart may be moving where it must not, as far as anybody knows."""
+        """Return whether, as far as is known, no kart may be moving where it must not."""
         is_known = self.track.allowed or self.track.settled_by is CommandKind.OPEN_TRACK
         doubted = any(kart.may_be_moving for kart in self.karts)
         return is_known and not doubted and not any(alert.use_msr for alert in self.alerts)
 
     def numbered(self, what: str) -> int:
-        """Return the number that a command names (``Entry.names_number``); 0: it names none."""
+        """Return the number that a command names (``Entry.names_number``); 0 if none."""
         return {'opening': self.track.opening, 'reading': self.reading}.get(what, 0)
 
     def kart(self, number: int) -> KartSnapshot | None:
@@ -172,7 +172,7 @@ NOTHING = Snapshot(
     track=TrackAccess(open=False, allowed=False, reason='', msr_used=False),
     alerts=(),
 )
-"""Before race control was heard for the first time."""
+"""The snapshot of a screen before it hears race control for the first time."""
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
