@@ -190,7 +190,7 @@ def test_there_is_the_timeline_of_the_run_and_of_each_race_with_every_kart_in_it
             }).length,
         ]"""
     )
-    assert titles[:3] == ['All of it', 'Race 1', 'Race 2']
+    assert titles[:3] == ['Everything', 'Race 1', 'Race 2']
     assert set(karts) == {26}  # and that of the race itself
     assert outside == 0
     assert browser.complaints == []

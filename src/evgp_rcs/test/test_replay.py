@@ -467,7 +467,7 @@ def test_a_run_without_its_beginning_says_plainly_that_it_cannot_be_replayed(
     edit(path, lambda entries: entries.pop(1))
     assert main(['replay', str(path)]) == UNREADABLE
     (line,) = capsys.readouterr().err.splitlines()
-    assert 'with what the rules began' in line
+    assert 'lacks the setup of the rules' in line
     assert main(['show', str(path)]) == DONE
 
 

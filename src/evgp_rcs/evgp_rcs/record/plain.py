@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Texts of others, so that a terminal, a page or a table shows them and does nothing else.
+Makes untrusted texts safe, so that a terminal, a page or a table only shows them.
 
 Pure.
 """
@@ -13,7 +13,7 @@ import unicodedata
 
 
 def plain(text: str) -> str:
-    """Return a text of others without characters that are not seen or that turn the line round."""
+    """Return an untrusted text without invisible characters and changes of writing direction."""
     if text.isascii() and text.isprintable():
         return text
     return ''.join(
@@ -23,5 +23,5 @@ def plain(text: str) -> str:
 
 def _does_more_than_show(character: str) -> bool:
     category = unicodedata.category(character)
-    # Controls, formats and what has no meaning; separators of lines and of paragraphs.
+    # Controls, formats and unassigned characters; separators of lines and paragraphs.
     return category[0] == 'C' or category in ('Zl', 'Zp')

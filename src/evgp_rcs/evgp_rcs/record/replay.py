@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Runs the rules again on the inputs of a stream, and compares what comes out with the stream.
+Runs the rules again on the inputs of a stream, and compares the outputs with the stream.
 
-With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
-nor its time. What differs first is named. Whoever wants to know what happened in a run goes
-through `Replay.steps` and looks at the race: there is no other account of it.
+With the rules that made the record, nothing may differ: no order to a kart, no event, and no time
+of an event. The replay names the first difference. To learn what happened in a run, go through
+`Replay.steps` and look at the race; there is no other account of a run.
 
-An event has the time of the input that made it, to the last bit. No input gives the wall times,
-and none makes the events `OF_THE_SERVER`: of these, only number and order can be checked. So a
-step of the wall clock is told; whether somebody set the clock or changed the record, nothing here
-can say.
+An event has the time of the input that caused it, to the last bit. Inputs contain no wall times,
+and do not cause the events `OF_THE_SERVER`, so of these only number and order can be checked. The
+replay reports steps of the wall clock, but cannot know whether somebody set the clock or changed
+the record.
 """
 
 from __future__ import annotations
@@ -39,21 +39,25 @@ from evgp_rcs.rules.inputs import Entry, Input, Ordered, Rules, Shown
 from evgp_rcs.rules.race import Event, EventKind, Order, Outcome, Race, StampedEvent
 
 OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})
-"""Events that no input of the rules makes."""
+"""Kinds of events that do not come from the rules."""
 
 LONGEST = 400
-"""Maximum length of a value in words, in characters."""
+"""Maximum length of a value as text, in characters."""
 
 MOST_CLOCK_STEP = 0.1
-"""Maximum difference of the two clocks between two events that goes for none, in seconds."""
+"""Maximum difference of the two clocks between two events that is ignored, in seconds."""
 
 
 class Difference(NamedTuple):
     """
-    What of the record and its replay differs, and after which input: its time (s), number, words.
+    A difference between a record and its replay, and the input at which it occurs.
 
-    :param at: seconds since the run began.
-    :param number: counts the inputs, from 1; 0: before the first.
+    :param at: time since the run began, in seconds.
+    :param number: number of the input, from 1; 0 if before the first.
+    :param given: the input as text.
+    :param what: what differs.
+    :param recorded: its value in the record.
+    :param replayed: its value in the replay.
     """
 
     at: float
@@ -64,7 +68,7 @@ class Difference(NamedTuple):
     replayed: str
 
     def __str__(self) -> str:
-        """Return it in three lines."""
+        """Return the difference in three lines."""
         return (
             f'The first difference is {self.what}, {self.at:.6f} s after the run began, at input '
             f'{self.number} ({self.given})\n'
@@ -75,9 +79,11 @@ class Difference(NamedTuple):
 
 class ClockStep(NamedTuple):
     """
-    The wall time goes on by so many seconds more, since the event before, than time did.
+    A step of the wall clock against the clock of the rules, since the previous event.
 
-    Somebody set the computer's clock, or changed the record: no rule can tell.
+    Somebody set the computer's clock, or changed the record; a replay cannot tell which.
+
+    :param by: size of the step, in seconds.
     """
 
     event: StampedEvent
@@ -86,12 +92,12 @@ class ClockStep(NamedTuple):
 
 class Step(NamedTuple):
     """
-    An entry of a stream, and what it brought about.
+    An entry of a stream, and its results.
 
-    :param entry: an input, an event that no input made, where the race was shown, or a gap.
-    :param race: the race after it; None: from here on nothing is known but what the stream says.
-    :param outcome: what the rules made of an input.
-    :param events: those of the stream that it made, or that it is.
+    :param entry: an input, an event of the server, a snapshot that was shown, or a gap.
+    :param race: the race after it; None if only the stream itself is known from here on.
+    :param outcome: the outcome of an input.
+    :param events: the events of the stream that the entry caused, or that it is.
     """
 
     entry: Input | StampedEvent | Shown | Gap
@@ -101,17 +107,17 @@ class Step(NamedTuple):
 
 
 class _EndError(Exception):
-    """What follows cannot be compared."""
+    """The rest of the stream cannot be compared."""
 
 
 class Replay:
     """
-    One run of the rules on a stream; `steps` fills in what it has found.
+    One run of the rules on a stream; `steps` fills in what it finds.
 
-    :ivar rules: with what the rules began; None: that is not there.
-    :ivar seconds: up to when it was compared, since the run began.
-    :ivar missing: why it could not go on to the end, as a clause; empty: it could.
-    :ivar clock_steps: where the wall times do not go on as the clock of the rules does.
+    :ivar rules: the setup of the rules; None if it is missing.
+    :ivar seconds: time up to which the stream was compared, since the run began, in seconds.
+    :ivar missing: why the replay could not go on to the end, as a clause; empty if it could.
+    :ivar clock_steps: where the wall clock deviates from the clock of the rules.
     """
 
     def __init__(self, kept: Kept) -> None:
@@ -123,7 +129,7 @@ class Replay:
         self.missing = ''
         self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
-        # The last input, what the rules made of it, and what the stream has after it.
+        # The last input, its outcome, and what follows it in the stream.
         self._given: Input | None = None
         self._outcome: Outcome | None = None
         self._orders: list[Order] = []
@@ -139,19 +145,19 @@ class Replay:
 
     @property
     def lacks(self) -> str:
-        """Return why the race is not known from some time on, as a clause; empty: it is."""
+        """Return why the race is unknown from some time on, as a clause; empty if it is known."""
         if self.difference is not None:
-            return f'the record is not what the rules make of it ({self.difference.what} differs)'
-        return self.missing or ('' if self.rules else 'with what the rules began is missing')
+            return f'the rules do not confirm the record ({self.difference.what} differs)'
+        return self.missing or ('' if self.rules else 'the setup of the rules is missing')
 
     def run(self) -> Replay:
-        """Take all steps."""
+        """Go through all steps."""
         for _ in self.steps():
             pass
         return self
 
     def steps(self) -> Iterator[Step]:
-        """Yield the run step by step; where it ends to be known, the events as they stand."""
+        """Yield the run step by step; from where the race is unknown, only its events."""
         for entry in self.kept.entries():
             try:
                 if isinstance(entry, StampedEvent):
@@ -204,7 +210,7 @@ class Replay:
             self._differ('an entry', gap.why, 'they cannot run on it')
         else:
             self.missing = (
-                f'{gap}. Nothing can be compared from {self.seconds:.1f} s after the run began on'
+                f'{gap}. Nothing after {self.seconds:.1f} s of the run can be compared'
             )
         raise _EndError
 
@@ -229,7 +235,7 @@ class Replay:
             self._differ('an error of the rules', 'it was taken', repr(error))
 
     def _finish(self) -> Iterator[Step]:
-        """Take it that the last input has brought about nothing more, and compare."""
+        """Compare the results of the last input, which are complete now."""
         outcome = self._outcome or Outcome((), ())
         for recorded, replayed in zip_longest(self._orders, outcome.orders):
             if recorded != replayed:
@@ -249,7 +255,7 @@ class Replay:
     # ----- comparing ----------------------------------------------------------------------
 
     def _look_at_its_place(self, entry: StampedEvent) -> None:
-        """Compare number and times of an event with those of the one before."""
+        """Compare the number and times of an event with those of the previous event."""
         before, self._last = self._last, entry
         number = 1 if before is None else before.sequence + 1
         before = before or entry
@@ -266,7 +272,7 @@ class Replay:
 
     def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
         name = f'event {entry.sequence}'
-        # What karts say too often is left out.
+        # The server leaves out some of the events that karts cause too often.
         event = next((each for each in made if not each.chatter or each == entry.event), None)
         if event is None or event != entry.event:
             self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
@@ -285,27 +291,27 @@ class Replay:
         )
         raise _EndError
 
-    # ----- what there is to say -----------------------------------------------------------
+    # ----- the verdict --------------------------------------------------------------------
 
     def judge(self) -> tuple[int, list[str]]:
         """
-        Return what there is to say after `steps` or `run`, line by line.
+        Return the verdict after `steps` or `run`.
 
-        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and the lines.
-        :raises UnreadableError: if the stream has nothing to begin with.
+        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and lines of text.
+        :raises UnreadableError: if the stream lacks the setup of the rules.
         """
         run = self.kept.run
         if self.rules is None:
             raise UnreadableError(
-                f'run {run.number} cannot be replayed: the record does not have with what the '
-                f'rules began{f" ({self.missing})" if self.missing else ""}'
+                f'run {run.number} cannot be replayed, because the record lacks the setup of the '
+                f'rules{f" ({self.missing})" if self.missing else ""}'
             )
         lines = []
         here, there = rules_version(), self.rules.version
         if there != here:
             lines.append(
                 f'Run {run.number} was recorded with other rules (version {there or "unknown"}; '
-                f'here {here or "unknown"}): a difference may come from that.'
+                f'here {here or "unknown"}), which may explain a difference.'
             )
         found = 'no' if self.difference is None else 'a'
         lines.append(f'Run {run.number}: {self}: {found} difference')
@@ -315,16 +321,16 @@ class Replay:
             steps = self.clock_steps
             lines.append(
                 f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
-                f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
-                'record, which a replay cannot tell.'
+                f'event {steps[0].event.sequence}, or somebody changed the wall times in the '
+                'record. A replay cannot tell which.'
             )
         if self.missing:
-            return PARTLY, [*lines, f'Not all of it: {self.missing}']
+            return PARTLY, [*lines, f'The replay is incomplete: {self.missing}']
         if self.kept.goes_on:
-            lines.append('Race control still writes this run; it was replayed up to now.')
+            lines.append('Race control is still writing this run; it was replayed up to now.')
         elif run.ended_ns is None:
             lines.append(
-                'This run was not ended in good order; it was replayed up to its last entry.'
+                'This run did not end in good order; it was replayed up to its last entry.'
             )
         return DONE, lines
 
@@ -354,15 +360,14 @@ def _cut(text: str) -> str:
 
 
 def options() -> argparse.ArgumentParser:
-    """Return what reads the command line of `rcs_record replay`."""
+    """Return the parser of `rcs_record replay`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} replay',
-        description='Run the rules again on what went into them in a run, the newest by default, '
-        'and compare every order to a kart and every event with the record, each event with its '
-        'time. A run that goes on is replayed up to now, one that '
-        'crashed up to its end.',
-        epilog='No input gives the wall times, and none makes the events of the server itself '
-        '(refused connections, messages that mean nothing, the end): of these, only number and '
+        description='Run the rules again on the inputs of a run (default: the newest), and '
+        'compare every order to a kart and every event, with its time, with the record. A run '
+        'that is still going on is replayed up to now, one that crashed up to its last entry.',
+        epilog='The inputs contain no wall times, and do not cause the events of the server '
+        'itself (refused connections, malformed messages, the end). Of these, only number and '
         'order are checked. The exit codes are those of rcs_record.',
     )
     add_run_arguments(parser)
@@ -379,7 +384,7 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         kept = runs.read(runs.choose(wanted.run))
-    # With the record closed: this may take long, and race control must not wait.
+    # The record is closed now: this may take long, and race control must not wait for it.
     code, lines = Replay(kept).run().judge()
     print('\n'.join(map(plain, lines)))
     return code or runs.code

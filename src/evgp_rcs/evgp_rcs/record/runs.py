@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The runs in a record and their streams; a damaged record is mended first."""
+"""The runs in a record and their streams; a damaged record is repaired first."""
 
 from __future__ import annotations
 
@@ -35,35 +35,35 @@ DONE = 0
 """Exit code: done."""
 
 FAILED = 1
-"""Exit code: what was asked for cannot be written; or a replay has found a difference."""
+"""Exit code: the output cannot be written, or a replay has found a difference."""
 
 UNREADABLE = 2
 """Exit code: the record or the run cannot be read, or the usage is wrong."""
 
 PARTLY = 3
-"""Exit code: done, with what can be read of a damaged record."""
+"""Exit code: done, but incomplete, because the record is damaged."""
 
 NIGHT_NS = 6 * 3600 * 10**9
-"""Minimum time without race control between two days of an event, in nanoseconds. The date would
-depend on the time zone of whoever reads the record."""
+"""Minimum time without race control between two days of an event, in nanoseconds. (Dates would
+depend on the reader's time zone.)"""
 
 
 class UnreadableError(RuntimeError):
-    """The record, or the run in it, cannot be read; the text says why and what would be right."""
+    """The record, or the run in it, cannot be read; the text says why, and what to do."""
 
 
 CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
-"""How this program was called: the package for officials has another name for it."""
+"""Name of this program, which is another one in the package for officials."""
 
 
 def say(text: str) -> None:
-    """Say something about the work, apart from what it prints."""
+    """Print a message to stderr."""
     print(f'{CALLED}: {plain(text)}', file=sys.stderr)
 
 
 def put(text: str, output: pathlib.Path | None, what: str) -> int:
     """
-    Print a text, or write it into a file and say what that has.
+    Print a text, or write it into a file and print a summary.
 
     :return: `DONE` or `FAILED`.
     """
@@ -83,9 +83,9 @@ def put(text: str, output: pathlib.Path | None, what: str) -> int:
 @dataclass(frozen=True)
 class Kept:
     """
-    The stream of a run, as it was read.
+    The stream of a run, as read from the record.
 
-    :param goes_on: race control still writes it.
+    :param goes_on: race control is still writing it.
     """
 
     run: Session
@@ -93,7 +93,7 @@ class Kept:
     goes_on: bool = False
 
     def entries(self) -> Iterator[Entry | Gap]:
-        """Yield what is in it, and what is missing; a terminal shows how far that is."""
+        """Yield its entries and gaps; a terminal shows the progress."""
         blocks: Iterable[tuple[int, bytes]] = self.blocks
         if sys.stderr.isatty():
             from rich.console import Console  # loads in 0.1 s, and most never need it
@@ -103,13 +103,13 @@ class Kept:
         return entries_of(blocks)
 
     def lines(self) -> Iterator[bytes]:
-        """Yield the entries of each block as they stand in it, a line each."""
+        """Yield the raw lines of each block, one per entry."""
         for _, data in self.blocks:
             with contextlib.suppress(DamagedError):
                 yield Block.of(data).data
 
     def events(self) -> Iterator[StampedEvent | Gap]:
-        """Yield its events, and what is missing."""
+        """Yield its events and gaps."""
         for entry in entries_of(self.blocks, only=(StampedEvent,)):
             assert isinstance(entry, StampedEvent | Gap)
             yield entry
@@ -118,11 +118,11 @@ class Kept:
 @dataclass
 class Runs:
     """
-    A record that is open to be read.
+    A record that is open for reading.
 
     :param listed: every run, oldest first.
     :param present: the run that race control is writing now.
-    :param damage: why the file could not be read as it is, and was mended; empty: it could.
+    :param damage: why the file had to be repaired; empty if it did not.
     """
 
     file: pathlib.Path
@@ -133,7 +133,7 @@ class Runs:
 
     @property
     def code(self) -> int:
-        """Return the exit code of work that was done with what could be read."""
+        """Return the exit code of work with this record: complete, or of a damaged record."""
         return PARTLY if self.damage else DONE
 
     def choose(self, number: int | None) -> Session:
@@ -173,25 +173,25 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         nargs='?',
         type=pathlib.Path,
         default=default_path(),
-        help='the record, if it is not %(default)s',
+        help='the record (default: %(default)s)',
     )
     parser.add_argument(
         '--run',
         type=int,
         metavar='NUMBER',
-        help="this run, by its number in '--list'; otherwise the newest",
+        help="number of the run, as in '--list' (default: the newest)",
     )
 
 
 @contextlib.contextmanager
 def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
-    Open a record to read it, also while race control writes it.
+    Open a record for reading, even while race control writes it.
 
-    What SQLite cannot read whole is mended by its own recovery, in a copy; and that is said at the
-    end.
+    If SQLite cannot read the whole file, its own recovery repairs a copy, and a message says so at
+    the end.
 
-    :raises UnreadableError: if it cannot be read, also later.
+    :raises UnreadableError: if the record cannot be read, now or later.
     """
     damage = ''
     try:
@@ -204,7 +204,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
                 database = stack.enter_context(contextlib.closing(_mended(file, folder, damage)))
             _check_schema(file, database)
             runs = Runs(file, database, [*sessions(database)][::-1], None, damage)
-            # Race control writes the newest run only.
+            # Race control writes only the newest run.
             if runs.listed and is_being_written(file):
                 runs.present = runs.listed[-1]
             yield runs
@@ -215,14 +215,14 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     except UnicodeDecodeError as error:
         raise UnreadableError(f'{file} is damaged: its schema is garbled') from error
     if damage:
-        say(f'{file} is damaged ({damage}): this is what sqlite3 could recover of it')
+        say(f'{file} is damaged ({damage}); this is what sqlite3 could recover from it')
 
 
 def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
     """
-    Return why SQLite cannot read a file whole; empty: it can.
+    Return why SQLite cannot read the whole file; empty if it can.
 
-    :raises sqlite3.Error: if it is no damage.
+    :raises sqlite3.Error: if the reason is not damage.
     """
     try:
         (page,) = database.execute('PRAGMA page_size').fetchone()
@@ -242,14 +242,14 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
     """
     Return what SQLite's own recovery finds in a file.
 
-    :raises UnreadableError: if it is not here, or finds nothing.
+    :raises UnreadableError: if the program is not installed, or finds nothing.
     """
     how = f'sqlite3 {file} .recover | sqlite3 mended.sqlite3'
     program = shutil.which('sqlite3')
     if program is None:
         raise UnreadableError(
-            f'{file} is damaged ({damage}), and the program sqlite3, which can mend it, is not '
-            f'installed here. Install it, or call it where it is, and read what comes out: {how}'
+            f'{file} is damaged ({damage}), and the program sqlite3, which can repair it, is not '
+            f'installed here. Install it, or run it on another computer and read its output: {how}'
         )
     copy = folder / file.name
     for each in (file, file.with_name(f'{file.name}-wal')):
@@ -257,7 +257,7 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
             shutil.copyfile(each, folder / each.name)
     with copy.open('rb') as stream:
         version = int.from_bytes(stream.read(64)[60:], 'big')
-    # Some distributions build it without what `.recover` needs; `.dump` reads around damage too.
+    # Some distributions build it without `.recover`; `.dump` also skips damaged parts.
     for way in ('.recover', '.dump'):
         called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
         found = subprocess.run(called, capture_output=True, check=False)
@@ -269,63 +269,63 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
                 database.execute(f'PRAGMA user_version = {version}')
                 return database
         except (sqlite3.Error, ValueError):
-            pass  # nothing in this way
+            pass  # this way found nothing
         database.close()
-    raise UnreadableError(f'{file} is damaged ({damage}), and nothing of it can be read: {how}')
+    raise UnreadableError(f'{file} is damaged ({damage}), and nothing in it can be read: {how}')
 
 
 def _script(found: str) -> str:
-    """Return what the program says as one transaction, whose rows may come twice."""
-    # Its first lines may be commands of the program itself.
+    """Return the program's output as one transaction, in which rows may occur twice."""
+    # The first lines may be commands to the program itself.
     found = re.sub(r'\A(\..*\n)+', '', found)
     found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
     return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
 
 
 def _check_file(file: pathlib.Path) -> None:
-    """Refuse what SQLite would wait for, or has no plain words for."""
+    """Refuse files on which SQLite would block, or for which its errors are unclear."""
     if not file.exists():
         raise UnreadableError(
-            f'there is no {file}. Name the file that the parameter "record" of race control names'
+            f'there is no {file}. Give the file that is set as race control\'s parameter "record"'
         )
     if not file.is_file():
-        raise UnreadableError(f'{file} is no record: it is not a file')
+        raise UnreadableError(f'{file} is not a record, because it is not a file')
     if not file.stat().st_size:
-        raise UnreadableError(f'{file} is empty: race control has not written anything into it')
+        raise UnreadableError(f'{file} is empty; race control has not written anything into it')
 
 
 def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
     (version,) = database.execute('PRAGMA user_version').fetchone()
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
     if not version or 'block' not in tables:
-        raise UnreadableError(f'{file} is no record of race control, but another database')
+        raise UnreadableError(f'{file} is not a record of race control, but another database')
     if version != SCHEMA_VERSION:
         raise UnreadableError(
-            f'{file} is no record that this version can read (its version is {version}, not '
-            f'{SCHEMA_VERSION}). Another version of race control has written it'
+            f'{file} is not a record that this version can read (its version is {version}, not '
+            f'{SCHEMA_VERSION}). Another version of race control wrote it'
         )
 
 
 _NO_DATABASE = 'file is not a database'
 _WHY_UNREADABLE = {
-    _NO_DATABASE: 'is no record: it is not a database, or its beginning is damaged',
-    'database is locked': 'cannot be read now: another program has locked it. Try again when that '
-    'is done',
-    'unable to open database file': 'cannot be opened. If its folder cannot be written, copy the '
-    'file into one that can, with those beside it whose names begin alike',
+    _NO_DATABASE: 'is not a record: it is not a database, or its beginning is damaged',
+    'database is locked': 'cannot be read now, because another program has locked it. Try again '
+    'later',
+    'unable to open database file': 'cannot be opened. If its folder is read-only, copy the file '
+    'into a folder that is not, together with the files whose names begin the same',
 }
-"""By sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
+"""Texts by SQLite's messages, the only way to tell its errors apart before Python 3.11."""
 
 
 def _is_damage(error: sqlite3.Error) -> bool:
-    # What SQLite calls an operational error concerns the query or the moment, not the file.
+    # SQLite's operational errors concern the query or the moment, not the file.
     if isinstance(error, sqlite3.OperationalError):
         return str(error) == 'disk I/O error'
     return str(error) != _NO_DATABASE
 
 
 def _why_unreadable(error: sqlite3.Error) -> str:
-    otherwise = 'is no record of this race control'
+    otherwise = 'is not a record of this race control'
     if _is_damage(error):
-        otherwise = 'is damaged, and nothing of it can be read'
+        otherwise = 'is damaged, and nothing in it can be read'
     return _WHY_UNREADABLE.get(str(error), f'{otherwise}: {error}')

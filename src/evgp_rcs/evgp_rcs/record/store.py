@@ -42,8 +42,8 @@ PROGRAM = 'race control'
 """Name of the program that writes these streams (``Began``); others may add their own."""
 
 INPUTS_EVERY = 1.0
-"""Maximum time that entries without an event wait for others, in seconds, to spare a disk that must
-confirm every write."""
+"""Maximum time that entries without an event wait for others, in seconds; this spares a disk that
+must confirm every write."""
 
 LAST_WORDS = 10.0
 """Maximum time from the event that a run ends to the last event, in seconds."""

@@ -18,22 +18,22 @@ from evgp_rcs.record.store import default_path, Session
 
 
 def options() -> argparse.ArgumentParser:
-    """Return what reads the command line of `rcs_record show`."""
+    """Return the parser of `rcs_record show`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} show',
         description="Print the newest run in race control's record, as a timeline: the time of "
         'day, the seconds since the first event, and what happened. A refused command has a !. '
-        'Events are in the order in which they happened, also when the clock of the computer was '
-        'set; the seconds go by a clock that nobody sets.',
-        epilog='The word show may be left out.',
+        'Events are in the order in which they happened, even if the clock of the computer was '
+        'set; the seconds are from a clock that cannot be set.',
+        epilog='show is the default.',
     )
     add_run_arguments(parser)
     parser.add_argument('--list', action='store_true', help='list all runs, oldest first')
     parser.add_argument(
         '--stream',
         action='store_true',
-        help='print every entry of the run as it is recorded, inputs and orders too: JSON, a line '
-        'each',
+        help='print every entry of the run as recorded, including inputs and orders: one line of '
+        'JSON each',
     )
     parser.add_argument(
         '--kart',
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str]) -> int:
         before = None
         if wanted.run is None and len(runs.listed) > 1:
             before = runs.listed[-2]
-    # With the record closed: it may be a pager that is slow, and the race must not wait.
+    # The record is closed now, so that a slow pager does not make the race wait.
     if wanted.stream:
         for lines in kept.lines():
             sys.stdout.write(lines.decode(errors='replace'))
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
     if before is not None and before.events and before.ended_ns is None:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
-            f'The run before this one, {before.number}, was not ended in good order. Print it '
+            f'The previous run, {before.number}, did not end in good order. Print it '
             f'with: {CALLED}{file} --run {before.number} (or make record '
             f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
         )
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _describe(run: Session, present: bool) -> str:
     clock = Clock(run.began_ns)
-    ended = 'not ended in good order' if run.ended_ns is None else clock.time(run.ended_ns, 3)
+    ended = 'did not end in good order' if run.ended_ns is None else clock.time(run.ended_ns, 3)
     if not run.events:
         ended = 'did not start'
     if present:
@@ -91,7 +91,7 @@ def _describe(run: Session, present: bool) -> str:
 
 
 def _print_timeline(kept: Kept, kart: int | None) -> bool:
-    """Print the events, and where entries are missing; return whether none are."""
+    """Print the events, and where entries are missing; return whether it is complete."""
     began: float | None = None
     is_whole = True
     for each in kept.events():

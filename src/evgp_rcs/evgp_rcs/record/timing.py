@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Results and corrections of the timekeeper's book, for the report and the tables."""
+"""Reads results and corrections from the timekeeper's book, for the report and the tables."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
 class Timing(NamedTuple):
     """
-    What the timekeeper has, by the id of the run and the number of the race in it.
+    The timekeeper's data, by the id of the run and the number of the race in it.
 
-    :param results: the last ones of each race.
-    :param corrections: those of each race, in order, but for laps by hand.
+    :param results: the last results of each race.
+    :param corrections: the corrections of each race, in order, except laps counted by hand.
     """
 
     results: dict[tuple[str, int], Standings]
@@ -33,7 +33,7 @@ class Timing(NamedTuple):
 
 def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | Gap]]:
     """
-    Yield results and corrections of a book, each with the number of its stream.
+    Yield the results and corrections in a book, each with the number of its stream.
 
     :raises OSError, sqlite3.Error: if it cannot be read.
     """
@@ -49,7 +49,7 @@ def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | G
 
 
 def timing_of(record: pathlib.Path) -> Timing:
-    """Return what the book beside a record has, and say what cannot be read of it."""
+    """Return the contents of the book beside a record, and report what cannot be read."""
     found = Timing({}, {})
     path = record.with_name(BOOK)
     try:
@@ -61,7 +61,7 @@ def timing_of(record: pathlib.Path) -> Timing:
             elif entry.correction.act is not Act.COUNT:
                 found.corrections.setdefault((entry.run, entry.race), []).append(entry)
     except FileNotFoundError:
-        say(f'there is no {path}: without timing, there is only the order of FINISH')
+        say(f'there is no {path}; without timing, there is only the order of FINISH')
     except (OSError, sqlite3.Error) as error:
         say(f'{path} cannot be read ({error}): results of the timekeeper are missing')
     return found

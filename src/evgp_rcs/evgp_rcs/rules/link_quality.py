@@ -4,9 +4,9 @@
 """
 How good the link to one kart is: the figures that officials see, and how they are computed.
 
-Pure: times and counts in, figures out. ``evgp_protocol.link`` defines the grades *good*, *fair* and
-*poor*; ``karts.link`` holds the socket and reads the kernel's figures. The kart's *kernel* answers,
-whether or not the kart's program reads (§2.A, §4.D).
+Pure: times and counts in, figures out. ``evgp_protocol.link`` defines the grades *good*, *fair*
+and *poor*; ``karts.link`` holds the socket and reads the kernel's figures. The kart's *kernel*
+answers, whether or not the kart's program reads (§2.A, §4.D).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class LinkMeter:
         self._wrote_at = now
         self._worst_gap = 0.0
         self._largest_window = 0
-        # The longest answer, then the longest of the later ones, and so on: the first is the worst.
+        # The longest answer, then the longest of the later ones, and so on; the first is worst.
         self._longest: deque[tuple[float, float]] = deque()
 
     def wrote(self, now: float) -> None:

@@ -21,11 +21,11 @@ from evgp_rcs.record.timing import timing_of
 
 
 def options() -> argparse.ArgumentParser:
-    """Return what reads the command line of `rcs_record report`."""
+    """Return the parser of `rcs_record report`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} report',
         description='Write the report of the newest run, or of a part of it, as one HTML file. '
-        'The rules are run again for it, which takes some 20 s for an hour.',
+        'This runs the rules again, which takes some 20 s per hour of the run.',
         epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
         'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
         'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '
@@ -36,15 +36,15 @@ def options() -> argparse.ArgumentParser:
         '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
     )
     parser.add_argument(
-        '--event', default='', metavar='NAME', help='the name of the event, for the head'
+        '--event', default='', metavar='NAME', help='name of the event, for the heading'
     )
-    parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
-    parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
+    parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what is earlier')
+    parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what is later')
     parser.add_argument(
         '--kart',
         type=int,
         metavar='NUMBER',
-        help='show this kart, and what concerns no single kart',
+        help='show only this kart, and what concerns no single kart',
     )
     return parser
 
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str]) -> int:
         run = runs.choose(wanted.run)
         kept = runs.read(run)
         sums = _sums(runs, kept)
-    # With the record closed: the race must not wait for what follows.
+    # The record is closed now, so that the race does not wait for the rest.
     account = Account(kept, timing_of(wanted.file))
     try:
         part = _part(account, wanted.start, wanted.end, wanted.kart)
@@ -74,11 +74,11 @@ def main(arguments: Sequence[str]) -> int:
 
 def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     """
-    Return what was summed, and its SHA-256.
+    Return the SHA-256 sums, each with what it is of.
 
-    Always of the stream that was read, so that a report can be held against the record at any
-    later time. And of the file, unless race control is writing it; with what SQLite keeps beside
-    it after a crash.
+    There is always one of the stream that was read, so that the report can be checked against the
+    record at any later time. Unless race control is writing the file, there is also one of the
+    file, and of the ``-wal`` that SQLite leaves after a crash.
     """
     digest = hashlib.sha256()
     for line in kept.lines():
@@ -113,7 +113,7 @@ def _part(account: Account, start: str | None, end: str | None, kart: int | None
     if part.start > account.length:
         raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
     if part.end < part.start:
-        raise ValueError(f'--to {end}: that is before the part begins')
+        raise ValueError(f'--to {end}: this is before the part begins')
     if kart is not None and kart not in account.lanes:
         known = ', '.join(map(str, account.lanes)) or 'no kart'
         raise ValueError(f'--kart {kart}: the run has {known}')
@@ -122,9 +122,9 @@ def _part(account: Account, start: str | None, end: str | None, kart: int | None
 
 def seconds_of(text: str, clock: Clock) -> float:
     """
-    Return the seconds since the first event of a time as it is given in the terminal.
+    Return the seconds from the first event to a time typed in the terminal.
 
-    :raises ValueError: if it is no time.
+    :raises ValueError: if it is not a time.
     """
     began = clock.moment(clock.began_ns)
     if re.fullmatch(r'\+\d+(\.\d+)?', text):
@@ -137,7 +137,7 @@ def seconds_of(text: str, clock: Clock) -> float:
         )
     except ValueError as error:
         example = 'for example 14:05:30, 2026-05-30T14:05 or +90'
-        raise ValueError(f'{text} is no time; {example}') from error
+        raise ValueError(f'{text} is not a time; {example}') from error
     at = (moment.replace(tzinfo=moment.tzinfo or clock.zone) - began).total_seconds()
-    # To the minute or second, the beginning itself may be meant.
+    # A time of day in the first minute means the beginning itself, not the next day.
     return at + 86400.0 if of_day and at < -60.0 else max(0.0, at)

@@ -16,13 +16,13 @@ from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.rules.race import EventKind, StampedEvent
 
 WIDTH, NAMES, LETTER = 1200.0, 110.0, 7.0
-"""The width of a timeline, that of the names of its lines, and that of a letter."""
+"""Widths of a timeline, of the names of its lines, and of a letter, in pixels."""
 
 HEAD, ROW, LANE = 20.0, 14.0, 30.0
-"""The height of the times above, of a row of commands, and of the line of a kart."""
+"""Heights of the times above, of a row of commands, and of a kart's line, in pixels."""
 
 ROWS = 4
-"""The number of rows of commands, and of alerts; what finds no room there has only a stroke."""
+"""Number of rows of commands, and of alerts; labels without room there become a stroke."""
 
 _STEPS = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200)
 MARKS = {
@@ -32,11 +32,11 @@ MARKS = {
     EventKind.WITHDRAWN: '↺',
 }
 RARE = EventKind.DISCONNECTED, EventKind.WITHDRAWN
-"""The marks that are drawn even where they cover the others."""
+"""Kinds of events whose marks are drawn even if they cover others."""
 
 
 class Shape(NamedTuple):
-    """A box with words in it, as far as there is room; without a width, words alone."""
+    """A box with as much of its words as fits; without a width, only the words."""
 
     look: str
     x: float
@@ -48,7 +48,7 @@ class Shape(NamedTuple):
 
 
 Label = tuple[float, float, str, str]
-"""From when to when, its look, and its words."""
+"""A label: its start and end, its look, and its words."""
 
 
 class Drawing(NamedTuple):
@@ -82,7 +82,7 @@ class _Timeline:
         lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
         events = self._part.events(self._account, self._account.events)
         ends = self._account.ended
-        # What ends with race control was not lost.
+        # A connection that ends with race control was not lost.
         last = math.inf if ends is None else ends.sequence
         marked = [each for each in events if each.event.kind in MARKS and each.sequence < last]
         y = HEAD + 2 * ROWS * ROW
@@ -125,7 +125,7 @@ class _Timeline:
             yield each.raised, end, 'alert', plain(each.event.event.text)
 
     def _rows(self, top: float, labels: Iterator[Label]) -> Iterator[Shape]:
-        """Yield labels, each in the first row that has room for it; or a stroke."""
+        """Yield labels, each in the first row with room for it, or else as a stroke."""
         free = [0.0] * ROWS
         for start, end, look, words in labels:
             x = self._x(start)
@@ -161,7 +161,7 @@ class _Timeline:
         for hold in lane.holds:
             if hold.what:
                 yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')
-        free: dict[bool, float] = {}  # of the marks that must be seen, and of the others
+        free: dict[bool, float] = {}  # for the marks that must be seen, and for the others
         for mark in marks:
             at, is_rare = self._account.at(mark), mark.event.kind in RARE
             if self._x(at) >= free.get(is_rare, 0.0):

@@ -4,13 +4,13 @@
 """
 What happened in a run: races, what each kart was sent, alerts, commands.
 
-One pass over the replay of its stream (``Replay.steps``): after each step, this looks at the race
-as the rules have it. Nothing is worked out a second time, and no sentence is read. Where the rules
+It takes one pass over the replay of the run's stream (``Replay.steps``), and looks at the race
+after each step. The rules compute everything; this module parses no sentences. Where the rules
 cannot follow the stream (a gap, or a difference), what karts are sent is `NOT_KNOWN`, and the
-events that follow are listed as they stand, no more.
+later events are only listed.
 
-All times are seconds since the first event of the run, by the clock of the rules: nobody sets that
-clock.
+All times are seconds since the first event of the run, on the clock of the rules, which cannot be
+set.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ GREEN_GREEN = RaceState.GREEN_GREEN.name
 REDS = frozenset({RaceState.RED_FLAG.name, RaceState.RED_RED.name})
 
 NOT_CONNECTED = 'NOT_CONNECTED'
-"""In the place of a state: race control sends the kart nothing, since it is not connected."""
+"""Used instead of a state: race control sends the kart nothing, as it is not connected."""
 
 NOT_KNOWN = 'NOT_KNOWN'
-"""In the place of a state: from here on the rules cannot follow the record."""
+"""Used instead of a state: from here on, the rules cannot follow the record."""
 
 NO_GRADE = Grade.UNKNOWN.name
 
@@ -51,12 +51,12 @@ SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtak
 @dataclass
 class Band:
     """
-    A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`.
+    A time span in which a kart was sent a state, `NOT_CONNECTED` or `NOT_KNOWN`.
 
-    Or in which a link had a grade, or a kart was held: see `Lane`.
+    It can also be a time in which a link had a grade, or a kart was held; see `Lane`.
 
-    :param acknowledged: when the kart first acknowledged it; None: not in this time.
-    :param delivered: when the kart's kernel had answered it; None: that was not seen.
+    :param acknowledged: when the kart first acknowledged it; None if not in this time.
+    :param delivered: when the kart's kernel had answered it; None if that was not seen.
     """
 
     start: float
@@ -67,14 +67,14 @@ class Band:
 
 
 class Bands(list[Band]):
-    """Bands that follow each other; the last one goes on until another begins."""
+    """Consecutive bands; the last one lasts until another begins."""
 
     def change(self, at: float, what: str) -> Band:
-        """Have something else begin now, unless it is the same; return the last band."""
+        """Begin a new band now, unless nothing changes; return the last band."""
         if self and self[-1].what != what:
             self[-1].end = at
             if self[-1].start == at:
-                self.pop()  # it did not last
+                self.pop()  # it had no duration
         if not self or self[-1].what != what:
             self.append(Band(at, math.inf, what))
         self[-1].end = math.inf
@@ -86,8 +86,8 @@ class Lane(NamedTuple):
     One kart.
 
     :param bands: what it was sent.
-    :param links: how good its link was, names of ``Grade``.
-    :param holds: the states in which it was held on its own account; empty: it was not.
+    :param links: how good its link was, as names of ``Grade``.
+    :param holds: its own holds; empty while it was not held.
     """
 
     kart: int
@@ -100,10 +100,10 @@ class Lane(NamedTuple):
 @dataclass
 class Alert:
     """
-    An alert, and how long it stood.
+    An alert, and how long it lasted.
 
-    :param ended: None: it had not, as far as the record can be followed.
-    :param stands: it certainly stood at the end of the record.
+    :param ended: None if it had not ended, as far as the rules can follow the record.
+    :param stands: it certainly lasted until the end of the record.
     """
 
     event: StampedEvent
@@ -116,16 +116,16 @@ class Why(enum.Enum):
     """Why a kart has no place."""
 
     LOST = 'it lost its connection'
-    STOPPED_ALONE = 'an official stopped it alone'
+    STOPPED_ALONE = 'an official stopped it individually'
     FINISH_UNDONE = 'its finish was undone after it had been stopped'
     RACE_STOPPED = 'the race was stopped first'
     RACE_CONTROL_ENDED = 'race control ended first'
     STILL_RACING = 'it was still racing at the end of the record'
-    NOT_KNOWN = 'not known: the record cannot be followed to its end'
+    NOT_KNOWN = 'not known: the rules cannot follow the record to its end'
 
 
 class Out(NamedTuple):
-    """Why a kart did not finish, since when, and by which event; None: none."""
+    """Why a kart did not finish, since when, and which event caused that (None if none)."""
 
     why: Why
     at: float
@@ -133,7 +133,7 @@ class Out(NamedTuple):
 
 
 class Result(NamedTuple):
-    """What became of a starter: its place and when it was marked as finished, or why not."""
+    """The result of a starter: its place and when it was marked as finished, or why not."""
 
     kart: int
     place: int = 0
@@ -145,8 +145,8 @@ class StopAnswer(NamedTuple):
     """
     What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
 
-    :param band: since when it was sent what; it may have been before the stop.
-    :param then: what it was sent after that; empty: nothing, the record ends.
+    :param band: what it was sent and when; this may have begun before the stop.
+    :param then: what it was sent next; empty if nothing, because the record ends.
     """
 
     kart: int
@@ -168,14 +168,14 @@ class Stop(NamedTuple):
     told: tuple[StopAnswer, ...]
 
     def slowest(self) -> StopAnswer | None:
-        """Return who took longest of those that it told something new, and acknowledged."""
+        """Return the slowest answer of the karts that were sent something new and acknowledged."""
         new = [each for each in self.told if each.band.start == self.at]
         answered = (each for each in new if each.band.acknowledged is not None)
         return max(answered, key=lambda each: each.band.acknowledged or 0.0, default=None)
 
 
 class Change(NamedTuple):
-    """A race went to a state."""
+    """A change of the race's state."""
 
     at: float
     event: StampedEvent
@@ -191,15 +191,16 @@ class RaceAccount:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
-    :param began: the first time that is known of it.
-    :param starters: who was sent GREEN_GREEN.
-    :param finished: who was marked as finished when, in the order of their places; None: before
-        the run began.
-    :param out: why each starter that dropped out did so, before it finished.
-    :param results: race control's own sentence; empty: none was recorded.
-    :param incidents: the events that a jury asks about first; ``stops``: of those that are stops,
-        of all or of one kart; ``refused``: of the commands that were refused; ``corrections``: of
-        finishes that were undone.
+    :param began: the first time known of it.
+    :param starters: the karts that were sent GREEN_GREEN.
+    :param finished: when each kart was marked as finished, in the order of places; None if that
+        was before the run began.
+    :param out: why each starter that dropped out did so before it finished.
+    :param results: race control's sentence with the order of FINISH; empty if none was recorded.
+    :param incidents: the events that a jury asks about first.
+    :param stops: the events of stops, of all karts or of one.
+    :param refused: the events of refused commands.
+    :param corrections: the events of finishes that were undone.
     :param taken_up: it was under way when the run began.
     :param incomplete: the rules could not follow it to its end.
     """
@@ -220,7 +221,7 @@ class RaceAccount:
     corrections: list[StampedEvent] = field(default_factory=list)
 
     def add_incident(self, event: StampedEvent) -> None:
-        """Take an incident, unless it is the last one."""
+        """Add an incident, unless it is the same as the last one."""
         if event not in self.incidents[-1:]:
             self.incidents.append(event)
 
@@ -229,34 +230,34 @@ class RaceAccount:
 
     @property
     def green(self) -> float | None:
-        """Return when it was started; None: never, or before this run."""
+        """Return when it was started; None if never, or before this run."""
         change = self._first(GREEN_GREEN)
         return change.at if change is not None else None
 
     @property
     def stop(self) -> Change | None:
-        """Return what stopped it as a whole; None: nothing did."""
+        """Return the change that stopped it as a whole; None if there was none."""
         return self._first(*REDS)
 
     @property
     def garage(self) -> float | None:
-        """Return when it went back to IN_GARAGE; None: it had not."""
+        """Return when it went back to IN_GARAGE; None if it did not."""
         change = self._first(IN_GARAGE)
         return change.at if change is not None else None
 
 
 class Account:
     """
-    Everything that a run has to tell.
+    Everything that is known of a run.
 
-    :ivar replay: what was compared on the way.
-    :ivar events: all of them, in order.
-    :ivar length: the time of the last event.
-    :ivar known_until: up to when the rules could follow the record; None: to its end.
-    :ivar lost: how many connections to karts were lost in races; ``closed``: how many of these the
-        kart closed.
+    :ivar replay: the replay, with its comparison.
+    :ivar events: all events, in order.
+    :ivar length: time of the last event.
+    :ivar known_until: time up to which the rules could follow the record; None if to its end.
+    :ivar lost: number of connections to karts that were lost in races.
+    :ivar closed: number of these that the kart itself closed.
     :ivar outside: what happened outside any race.
-    :ivar ended: the event that says that race control ends; None: there is none.
+    :ivar ended: the event that race control ends; None if there is none.
     :ivar timing: the timekeeper's results of each race, by its number.
     :ivar of_timing: what the timekeeper corrected, by the number of the race.
     """
@@ -285,11 +286,11 @@ class Account:
             self._take(step)
         self._close()
 
-    # ----- what there is to see -----------------------------------------------------------
+    # ----- the results --------------------------------------------------------------------
 
     @property
     def began_ns(self) -> int:
-        """Return the wall time of the first event, or if there is none, of the run, in ns."""
+        """Return the wall time of the first event, or else of the run's beginning, in ns."""
         return self.events[0].wall_ns if self.events else self.kept.run.began_ns
 
     @property
@@ -304,7 +305,7 @@ class Account:
 
     @property
     def officials(self) -> list[str]:
-        """Return who gave commands, by their own word."""
+        """Return the names of those who sent commands, as they gave them."""
         return sorted({each.event.official for each in self.commands} - {''})
 
     def at(self, event: StampedEvent) -> float:
@@ -312,7 +313,7 @@ class Account:
         return self._at(event.monotonic)
 
     def results(self, race: RaceAccount) -> list[Result]:
-        """Return what became of each starter of a race: in the order of places, then the rest."""
+        """Return the result of each starter of a race: in the order of places, then the rest."""
         finished = enumerate(race.finished.items(), 1)
         rest = sorted(set(race.starters) - race.finished.keys())
         return [
@@ -321,7 +322,7 @@ class Account:
         ]
 
     def stop(self, race: RaceAccount, event: StampedEvent) -> Stop:
-        """Return what a stop of a race told to whom."""
+        """Return what a stop of a race sent to each kart."""
         at = self.at(event)
         told = []
         for lane in self.lanes.values():
@@ -333,7 +334,7 @@ class Account:
             if sent and band.what not in REDS:
                 continue
             if not sent and lane.kart not in (event.event.kart, *race.starters):
-                continue  # nobody had to tell it
+                continue  # the stop did not concern it
             ends = self.ended is not None and band.end >= self.at(self.ended)
             then = after[0].what if after and not ends else ''
             told.append(StopAnswer(lane.kart, band, then))
@@ -353,13 +354,13 @@ class Account:
     # ----- one step -----------------------------------------------------------------------
 
     def _close(self) -> None:
-        """Have all that goes on end with the record."""
+        """End everything that is still going on with the record."""
         of_karts = [(*each.bands, *each.links, *each.holds) for each in self.lanes.values()]
         for band in itertools.chain(self.race_bands, *of_karts):
             band.end = min(band.end, self.length)
 
     def _at(self, monotonic: float) -> float:
-        # To the millisecond, as they are shown: so what is shown can be added.
+        # Rounded to the millisecond, as shown, so that the shown times add up.
         return round(max(0.0, monotonic - self.events[0].monotonic), 3) if self.events else 0.0
 
     def _take(self, step: Step) -> None:
@@ -383,7 +384,7 @@ class Account:
             self._look_at_race(step, step.race)
 
     def _lose_sight(self) -> None:
-        """Take it that from here on nothing is known."""
+        """Mark everything as unknown from here on."""
         self.known_until = at = self.length
         for lane in self.lanes.values():
             lane.bands.change(at, NOT_KNOWN)
@@ -396,7 +397,7 @@ class Account:
             race.incomplete = race.garage is None
 
     def _race_of(self, stamped: StampedEvent) -> RaceAccount:
-        """Return the race that was under way; `outside`: none was."""
+        """Return the race that was under way, or `outside` if none was."""
         event = stamped.event
         if not event.race:
             return self.outside
@@ -487,7 +488,7 @@ class Account:
         lane.holds.change(at, '' if kart.hold is None else kart.hold.name)
 
     def _look_who_drives(self, step: Step, race: RaceAccount, kart: Kart, at: float) -> None:
-        """Take note of a starter that does not drive any more, and has no place."""
+        """Record a starter that no longer drives and has no place."""
         number = kart.number
         left = number in race.out or number in race.finished
         if left or number not in race.starters or self._sent(number) == GREEN_GREEN:
@@ -495,7 +496,7 @@ class Account:
         # The command that this step has put in force.
         commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
         cause = next((each for each in commands if each.event.success), None)
-        why = Why.LOST  # or another connection took the place of its own
+        why = Why.LOST  # or another connection replaced its own
         if cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
             why = Why.FINISH_UNDONE
         elif cause is not None and cause.event.kart:
@@ -509,11 +510,11 @@ class Account:
 
 class Part(NamedTuple):
     """
-    What a report shows of a run; the rest is left out, and the report says so.
+    The part of a run that a report shows; the report says that the rest is left out.
 
-    :param start: from this time on, in seconds.
-    :param end: up to this time.
-    :param kart: this kart, and what concerns no single kart; None: every kart.
+    :param start: start of the part, in seconds.
+    :param end: end of the part, in seconds.
+    :param kart: show only this kart and what concerns no single kart; None for every kart.
     """
 
     start: float = 0.0
@@ -521,15 +522,15 @@ class Part(NamedTuple):
     kart: int | None = None
 
     def span(self, account: Account) -> tuple[float, float]:
-        """Return the times between which it shows what happened."""
+        """Return the start and end of what it shows."""
         return self.start, max(self.start, min(account.length, self.end))
 
     def concerns(self, kart: int) -> bool:
-        """Return whether it shows this kart; 0: what concerns no single kart."""
+        """Return whether it shows this kart (0: what concerns no single kart)."""
         return self.kart is None or kart in (0, self.kart)
 
     def events(self, account: Account, events: Sequence[StampedEvent]) -> list[StampedEvent]:
-        """Return those of the events that it shows."""
+        """Return the events that it shows."""
         start, end = self.span(account)
         return [
             each
@@ -538,7 +539,7 @@ class Part(NamedTuple):
         ]
 
     def alerts(self, account: Account) -> list[Alert]:
-        """Return those of the alerts that it shows."""
+        """Return the alerts that it shows."""
         return [
             each
             for each in account.alerts
@@ -547,7 +548,7 @@ class Part(NamedTuple):
         ]
 
     def races(self, account: Account) -> list[RaceAccount]:
-        """Return those of the races that it shows something of."""
+        """Return the races of which it shows anything."""
         return [each for each in account.races if self._touches(account, each.began, each.garage)]
 
     def _touches(self, account: Account, begins: float, ends: float | None) -> bool:

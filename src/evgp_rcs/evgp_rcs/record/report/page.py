@@ -48,11 +48,11 @@ LESSER = frozenset(
         EventKind.REFUSED_CONNECTION,
     }
 )
-"""The kinds of events that are left out first where there is no room for all."""
+"""Kinds of events that are left out first if there is no room for all."""
 
 
 ASKED_ABOUT = Mark.STRUCK, Mark.DOUBTFUL, Mark.UNKNOWN
-"""What became of passings that a jury asks about."""
+"""Marks of the passings that a jury asks about."""
 
 
 def _hash(text: str) -> str:
@@ -69,15 +69,15 @@ def page(
     """
     Return the report of a run, or of a part of it.
 
-    :param sums: what was summed, and its SHA-256.
-    :param event_name: empty: there is a line to fill in.
+    :param sums: the SHA-256 sums, each after what it is of.
+    :param event_name: name of the event; if empty, the report has a line to fill in.
     """
     kept = account.kept
     clock = Clock(account.began_ns)
     shown = _part(part, account, clock)
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
     title += ' (a part only)' if shown else ''
-    # The foot of every printed page; nothing of others is in it.
+    # The foot of every printed page, which contains no untrusted text.
     foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
     events = on_paper = part.events(account, account.events)
     if len(on_paper) > PAPER_ROWS:
@@ -128,17 +128,17 @@ def page(
 
 
 def _replay(replay: Replay) -> tuple[bool, str]:
-    """Return whether the replay went to the end without a difference, and what there is to say."""
+    """Return whether the replay found no difference up to the end, and its verdict as text."""
     try:
         code, said = replay.judge()
     except UnreadableError as error:
         return False, f'It was not replayed: {error}.'
     words = '. '.join(line.strip().rstrip('.') for line in said)
-    return code == DONE, f'The rules were run again on all that went into them. {words}'
+    return code == DONE, f'The rules were run again on all their inputs. {words}'
 
 
 def _part(part: Part, account: Account, clock: Clock) -> str:
-    """Return what a report of a part shows; empty: it shows all."""
+    """Return what a report of a part shows; empty if it shows everything."""
     start, end = part.span(account)
     phrases = []
     if part._replace(kart=None) != Part():
@@ -149,8 +149,8 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
 
 
 def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
-    """Return the timeline of all that is shown, and of each race in it if there are several."""
-    drawings = [drawing(account, part, clock, 'All of it' if account.races else 'No race')]
+    """Return the timeline of everything shown, and of each race in it if there are several."""
+    drawings = [drawing(account, part, clock, 'Everything' if account.races else 'No race')]
     races = part.races(account)
     for race in races if len(races) > 1 else ():
         start, end = part.span(account)
@@ -169,7 +169,7 @@ def _overall(account: Account) -> list[Standings]:
 
 
 def _lap_chart(timing: Standings) -> list[list[int]]:
-    """Return the karts in the order in which they ended lap 1, lap 2, and so on."""
+    """Return the order of the karts at the end of lap 1, lap 2, and so on."""
     ended: dict[int, list[float]] = {}
     for each in timing.karts:
         if each.total is not None:
@@ -186,9 +186,9 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
 
 
 def _stood(alert: Alert, account: Account, clock: Clock) -> str:
-    """Return how long an alert stood."""
+    """Return how long an alert lasted."""
     if alert.stands:
-        return f'still standing at the end ({wording.duration(account.length - alert.raised)})'
+        return f'until the end ({wording.duration(account.length - alert.raised)})'
     if alert.ended is None:
         return 'not known'
     return wording.duration(alert.ended - alert.raised)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_record results``: each race as a table: the timekeeper's results, and who finished when.
+``rcs_record results``: writes each race as a table, with the timekeeper's results and FINISH.
 
-There is one classification, the timekeeper's. A race without timing has the order of FINISH.
+Only the timekeeper classifies karts. A race without timing has only the order of FINISH.
 """
 
 from __future__ import annotations
@@ -49,23 +49,24 @@ COLUMNS = (
     'penalties',
     'overall',
 )
-"""The columns; what each means is in docs/record.md."""
+"""Columns of the table; docs/record.md explains them."""
 
 FORMULA = '=+-@\t\r\n'
-"""With what a cell begins that a spreadsheet may run."""
+"""First characters of cells that a spreadsheet may run as a formula."""
 
 
 def options() -> argparse.ArgumentParser:
-    """Return what reads the command line of `rcs_record results`."""
+    """Return the parser of `rcs_record results`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} results',
         description="Write the results of each race as CSV: the timekeeper's places, laps, times "
-        'and penalties, the order of FINISH, who did not finish and why. A race that is under way '
-        'is in it as it stands. Without --run or --all, these are the races of all runs of '
-        'the day of the newest run: those with no six hours without race control between them.',
-        epilog='The rules are run again for it, which takes some 20 s for an hour. A '
-        'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
-        'gets an apostrophe in front. The columns are explained in docs/record.md.',
+        'and penalties, the order of FINISH, and who did not finish and why. A race that is under '
+        'way has its results up to now. Without --run or --all, the table has the races of the '
+        "newest run's day: all runs with less than six hours without race control between "
+        'them.',
+        epilog='This runs the rules again, which takes some 20 s per hour of the runs. A name or '
+        'text that a spreadsheet would run as a formula gets an apostrophe in front. '
+        'docs/record.md explains the columns.',
     )
     add_run_arguments(parser)
     parser.add_argument('--all', action='store_true', help='the races of every run in the record')
@@ -74,7 +75,7 @@ def options() -> argparse.ArgumentParser:
         '--output',
         type=pathlib.Path,
         metavar='FILE',
-        help='write this file; otherwise the results are printed',
+        help='write this file instead of printing the results',
     )
     return parser
 
@@ -91,15 +92,15 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
         if wanted.all:
             chosen = runs.listed
         if left_out := len(runs.listed) - len(chosen):
-            say(f'{left_out} of {len(runs.listed)} runs are left out: --all reads every run')
+            say(f'{left_out} of {len(runs.listed)} runs are left out; use --all for every run')
         kept = [runs.read(run) for run in chosen]
         code = runs.code
-    # With the record closed: the race must not wait for what follows.
+    # The record is closed now, so that the race does not wait for the rest.
     timing = timing_of(wanted.file)
     accounts = [Account(each, timing) for each in kept]
     for account in accounts:
         if lacks := account.replay.lacks:
-            say(f'run {account.kept.run.number} is known in part only: {lacks}')
+            say(f'run {account.kept.run.number} is only partly known: {lacks}')
             code = PARTLY
     return accounts, code
 
@@ -121,13 +122,13 @@ def main(arguments: Sequence[str]) -> int:
             rows += ((str(run.number), *row) for row in _rows(account, race, clock))
             if race.taken_up:
                 say(
-                    f'race {race.number} of run {run.number} began before this run: who started '
-                    'it is not known here'
+                    f'race {race.number} of run {run.number} began before this run, so its '
+                    'starters are not known here'
                 )
             elif race.green is None:
                 say(f'race {race.number} of run {run.number} was never started')
         if account.kept.goes_on:
-            say(f'race control still writes run {run.number}: these are the results up to now')
+            say(f'race control is still writing run {run.number}; these are the results up to now')
     stream = io.StringIO()
     csv.writer(stream, lineterminator='\n').writerows([COLUMNS, *rows])
     races = len({row[:2] for row in rows})
@@ -178,7 +179,7 @@ def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str
 
 
 def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]:
-    """Return what the timekeeper has of a kart."""
+    """Return the timekeeper's columns for a kart."""
     if timing is None or kart is None:
         return ('',) * 9
     grid = timing.grid.index(kart.kart) + 1 if kart.kart in timing.grid else ''
@@ -201,8 +202,8 @@ def _time(seconds: float | None) -> str:
 
 
 def defused(text: str) -> str:
-    """Return a text of others as a cell that no spreadsheet runs."""
+    """Return an untrusted text as a cell that no spreadsheet runs."""
     shown = plain(text)
-    # Some spreadsheets take a wide equals sign for one.
+    # Some spreadsheets treat a full-width equals sign like a normal one.
     first = unicodedata.normalize('NFKC', shown.lstrip()[:1])[:1]
     return f"'{shown}" if first and first in FORMULA else shown

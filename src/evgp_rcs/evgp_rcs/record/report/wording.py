@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Times, names and states in the words of the report."""
+"""The report's wording of times, names and states."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ KINDS = {
     EventKind.DELIVERED: 'Delivered to a kart',
     EventKind.ACKNOWLEDGED: 'Acknowledgement',
     EventKind.WITHDRAWN: 'Acknowledgement withdrawn',
-    EventKind.REPORTED: 'A kart says another state',
+    EventKind.REPORTED: 'A kart reports another state',
     EventKind.CONNECTED: 'Kart connected',
     EventKind.DISCONNECTED: 'Kart disconnected',
     EventKind.REFUSED_CONNECTION: 'Connection refused',
-    EventKind.MALFORMED: 'Message that means nothing',
+    EventKind.MALFORMED: 'Malformed message',
     EventKind.LINK_GRADE: 'Quality of a link',
     EventKind.ALERT_RAISED: 'Alert',
     EventKind.ALERT_CLEARED: 'Alert ended',
@@ -40,34 +40,34 @@ KINDS = {
     EventKind.ORDER_OF_FINISH: 'Order of finish',
     EventKind.ENDED: 'Race control ends',
 }
-"""What each kind of event is called."""
+"""The name of each kind of event."""
 
 SILENCES = {
     '': 'not acknowledged',
     NOT_CONNECTED: 'not acknowledged: it lost its connection at {}',
-    NOT_KNOWN: 'not known: the record cannot be followed from {} on',
+    NOT_KNOWN: 'not known: the rules cannot follow the record after {}',
 }
-"""Why there is no acknowledgement, by what followed; before any state, `TOLD_ELSE`."""
+"""Why there is no acknowledgement, by what followed; `TOLD_ELSE` before another state."""
 
 TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
 
 MOST_OF_A_NAME = 80
-"""Maximum length of an official's or a team's name, in characters; the event has all of it."""
+"""Maximum length of an official's or team's name, in characters; the event has it in full."""
 
 
 def name(text: str) -> str:
-    """Return a name that others chose, so that it fits into a line."""
+    """Return an untrusted name, shortened to fit into a line."""
     seen = plain(text)
     return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
 
 
 def exact(start: float, end: float) -> str:
-    """Return how long it was between two times, to the millisecond."""
+    """Return the time between two times, to the millisecond."""
     return duration(end - start, 3)
 
 
 def command(kind: CommandKind | None, kart: int = 0) -> str:
-    """Return what an official's command is called."""
+    """Return the name of an official's command."""
     label = CATALOGUE[kind].label if kind else 'a command'
     return f'{label}, kart {kart}' if kart else label
 
@@ -79,9 +79,9 @@ def karts(numbers: list[int]) -> str:
 
 class Clock:
     """
-    The wall clock of the report: the time zone of the machine that makes it, and no other.
+    The wall clock of the report, in the time zone of the machine that makes it.
 
-    :param began_ns: the wall time at which the seconds begin, ns since the epoch.
+    :param began_ns: wall time of second 0, in ns since the epoch.
     """
 
     def __init__(self, began_ns: int) -> None:
@@ -95,17 +95,17 @@ class Clock:
 
     def time(self, wall_ns: int, digits: int = 0) -> str:
         """Return the time of day."""
-        # To the millisecond first, as everywhere: so no two places show a time differently.
+        # Round to the millisecond first, as everywhere, so that all places show the same time.
         unit = 10 ** (3 - digits)
         second, rest = divmod((_milliseconds(wall_ns) + unit // 2) // unit, 10**digits)
         return f'{self.moment(second * 10**9):%H:%M:%S}' + (f'.{rest:0{digits}}' * bool(digits))
 
     def at(self, seconds: float, digits: int = 0) -> str:
-        """Return the time of day so many seconds after the beginning."""
+        """Return the time of day, some seconds after the beginning."""
         return self.time(self.wall_ns(seconds), digits)
 
     def wall_ns(self, seconds: float) -> int:
-        """Return the wall time so many seconds after the beginning, in full milliseconds."""
+        """Return the wall time some seconds after the beginning, rounded to milliseconds (ns)."""
         return (_milliseconds(self.began_ns) + round(seconds * 1000)) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
@@ -116,9 +116,10 @@ class Clock:
 
 def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, str]:
     """
-    Return what a kart was sent at a stop, and how it was answered.
+    Return what a kart was sent at a stop, and its answers, as the cells of a table.
 
-    After how long its kernel did, when the kart acknowledged it, and after how long.
+    The cells are: what it was sent, after how long its kernel answered, when the kart
+    acknowledged, and after how long.
     """
     band = told.band
     if band.what == NOT_CONNECTED:
