@@ -375,7 +375,7 @@ def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> Non
     before = next(index for index, line in enumerate(lines) if 'Obey IN_GARAGE' in line)
     assert before > 0
     assert not any('[WARN]' in line for line in lines[: before + 1]), race.bridge.output
-    assert any('graph can be reached from this machine only' in line for line in lines)
+    assert any('graph can be reached only from this machine' in line for line in lines)
 
 
 def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
@@ -783,7 +783,7 @@ def test_its_names_are_private(desk: Desk, parts: contextlib.ExitStack) -> None:
     ('parameters', 'said'),
     [
         ({}, 'parameter host is missing'),
-        ({'host': 'racecontrol'}, "parameter host: 'racecontrol' is no IPv4 address"),
+        ({'host': 'racecontrol'}, "parameter host: 'racecontrol' is not an IPv4 address"),
         ({'host': '10.0.0.1', 'local_address': '10.0.0.256'}, 'parameter local_address'),
         ({'host': '10.0.0.1', 'frame_timeout': 5.0}, 'from 0.2 to 1'),
     ],

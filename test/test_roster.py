@@ -209,7 +209,7 @@ def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, f
     assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
-CUT = "' #' begins a comment and cuts off what follows; "
+CUT = "' #' begins a comment and cuts off the rest; "
 
 
 @pytest.mark.parametrize(
@@ -481,7 +481,7 @@ def test_a_roster_without_heats_has_none() -> None:
         ('  Heat #1: [1]\n', "11: ' #' begins a comment"),
         ('  A: 1\n', "11: heat 'A' is not a list of karts"),
         ('  A: [one]\n', "11: heat 'A': number one is not valid"),
-        (f'  {"x" * 33}: [1]\n', f'11: heat {"x" * 33} has no name that can be shown'),
+        (f'  {"x" * 33}: [1]\n', f'11: heat {"x" * 33} has no name that can be displayed'),
         ('  "a\\tb": [1]\n', "11: heat 'a\\tb' has no name that can be shown"),
         ('  - A\n', "11: 'heats' is not a list of names"),
         ('  {}\n', "11: 'heats' is empty"),

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What race control's node and the bridge's have in common as ROS processes.
+What race control's node, the bridge and our other ROS processes share.
 
-It comes before rclpy in all of them, which ends a process as it is imported, in its own words and
-with an exit code of its own, where RMW_IMPLEMENTATION is not there.
+All of them import this package before rclpy. If the middleware in RMW_IMPLEMENTATION is not
+installed, importing rclpy would end the process, with an unclear text and another exit code.
 """
 
 import os
@@ -14,11 +14,11 @@ import sys
 
 def _refuse_absent_middleware(wanted: str) -> None:
     """End the process, in one sentence, if this ROS middleware is not installed."""
-    from ament_index_python import get_resources  # not where nobody asks: it takes time
+    from ament_index_python import get_resources  # slow, so only where it is needed
 
     try:
         there = sorted({*get_resources('rmw_typesupport')} - {'rmw_implementation'})
-    except OSError:  # nobody knows, as without AMENT_PREFIX_PATH
+    except OSError:  # unknown, as without AMENT_PREFIX_PATH
         return
     if there and wanted not in there:
         print(

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Values as ROS messages, and back: a message of ``evgp_rcs_msgs`` is the image of a type.
+Converts values to ROS messages and back: a message of ``evgp_rcs_msgs`` is the image of a type.
 
-Nothing is decided here, and no field is named: the types say it all, those of the message and
-those of the value. A field of the value is the field of that name of the message; ``stamp_ns`` is
-its `stamp`. Where a message has no None, it has for it: of a state UNKNOWN, of a time 0, of
-another number NaN, of a constant 0. An enum is the constant of its name.
+The conversion follows from the types of the message and of the value; no field is named here. A
+field of the value is the field of the same name of the message; ``stamp_ns`` is its `stamp`. An
+enum is the constant of its name. For None, a message has UNKNOWN as a state, 0 as a time or a
+constant, and NaN as another number.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
     Mark: msg.JudgedPassing,
     Status: msg.KartResult,
 }
-"""The message that has the constants of each enum; whoever has another enum adds it."""
+"""The message with the constants of each enum; modules with another enum add it here."""
 
 STAMPED = ('sequence', 'monotonic')
-"""What a message of an event has of the ``StampedEvent`` around it, besides its `stamp`."""
+"""Fields of an event's message that come from the ``StampedEvent``, besides its `stamp`."""
 
 SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
-"""The fields that are sentences of race control; other texts are names, which stay as they are."""
+"""Fields that are sentences of race control; other texts are names and stay unchanged."""
 
 _Value = TypeVar('_Value')
 _TIME = 'builtin_interfaces/Time'
@@ -51,7 +51,7 @@ def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
     """
     Return a value as a message of this type.
 
-    :param wall_ns: the wall time at which the clock of the value was 0, in ns since the epoch.
+    :param wall_ns: wall time at which the clock of the value was 0, in ns since the epoch.
     """
     return _image(value, type(value), kind, wall_ns)
 
@@ -65,10 +65,10 @@ def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any
 
 def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
     """
-    Return the value of this type that a message is the image of; its times are wall times, in s.
+    Return the value of this type of which a message is the image; its times are wall times (s).
 
-    :param said: what to do with each of ``SENTENCES``.
-    :raises ValueError: if the message has a constant, or lacks a state, that no value has.
+    :param said: function to apply to each of ``SENTENCES``.
+    :raises ValueError: if the message has an unknown constant, or lacks a required state.
     """
     return kind(
         **{
@@ -127,7 +127,7 @@ def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
         return lambda each, _: number[each], lambda each, _: _known(value, each, kind)
     if issubclass(kind, enum.Enum):
         if slot != 'string':
-            raise TypeError(f'nobody has added the constants of {kind.__name__}')
+            raise TypeError(f'CONSTANTS lacks the message with the constants of {kind.__name__}')
         return lambda each, _: each.value, lambda each, _: kind(each)
     if optional and kind is float:
         return (
@@ -147,7 +147,7 @@ def _class_of(slot: str) -> type[Any]:
 
 def _known(values: dict[Any, Any], number: int, kind: type[enum.Enum]) -> Any:
     if number not in values:
-        raise ValueError(f'{number} is no {kind.__name__}')
+        raise ValueError(f'{number} is not a {kind.__name__}')
     return values[number]
 
 
@@ -170,5 +170,5 @@ def _read_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState | 
 def _read_some_state(message: msg.RaceState, _: Callable[[str], str]) -> RaceState:
     state = state_of(message)
     if state is None:
-        raise ValueError(f'{message.state} is no race state')
+        raise ValueError(f'{message.state} is not a race state')
     return state

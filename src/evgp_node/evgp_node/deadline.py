@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The end of a process by the C library, whatever holds the interpreter's lock; without ROS.
+Ends a process by the C library, even if something holds the interpreter's lock; without ROS.
 
-DDS may hang inside a call and keep that lock. Then no thread and no signal handler of Python runs.
+DDS may hang inside a call and keep that lock, so that no thread or signal handler of Python runs.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 _SIGEV_THREAD = 2  # of signal.h
 
 _TO_SAY = 0.2
-"""Time that the sentence has to be written, before the process ends, in seconds."""
+"""Time to write the sentence before the process ends, in seconds."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _timers: list[ctypes.c_void_p] = []
@@ -28,19 +28,19 @@ _kept: list[ctypes.Array[ctypes.c_char]] = []
 
 def end_within(seconds: float, code: int, said: str = '') -> None:
     """
-    Have the C library end this process; a later call replaces an earlier one.
+    Make the C library end this process after a time; a later call replaces an earlier one.
 
-    `faulthandler` knows no exit code but 1, and in some Pythons it goes by the wall clock.
+    `faulthandler` can only exit with code 1, and some Pythons time it by the wall clock.
 
-    :param seconds: when; 0: it is not ended any more.
+    :param seconds: time until the end, in seconds; 0 cancels it.
     :param code: the exit code.
-    :param said: a sentence that goes to stderr before that, behind the program's name.
-    :raises OSError: if the system gives no timer.
+    :param said: sentence to write to stderr before the end, after the program's name.
+    :raises OSError: if the system provides no timer.
     """
     sentence = ctypes.create_string_buffer(said.replace('%', '%%').encode())
     name = ctypes.create_string_buffer(pathlib.Path(sys.argv[0]).name.encode())
     short_name = ctypes.c_void_p.in_dll(_libc, 'program_invocation_short_name')
-    short_name.value = ctypes.addressof(name)  # otherwise that of Python
+    short_name.value = ctypes.addressof(name)  # otherwise the name would be python's
     timers = []
     if seconds > 0 and said:
         timers.append(_call_after(seconds, _libc.warnx, ctypes.addressof(sentence)))
@@ -53,7 +53,7 @@ def end_within(seconds: float, code: int, said: str = '') -> None:
 
 
 def _call_after(seconds: float, function: Any, argument: int) -> ctypes.c_void_p:
-    """Have a function of the C library called once, in a thread without the interpreter."""
+    """Make the C library call a function once, in a thread without the interpreter."""
     timer = ctypes.c_void_p()
     address = ctypes.cast(function, ctypes.c_void_p).value
     event = struct.pack('qiiPP32x', argument, 0, _SIGEV_THREAD, address, 0)

@@ -13,4 +13,4 @@ DIAGNOSTICS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
+"""QoS of ``/diagnostics``, as diagnostic aggregators expect it."""

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How the record writes values of the rules: as JSON, and back.
+The record's encoding of values of the rules as JSON.
 
-The types say it all. A dataclass or a named tuple is the list of its fields, an enum its name
-(an ``IntEnum`` its number), a set a sorted list. What does not fit its type is damaged.
+The encoding follows from the types. A dataclass or a named tuple becomes the list of its fields,
+an enum its name (an ``IntEnum`` its number), a set a sorted list. JSON that does not fit its type
+is damaged.
 
 Pure.
 """
@@ -21,13 +22,13 @@ import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 MOST_SECONDS = 1e10
-"""Maximum time on the clock of the rules that is no damage, in seconds."""
+"""Maximum time on the clock of the rules, in seconds; a greater one is damaged."""
 
 MOST_NUMBER = 2**63
-"""Maximum number of anything that is no damage."""
+"""Limit of a number; a number from here on is damaged."""
 
 DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
-"""What `reader` and `json` raise at what is damaged."""
+"""The exceptions of `reader` and `json` for damaged JSON."""
 
 _Value = TypeVar('_Value')
 
@@ -39,9 +40,9 @@ def written(value: object) -> str:
 
 def read(kind: type[_Value], text: str) -> _Value:
     """
-    Return the value of this type that was written.
+    Return the value of this type from its JSON.
 
-    :raises ValueError: if it is damaged.
+    :raises ValueError: if the JSON is damaged.
     """
     try:
         value: _Value = reader(kind)(json.loads(text))
@@ -62,7 +63,7 @@ _encoder = json.JSONEncoder(default=_plain, separators=(',', ':'))
 
 
 def reader(kind: Any) -> Callable[[Any], Any]:
-    """Return what makes a value of this type of what JSON has for it; it raises `DAMAGED`."""
+    """Return a function that makes a value of this type from parsed JSON, or raises `DAMAGED`."""
     origin, inner = get_origin(kind), get_args(kind)
     if kind in _CHECKS:
         return functools.partial(_checked, kind, _CHECKS[kind])
@@ -95,7 +96,7 @@ _CHECKS: Mapping[type[Any], Callable[[Any], bool]] = {
 
 def _checked(kind: type[Any], fits: Callable[[Any], bool], value: Any) -> Any:
     if not fits(value):
-        raise ValueError(f'{value!r:.50} is no {kind.__name__}')
+        raise ValueError(f'{value!r:.50} is not a {kind.__name__}')
     return kind(value)
 
 

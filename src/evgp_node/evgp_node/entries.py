@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What there is to say of a command that does not depend on the race: a row of a catalogue.
+A row of a catalogue of commands: everything about a command that does not depend on the race.
 
-Race control has one (``evgp_rcs.rules.catalogue``), and so has the timekeeper
-(``evgp_timing.corrections``). Nodes, window and `rcs_ctl` go by their rows.
+Race control has one catalogue (``evgp_rcs.rules.catalogue``), and the timekeeper another
+(``evgp_timing.corrections``). Nodes, window and `rcs_ctl` use their rows.
 
 Pure.
 """
@@ -19,16 +19,16 @@ import enum
 from evgp_protocol.states import RaceState
 
 OF_TIMEKEEPER = 'timekeeper/'
-"""The beginning of the names of the timekeeper's services, below race control's node."""
+"""Prefix of the names of the timekeeper's services, below race control's node."""
 
 
 @dataclass(frozen=True)
 class Result:
     """
-    What a screen shows once a command is in force; an empty field says nothing.
+    What a screen shows once a command is in force; empty fields do not matter.
 
     :param race: the race is in one of these states.
-    :param hold: the kart's hold is one of these; ``None`` is no hold.
+    :param hold: the kart's hold is one of these; ``None`` for no hold.
     :param in_race: whether the kart is in the race.
     :param placed: whether the kart has a finishing place.
     :param track_open: whether the track is open to humans.
@@ -46,41 +46,43 @@ class Entry:
     """
     One row of the catalogue.
 
-    :param label: what its button says; `RED RED` to one kart or to all, since the place tells.
+    :param label: text of its button; `RED RED` for one kart and for all, since the place differs.
     :param meaning: what it does, in a few words.
-    :param service: the name of its service below race control's node, or behind `OF_TIMEKEEPER`
-        below the timekeeper's; two commands may share one.
-        Every request has `official`: who gives the command, by their own word.
-    :param fixed: the fields of a request that make it this command, where two share a service.
-    :param result: what is so once it is in force.
-    :param undoes: the command that it takes back. The two share a button, which offers this one
-        while the result of the other holds.
-    :param note: what a question says of it, besides which karts are sent what; a sentence.
-    :param statement: the field of the request that takes the official's statement; empty: none.
-    :param call_is_statement: to call the service is the statement.
+    :param service: the name of its service below race control's node or, with the prefix
+        `OF_TIMEKEEPER`, below the timekeeper's; two commands may share one. Every request has
+        `official`, the name of the sender as the sender gives it.
+    :param fixed: fields of the request that select this command, if two share a service.
+    :param result: what is true once it is in force.
+    :param undoes: the command that it undoes. The two share a button, which offers this one while
+        the result of the other is true.
+    :param note: a sentence that the confirmation adds to which karts are sent what.
+    :param statement: the field of the request for the official's statement; empty for none.
+    :param call_is_statement: calling the service is the statement.
     :param to_one_kart: the request names a kart (`kart`).
     :param names_karts: the request names the karts that the official saw (`karts`).
     :param names_hold: the request names the hold that the official saw (`hold`).
     :param names_heat: the request names a heat (`heat`).
-    :param names_number: the field of the request with a number that the official saw: `opening`,
-        of the track; `reading`, of the roster; empty: none.
-    :param takes: further fields of the request, as ``Command`` has them.
-    :param flag: the option of `rcs_ctl` for a statement, and what it states; empty: none.
-    :param word: what `rcs_ctl` calls it, if not as the kind.
-    :param short: what its button says where there is little room, if not `label`.
-    :param place: of its button, from the left: to the race in the line of the race, to a kart in
-        its row; 0: it has no button there. One that undoes another is where that one is.
-    :param key: the key of its button. What it is to a kart goes to the chosen one.
-    :param does: what its button says it would do; ``{karts}`` is how many it starts or releases.
-    :param follows: when it is possible, if the state of the race does not allow it.
+    :param names_number: the field of the request with a number that the official saw: `opening`
+        of the track, or `reading` of the roster; empty for none.
+    :param takes: further fields of the request, with the same names as in ``Command``.
+    :param flag: the option of `rcs_ctl` for a statement, and what it states; None for none.
+    :param word: its name in `rcs_ctl`, if not that of the kind.
+    :param short: text of its button where there is little room, if not `label`.
+    :param place: position of its button from the left, in the line of the race or, for a command
+        to one kart, in the kart's row; 0 for no button there. A command that undoes another has
+        that one's place.
+    :param key: key of its button. A command to one kart goes to the selected kart.
+    :param does: what its button says it does; ``{karts}`` is how many it starts or releases.
+    :param follows: when it is possible, for a state of the race that does not allow it.
     :param condition: what an official confirms if race control asks for no statement; ``{kart}``
         is the kart.
-    :param sends: the state that it sends, if it asks first.
-    :param then: what follows, to one kart and to several.
-    :param bookkeeping: no button of §4.B: GRID_ACTIVE stays the last one that was pressed.
-    :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
-    :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
-        doubt what officials see.
+    :param sends: the state that it sends, if it asks for confirmation.
+    :param then: what follows, for one kart and for several.
+    :param bookkeeping: it is not a button of §4.B, so GRID_ACTIVE stays the last button pressed.
+    :param stop: it stops karts: it is never refused for a kart of the roster, and never waits
+        behind another command.
+    :param loosens: it starts or releases karts, or lets humans near them: it is refused whenever
+        officials may not see the present race.
     """
 
     label: str
@@ -114,12 +116,12 @@ class Entry:
 
     @property
     def asks(self) -> bool:
-        """Return whether an official confirms it: it loosens, or giving it is a statement."""
+        """Return whether an official must confirm it: it loosens, or sending it is a statement."""
         return self.loosens or self.call_is_statement
 
     @property
     def service_type(self) -> str:
-        """Return the type of the service: of its own, if its request names more than a kart."""
+        """Return the service type, which is its own if the request names more than a kart."""
         name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
         names = self.names_karts or self.names_hold or self.names_heat or self.takes
         if self.fixed or self.statement or names:
@@ -129,15 +131,15 @@ class Entry:
 
     @property
     def overtakes(self) -> bool:
-        """Return whether it is judged before whatever waits; RACE_OVER may still be refused."""
+        """Return whether it is judged before all others; RACE_OVER may still be refused."""
         return self.stop or self.result.race == (RaceState.RED_RED,)
 
     @property
     def is_seen(self) -> bool:
-        """Return whether the race shows that it is in force; else its answer alone does."""
+        """Return whether the race shows that it is in force; otherwise only its answer does."""
         return self.result != Result() or self.names_heat
 
     @property
     def needs_journal(self) -> bool:
-        """Return whether it must be on the disk before any kart is told."""
+        """Return whether it must be on the disk before any kart is sent anything."""
         return RaceState.GREEN_GREEN in self.result.race

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Lists of karts that organisers have, as rosters with gaps.
+Converts other lists of karts to rosters with gaps.
 
-Two are known: an entry list as timing software exports it (CSV), and the list of the first race
-control (`address: team`). Neither says all that a roster must, so an official fills in the rest.
+Two formats are known: an entry list exported by timing software (CSV), and the list of the first
+race control (`address: team`). Neither has everything that a roster needs, so an official fills in
+the rest.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _TEAM = ('team', 'teamname', 'name', 'firstname', 'lastname')
 
 
 def as_roster(text: str) -> tuple[str, str]:
-    """Return a foreign list as a roster, and what it does not say; ('', ''): it is none."""
+    """Return another list as a roster, and the missing field; ('', '') if it is not one."""
     lines = [line for line in text.removeprefix('\ufeff').splitlines() if line.strip()]
     if not lines:
         return '', ''
@@ -73,7 +74,7 @@ def _roster(karts: Iterable[_Kart]) -> str:
     """Return a roster of karts, of which some fields may be empty."""
     lines = ['karts:']
     for number, team, address, transponders in karts:
-        # JSON is YAML, and quotes whatever is in a name.
+        # JSON is also YAML, and quotes anything in a name.
         lines += [f'  - number: {number}', f'    team: {json.dumps(team, ensure_ascii=False)}']
         lines += [f'    address: {address}', '    in_race: true']
         if transponders:

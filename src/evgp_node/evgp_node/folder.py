@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where our programs keep what outlives them, if they are not told."""
+"""The default folder for the files of our programs."""
 
 from __future__ import annotations
 

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ROS graph of this process, bound to loopback whatever the environment says.
+The ROS graph of this process, bound to loopback regardless of the environment.
 
-Without SROS2, anyone who can send to a node's DDS sockets can call its services. So every program
-of ours decides by itself where its sockets are: `bind_graph` tells DDS, before ``rclpy.init``, to
-open them on 127.0.0.1 only, and `fence_graph` has the kernel drop whatever comes to them through
-another interface. The setting `INTERFACE` adds one more interface, by its address: whichever has
-it, also when it was unplugged and comes back.
+Without SROS2, anyone who can send to a node's DDS sockets can call its services. Each of our
+programs therefore decides itself where its sockets are. Before ``rclpy.init``, `bind_graph` tells
+DDS to open them only on 127.0.0.1, and `fence_graph` makes the kernel drop everything that reaches
+them through another interface. The setting `INTERFACE` adds one more interface by its address; an
+interface that was unplugged and comes back with this address counts again.
 
-`reachable_at` reads what came of it from the sockets themselves, and not from the settings.
+`reachable_at` reads the result from the sockets themselves, and not from the settings.
 """
 
 from __future__ import annotations
@@ -31,8 +31,8 @@ import threading
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
-"""Environment variable: the IPv4 address, on this machine, of the one interface that the graph is
-on besides loopback. Empty or not set: loopback only."""
+"""Environment variable: this machine's IPv4 address of the one interface that the graph uses
+besides loopback. If empty or not set, the graph uses only loopback."""
 
 DOMAIN = 'ROS_DOMAIN_ID'
 """Environment variable: the ROS domain."""
@@ -41,34 +41,34 @@ LAST_DOMAIN = 232
 """The last domain whose UDP ports (7400 + 250 for each domain) exist."""
 
 EVERY = '0.0.0.0'
-"""In `reachable_at`: at every address of this machine."""
+"""Every address of this machine, in `reachable_at`."""
 
 LOOPBACK = '127.0.0.1'
 
 ANNOUNCEMENT = 1
-"""Time between two announcements of this process to the others, seconds. A node that does not
-look for us (ROS's own SUBNET looks on the network only) finds us after so long."""
+"""Time between two announcements of this process to the others, in seconds. A node that does not
+search for us (ROS's own SUBNET searches only the network) finds us within this time."""
 
 PROCESSES = 120
-"""Maximum number of ROS processes on this machine, in one domain: a domain has no more ports."""
+"""Maximum number of ROS processes on this machine in one domain, which has no more ports."""
 
 CROWDED = 60
-"""Number of ROS processes on this machine, in one domain, beyond which officials are warned. Each
-announces itself to each: with 115, that took 1.6 processors."""
+"""Number of ROS processes on this machine in one domain above which race control warns officials.
+Each process announces itself to every other, which took 1.6 processors with 115 of them."""
 
 HEARTBEAT = 0.1
-"""How long a sender waits for an acknowledgement before it asks for one, in seconds: about how
-late what was lost arrives. Fast DDS's default is 3 s, which would delay an official's call or its
-answer as much; Cyclone DDS's is 0.1 s."""
+"""Time that a sender waits for an acknowledgement before it asks for one, in seconds. A lost
+message arrives about this late. Fast DDS's default of 3 s would delay an official's call or its
+answer that much; Cyclone DDS's is 0.1 s."""
 
 RECEIVE_BUFFER_BYTES = 4 * 2**20
-"""How much each socket of Fast DDS may hold unread, in bytes; the kernel allows net.core.rmem_max
-at most. The ``~/race`` of a thousand karts fills the usual 0.2 MB, and an answer is dropped."""
+"""Receive buffer of each socket of Fast DDS, in bytes; net.core.rmem_max is the kernel's limit.
+The ``~/race`` of a thousand karts fills the usual 0.2 MB, so that an answer is dropped."""
 
 _OVERRIDDEN = (
-    # Where DDS looks, and for whom.
+    # Where DDS searches, and for whom.
     *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT'),
-    # What else Fast DDS takes its settings from; FASTDDS_ENVIRONMENT_FILE outdoes all the others.
+    # Other sources of Fast DDS's settings; FASTDDS_ENVIRONMENT_FILE overrides all the others.
     *('FASTDDS_ENVIRONMENT_FILE', 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTDDS_STATISTICS'),
     *('RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE'),
 )
@@ -77,7 +77,7 @@ KEEPS_APART = (
     *('FASTDDS_BUILTIN_TRANSPORTS', 'ROS_AUTOMATIC_DISCOVERY_RANGE=OFF'),
     'ROS_DISCOVERY_SERVER',
 )
-"""What of a shell may keep a program that is not ours from ours, which are at UDP on loopback."""
+"""Variables of a shell that may keep other programs from ours, which use UDP on loopback."""
 
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -113,8 +113,8 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 </dds>
 """
 
-# Named, so that no multicast is listened to: a socket for that hears every interface which any
-# program of this machine has joined the group on.
+# Set explicitly, so that DDS opens no multicast socket, which would hear every interface on which
+# any program of this machine has joined the group.
 _NO_MULTICAST = '<metatrafficUnicastLocatorList>{}</metatrafficUnicastLocatorList>'
 
 _LOCATOR = '<locator><udpv4><address>{}</address></udpv4></locator>'
@@ -138,37 +138,37 @@ _CYCLONE_DDS = """<CycloneDDS>
 
 
 class GraphError(RuntimeError):
-    """The graph cannot be where it is to be; the text says why, and what to do."""
+    """The graph cannot be bound as required; the text says why, and what to do."""
 
 
 class NotNowError(GraphError):
-    """The graph cannot be where it is to be now, and may be later."""
+    """The graph cannot be bound as required now, but perhaps later."""
 
 
 def refuse_domain() -> None:
     """
-    Refuse a ROS domain that DDS has no ports for; what is no number is ROS's own to refuse.
+    Refuse a ROS domain for which DDS has no ports. (ROS itself refuses what is not a number.)
 
-    :raises GraphError: if ROS_DOMAIN_ID is such a number.
+    :raises GraphError: if ROS_DOMAIN_ID is such a domain.
     """
     given = os.environ.get(DOMAIN, '')
     with contextlib.suppress(ValueError):
         if not 0 <= int(given, 0) <= LAST_DOMAIN:
             raise GraphError(
-                f'{DOMAIN} is {given}, and there is no such ROS domain. '
-                f'Give a number from 0 to {LAST_DOMAIN}, better to 101'
+                f'{DOMAIN} is {given}, which is not a ROS domain. '
+                f'Give a number from 0 to {LAST_DOMAIN}, preferably up to 101'
             )
 
 
 def bind_graph() -> None:
     """
-    Have DDS open its sockets on loopback, and on the interface named by `INTERFACE`, only.
+    Make DDS open its sockets only on loopback and on the interface named by `INTERFACE`.
 
-    Call it before ``rclpy.init``. It changes the environment of this process. With Fast DDS it
+    Call this before ``rclpy.init``. It changes the environment of this process. With Fast DDS, it
     also sets `HEARTBEAT` and `RECEIVE_BUFFER_BYTES`.
 
-    :raises GraphError: if no interface has that address, if there is no such ROS domain, or if it
-        is not known how to tell this ROS middleware.
+    :raises GraphError: if no interface has that address, if the ROS domain does not exist, or if
+        this ROS middleware cannot be configured here.
     """
     refuse_domain()
     interface = _named_interface()
@@ -176,24 +176,24 @@ def bind_graph() -> None:
     if not middleware.startswith(('rmw_fastrtps', 'rmw_cyclonedds')):
         raise GraphError(
             f'{middleware} cannot be bound to one interface here, so anyone on the network could '
-            'give commands. Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp'
+            'send commands. Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp'
         )
     for name in _OVERRIDDEN:
         os.environ.pop(name, None)
-    # Of all ranges only this one leaves everything to what follows.
+    # Only this range leaves everything to the settings below.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    # A call of a process to itself is to show that calls can come in (evgp_rcs.ros.node).
+    # A call of a process to itself must show that calls can arrive (evgp_rcs.ros.node).
     profile = _private_file(fast_dds_profile(interface, intraprocess=False))
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
-    # Otherwise a file of a certain name in the working directory would come on top.
+    # Otherwise a file with a certain name in the working directory would override this.
     os.environ['SKIP_DEFAULT_XML_FILE'] = '1'
     os.environ['SKIP_DEFAULT_XML'] = '1'
     os.environ['CYCLONEDDS_URI'] = cyclone_dds_configuration(interface)
 
 
 def kept_apart_by() -> str:
-    """Return what may keep this process from ours, as ``NAME=value``; empty: nothing known."""
+    """Return settings that may keep this process from ours, as ``NAME=value``; empty if none."""
     found = []
     for name, _, bad in (each.partition('=') for each in KEEPS_APART):
         given = os.environ.get(name, '')
@@ -204,14 +204,15 @@ def kept_apart_by() -> str:
 
 def fence_graph() -> None:
     """
-    Have the kernel drop what comes to this process's UDP sockets through other interfaces.
+    Make the kernel drop datagrams to this process's UDP sockets through other interfaces.
 
-    Call it as soon as there is a node: it is the first one that opens the sockets. An address
-    alone is no fence, since Linux takes a datagram for any of its addresses at any interface.
-    From then on a thread follows the address named by `INTERFACE` to the interface that has it.
+    Call this as soon as there is a node, because the first node opens the sockets. Binding to an
+    address is not enough, since Linux accepts a datagram for any of its addresses at any
+    interface. From then on, a thread follows the address named by `INTERFACE` to the interface
+    that has it.
 
     :raises GraphError: if no interface has that address.
-    :raises NotNowError: if DDS found no port left to listen at.
+    :raises NotNowError: if DDS found no free port to listen at.
     """
     while _profiles:
         _profiles.pop().close()  # DDS has read it
@@ -226,7 +227,7 @@ def fence_graph() -> None:
         )
     if named and named not in _followed:
         _followed.add(named)
-        # Made here: it belongs to the network of the thread that makes it.
+        # Created here, because it belongs to the network of the thread that creates it.
         news = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW)
         news.bind((0, _ADDRESSES_OF_INTERFACES))
         threading.Thread(target=_follow, args=(named, news), name='fence', daemon=True).start()
@@ -238,14 +239,14 @@ _followed: set[str] = set()
 def _follow(named: str, news: socket.socket) -> None:
     """Move the fence whenever an address of this machine comes or goes."""
     while True:
-        with contextlib.suppress(OSError):  # the address is gone again, which is news
+        with contextlib.suppress(OSError):  # the address is gone again, and more news follows
             _fence(named)
-        with contextlib.suppress(OSError):  # more came than it takes: look again
+        with contextlib.suppress(OSError):  # after an overflow, look again
             news.recv(65536)
 
 
 def _fence(named: str) -> None:
-    """Let each UDP socket hear loopback and the interface with this address, if there is one."""
+    """Let each UDP socket hear only loopback and the interface with this address, if any."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # it was unplugged
         indices.append(socket.if_nametoindex(interfaces()[named]))
@@ -257,13 +258,13 @@ def _fence(named: str) -> None:
 
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
-    """Have a TCP server hear loopback and the interface that has this address now, only."""
+    """Let a TCP server hear only loopback and the interface that has this address now."""
     name = interfaces().get(address, 'lo')
     _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
 
 
 def network_of(address: str) -> ipaddress.IPv4Network | None:
-    """Return the network of an address of this machine; None: no interface has it now."""
+    """Return the network of an address of this machine; None if no interface has it now."""
     name = interfaces().get(address)
     if name is None:
         return None
@@ -274,16 +275,16 @@ def network_of(address: str) -> ipaddress.IPv4Network | None:
 
 
 def has_its_address() -> bool:
-    """Return whether this machine has the address named by `INTERFACE`, if there is one."""
+    """Return whether this machine has the address named by `INTERFACE`, if one is named."""
     named = os.environ.get(INTERFACE, '').strip()
     return not named or named in interfaces()
 
 
 def trouble_of_graph(domain: int) -> str:
     """
-    Return what officials should know of this process's graph, as a sentence; empty: nothing.
+    Return what is wrong with this process's graph, as a sentence for officials; empty if nothing.
 
-    It takes about a millisecond, and may be called in any thread.
+    This takes about a millisecond, and may be called in any thread.
     """
     if not has_its_address():
         named = os.environ[INTERFACE].strip()
@@ -294,8 +295,8 @@ def trouble_of_graph(domain: int) -> str:
     if count_processes(domain) <= CROWDED:
         return ''
     return (
-        f'More than {CROWDED} ROS processes run on this machine in domain {domain}, and there is '
-        f'room for {PROCESSES}: end those that are not needed, or a console may find no place'
+        f'More than {CROWDED} ROS processes run on this machine in domain {domain}, which has '
+        f'room for {PROCESSES}: end those that are not needed, or a console may not find room'
     )
 
 
@@ -308,9 +309,9 @@ def count_processes(domain: int) -> int:
 
 class Inbox:
     """
-    Whether this process reads what has come to its sockets of the graph.
+    Checks whether this process reads its graph's sockets.
 
-    Each has a thread of DDS that does nothing else. If that hangs, the oldest datagram stays.
+    A thread of DDS reads each socket. If the thread hangs, the oldest datagram stays unread.
     """
 
     def __init__(self) -> None:
@@ -322,7 +323,7 @@ class Inbox:
             each.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def unread(self) -> int:
-        """Return in how many looks in a row a datagram was found unread, this one included."""
+        """Return the number of checks in a row, with this one, that found a datagram unread."""
         for at, each in enumerate(self._sockets):
             stamp = _oldest_arrival(each)
             before, looks = self._oldest[at]
@@ -334,7 +335,7 @@ def reachable_at() -> tuple[str, ...]:
     """
     Return the IPv4 addresses at which the graph of this process can be reached.
 
-    They are read from its UDP sockets and the kernel's filters on them. `EVERY` stands for every
+    They are read from its UDP sockets and the kernel's filters on them. `EVERY` means every
     address of this machine.
     """
     names = interfaces()
@@ -360,11 +361,11 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     """
     Refuse a graph that can be reached from where karts connect.
 
-    Call it once there is a node.
+    Call this once there is a node.
 
-    :param kart_address: at which race control listens for karts; `EVERY` is every address.
-    :param accepted: whether the official has accepted this by name.
-    :raises GraphError: if it can be, and neither SROS2 is enforced nor it was accepted.
+    :param kart_address: address at which race control listens for karts, or `EVERY`.
+    :param accepted: whether a parameter accepts this explicitly.
+    :raises GraphError: if it can be reached, SROS2 is not enforced, and it is not accepted.
     """
     if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
@@ -382,25 +383,25 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     at = 'every address' if EVERY in meeting else ' and '.join(meeting)
     karts = 'every address' if kart_address == EVERY else kart_address
     raise GraphError(
-        f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
+        f'karts connect at {karts}, and the ROS graph can be reached at {at}, so anyone on the '
         "karts' network could start them. Set the parameter address (make run ADDRESS=...) to "
         "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one "
-        "on the officials' network, or leave officials out; docs/security.md has the other ways"
+        "on the officials' network, or leave officials out; docs/security.md describes other ways"
     )
 
 
 def where_reachable() -> str:
-    """Return a sentence that says where the graph of this process can be reached."""
+    """Return a sentence that says from where the graph of this process can be reached."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     if not beyond:
-        return 'The ROS graph can be reached from this machine only'
+        return 'The ROS graph can be reached only from this machine'
     at = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
-    secured = ', and asks for keys (SROS2)' if is_security_enforced() else ''
+    secured = ', and requires keys (SROS2)' if is_security_enforced() else ''
     return f'The ROS graph can be reached from other machines, at {at}{secured}'
 
 
 def is_security_enforced() -> bool:
-    """Return whether SROS2 keeps out of the graph who has no key."""
+    """Return whether SROS2 keeps programs without a key out of the graph."""
     return (
         os.environ.get('ROS_SECURITY_ENABLE') == 'true'
         and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
@@ -411,11 +412,11 @@ def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
     """
     Return the profile for Fast DDS.
 
-    :param interface: the address of the one besides loopback; empty: none.
-    :param intraprocess: whether what stays in a process goes past the sockets.
+    :param interface: address of the interface besides loopback; empty for none.
+    :param intraprocess: whether messages within a process bypass the sockets.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
-    # Other machines are found by multicast, which goes to the interface only.
+    # DDS finds other machines by multicast, which goes only to the interface.
     peers = [LOOPBACK, *([_DISCOVERY_GROUP] if interface else [])]
     return _FAST_DDS.format(
         addresses=''.join(f'<address>{each}</address>' for each in addresses),
@@ -433,7 +434,7 @@ def cyclone_dds_configuration(interface: str) -> str:
     """
     Return the configuration for Cyclone DDS.
 
-    :param interface: the address of the one besides loopback; empty: none.
+    :param interface: address of the interface besides loopback; empty for none.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
     return _CYCLONE_DDS.format(
@@ -447,8 +448,8 @@ def cyclone_dds_configuration(interface: str) -> str:
 
 
 def _private_file(content: str) -> str:
-    """Return the path of a file that only this user can read; it goes with `fence_graph`."""
-    # Fast DDS wants a file with a name: a memfd has none.
+    """Return the path of a file that only this user can read; `fence_graph` deletes it."""
+    # Fast DDS requires a file with a name, which a memfd does not have.
     file = tempfile.NamedTemporaryFile('w', prefix='evgp-graph-', suffix='.xml')  # noqa: SIM115
     file.write(content)
     file.flush()
@@ -470,10 +471,10 @@ def _may_come(named: str) -> bool:
 
 def _named_interface() -> str:
     """
-    Return the address that `INTERFACE` names; empty: none but loopback.
+    Return the address that `INTERFACE` names; empty for loopback only.
 
     :raises NotNowError: if no interface of this machine has it now.
-    :raises GraphError: if none ever can.
+    :raises GraphError: if no interface can ever have it.
     """
     named = os.environ.get(INTERFACE, '').strip()
     if not named:
@@ -488,7 +489,7 @@ def _named_interface() -> str:
     return '' if ipaddress.IPv4Address(named).is_loopback else named
 
 
-# ----- what the kernel says ---------------------------------------------------------------
+# ----- from the kernel --------------------------------------------------------------------
 
 _DESCRIPTORS = pathlib.Path('/proc/self/fd')
 _NETWORK = pathlib.Path('/proc/thread-self/net')
@@ -521,18 +522,18 @@ def interfaces() -> dict[str, str]:
 
 @contextlib.contextmanager
 def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
-    """Give each UDP socket of this process, and the IPv4 address to which it is bound."""
+    """Provide each UDP socket of this process, with the IPv4 address to which it is bound."""
     bound = {}
     for line in _lines(_NETWORK / 'udp'):
         number = bytes.fromhex(line[1].partition(':')[0])
         bound[line[9]] = socket.inet_ntoa(number[::-1])
     for line in _lines(_NETWORK / 'udp6'):
-        bound[line[9]] = EVERY  # we open none; who sees one shall ask
+        bound[line[9]] = EVERY  # we open none, so one must not go unnoticed
     with contextlib.ExitStack() as stack:
         found = []
         for own in list(_DESCRIPTORS.iterdir()):
             try:
-                # A copy: the original may be closed meanwhile, and another get its number.
+                # A copy, since the original may be closed now and its number used again.
                 descriptor = os.dup(int(own.name))
             except OSError:
                 continue
@@ -547,17 +548,17 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
 
 
 def _is_read(each: socket.socket) -> bool:
-    """Return whether a socket is one that Fast DDS reads: it only sends by the others."""
+    """Return whether Fast DDS reads a socket; it only sends by the others."""
     return _sends_multicast_at(each) == '0.0.0.0'
 
 
 def _sends_multicast_at(each: socket.socket) -> str:
-    """Return the address that was set; Fast DDS sets one for the sockets by which it sends."""
+    """Return a socket's multicast address, which Fast DDS sets on sockets by which it sends."""
     return socket.inet_ntoa(each.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4))
 
 
 def _oldest_arrival(each: socket.socket) -> bytes:
-    """Return when what waits longest in a socket has come; empty: nothing waits."""
+    """Return when the oldest datagram in a socket arrived; empty if none waits."""
     try:
         what = socket.MSG_PEEK | socket.MSG_DONTWAIT
         _, further, _, _ = each.recvmsg(1, socket.CMSG_SPACE(16), what)
@@ -574,7 +575,7 @@ def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
     elif _is_open(bound):
         membership = socket.inet_aton(_DISCOVERY_GROUP) + socket.inet_aton(named)
         for option in (socket.IP_DROP_MEMBERSHIP, socket.IP_ADD_MEMBERSHIP):
-            with contextlib.suppress(OSError):  # it is none, or the address is gone again
+            with contextlib.suppress(OSError):  # not a member, or the address is gone again
                 each.setsockopt(socket.IPPROTO_IP, option, membership)
 
 
@@ -590,7 +591,7 @@ def _is_open(address: str) -> bool:
 
 
 def _attach_filter(to: socket.socket, indices: list[int]) -> None:
-    """Let a socket hear the interfaces with these numbers only."""
+    """Let a socket hear only the interfaces with these numbers."""
     count = len(indices)
     program = [
         _LOAD_INTERFACE,
@@ -607,9 +608,9 @@ def _attach_filter(to: socket.socket, indices: list[int]) -> None:
 
 
 def _filtered_interfaces(of: socket.socket) -> list[int] | None:
-    """Return the numbers of the interfaces a socket hears; None: it hears all."""
+    """Return the numbers of the interfaces that a socket hears; None if it hears all."""
     code = ctypes.create_string_buffer(8 * 64)
-    # Counted in instructions, there and back, not in bytes as everywhere else.
+    # This option counts in instructions, both ways, and not in bytes like others.
     count = ctypes.c_uint32(64)
     if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
         return None

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-For launch files: when a node is not started again.
+For launch files: decides when not to restart a node.
 
-Only launch files import this: the `launch` package is not there without an installed ROS.
+Only launch files import this, because the `launch` package comes only with an installed ROS.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 def keep_trying_if_it_was_up(*beside: Action) -> OnExit:
     """
-    Return what keeps a node from being started again to end in the same way.
+    Return an `on_exit` that gives up a node which would only end in the same way again.
 
     :param beside: the nodes that end with it.
     """

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Who gives a command: an official's name, by their own word.
+The name of the official who sends a command, as the sender gives it.
 
-It is a claim, not proof: whoever can give a command can give it in any name (docs/security.md). So
-no rule depends on it, and no text that anybody sends as a name is ever a reason to refuse.
+The name is a claim, not proof: anyone who can send a command can use any name (docs/security.md).
+Therefore no rule depends on it, and no text that is sent as a name leads to a refusal.
 
 Pure.
 """
@@ -13,48 +13,49 @@ Pure.
 from __future__ import annotations
 
 MOST = 80
-"""Maximum length of what is kept as the name of a command's official, in characters."""
+"""Maximum stored length of the official of a command, in characters."""
 
 MOST_OF_NAME = 40
-"""Maximum length of the name itself in what our own programs send, in characters."""
+"""Maximum length of the name that our own programs send, in characters."""
 
 MOST_OF_HOST = 24
-"""Maximum length of the name of the machine in what our own programs send, in characters."""
+"""Maximum length of the machine's name that our own programs send, in characters."""
 
 UNNAMED = 'unnamed'
-"""An official who has not said who they are."""
+"""The name of an official who has not given one."""
 
 
 def tidy(text: str, most: int = MOST) -> str:
     """
-    Return what is kept of a name, for logs, terminals and pages: one line that can be printed.
+    Return a name as one printable line, for logs, terminals and pages.
 
-    What cannot be printed is left out, also what turns the direction of a text.
+    Characters that cannot be printed are left out, including those that change the direction of
+    the text.
 
     :param most: maximum length, in characters.
     """
-    # Cut first: of a text of any length, only this much costs time.
+    # Cut first, so that a text of any length costs little time.
     begun = text[: 4 * MOST]
     shown = ''.join(each for each in begun if each.isprintable() or each.isspace())
     return ' '.join(shown.split())[:most].rstrip()
 
 
 TIMEKEEPER = 'timekeeper'
-"""The official of a FINISH that the timekeeper gives; it never counts as somebody there."""
+"""The official of a FINISH that the timekeeper sends; it never counts as able to stop."""
 
 
 def heard(text: str) -> str:
-    """Return the official of a command that came with any text as the name; never empty."""
+    """Return the official of a command from an untrusted text; never empty."""
     return tidy(text) or UNNAMED
 
 
 def claim(name: str, host: str, process: int | None = None) -> str:
     """
-    Return what our own programs send as the official: two consoles of one name are told apart.
+    Return what our own programs send as the official, different for each program.
 
-    :param name: what the official is called; empty: unnamed.
-    :param host: the name of the machine.
-    :param process: the number of the process; None where a process gives one command only.
+    :param name: name of the official; empty if unnamed.
+    :param host: name of the machine.
+    :param process: number of the process; None if the process sends only one command.
     """
     number = '' if process is None else f' {process}'
     who = tidy(name, MOST_OF_NAME) or UNNAMED
@@ -63,8 +64,8 @@ def claim(name: str, host: str, process: int | None = None) -> str:
 
 def said_by(text: str, official: str) -> str:
     """
-    Return an event's sentence with who caused it.
+    Return an event's sentence with the official who caused it.
 
-    :param official: empty for what is no command, and in records of older versions.
+    :param official: empty if no command caused it.
     """
     return f'{text} [{official}]' if official else text

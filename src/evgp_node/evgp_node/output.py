@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard output and error that nobody ever waits for."""
+"""Standard output and error that never block the process."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import sys
 import threading
 
 FINISH_TIMEOUT = 1.0
-"""How long what was printed last may take to be printed at the end, seconds."""
+"""Maximum time at the end to print the last output, in seconds."""
 
 
 @contextlib.contextmanager
 def unwaiting_output() -> Iterator[None]:
     """
-    Put a pipe and a thread before standard output and error; what does not fit is lost.
+    Put a pipe and a thread before standard output and error; output that does not fit is lost.
 
-    rclpy writes its log while it holds the interpreter's lock. A terminal that takes nothing
-    (Ctrl-S, a hung ssh, a stopped ``ros2 launch``) would stop every thread of the process with
-    the next line, and with them every stop for every kart.
+    rclpy writes its log while it holds the interpreter's lock. With a blocked terminal (Ctrl-S, a
+    hung ssh, a stopped ``ros2 launch``), the next line of the log would stop every thread of the
+    process, and with them every stop for every kart.
     """
     for stream in (1, 2):
         if os.isatty(stream):
-            # rcutils would see a pipe, and leave the colours out.
+            # rcutils would see a pipe, and omit the colours.
             os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
     pumps = [_Pump(stream) for stream in (1, 2)]
     try:
@@ -39,7 +39,7 @@ def unwaiting_output() -> Iterator[None]:
 
 
 class _Pump:
-    """Stands before one file descriptor."""
+    """The pipe and thread before one file descriptor."""
 
     def __init__(self, stream: int) -> None:
         self._stream = stream
@@ -52,8 +52,8 @@ class _Pump:
         self._thread.start()
 
     def finish(self) -> None:
-        """Give the descriptor back, once all was printed or that takes too long."""
-        # By this the pipe loses its last writer, and the thread comes to its end.
+        """Restore the descriptor, once everything is printed or that takes too long."""
+        # This closes the last writer of the pipe, so that the thread ends.
         os.dup2(self._original, self._stream)
         self._thread.join(FINISH_TIMEOUT)
 
@@ -64,4 +64,4 @@ class _Pump:
                     count = os.write(self._original, data)
                     data = data[count:]
             except OSError:
-                pass  # nobody reads it any more; race control goes on without being read
+                pass  # the reader is gone, and race control goes on without it

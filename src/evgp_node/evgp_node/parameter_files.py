@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What ROS reads over in a file of parameters: a key given twice, a section for another node.
+Finds what ROS silently ignores in parameter files: duplicate keys, and other nodes' sections.
 
-A setting that its file only seems to make would silently keep its default.
+A setting in an ignored part would silently keep its default.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ import yaml
 
 def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
     """
-    Yield what ROS ignores in the files of these arguments: a sentence for each, with its line.
+    Yield a sentence, with the line, for everything that ROS ignores in the parameter files.
 
-    :param node: the node's name, with its namespace, such as /rcs.
-    :param alone: the files are for this node alone; else they may have sections for others too.
+    :param arguments: the command line, with the names of the files.
+    :param node: name of the node, with its namespace, such as /rcs.
+    :param alone: the files are for this node only, and may not have sections for others.
     """
     for before, path in itertools.pairwise(arguments):
         if before != '--params-file':
@@ -30,7 +31,7 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
         root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
         for key, first in _twice(root):
             line = first.start_mark.line + 1
-            yield _said(path, key, f'{key.value!r} is there already (line {line}). Give it once')
+            yield _said(path, key, f'{key.value!r} is already given in line {line}. Give it once')
         sections = [*_sections(root)]
         others = [(name, key) for name, key in sections if not _is_for(name, node)]
         if alone or len(others) == len(sections):
@@ -43,7 +44,7 @@ def _said(path: str, key: yaml.Node, what: str) -> str:
 
 
 def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:
-    """Yield each key that its mapping has already, and that earlier key."""
+    """Yield each duplicate key in a mapping, with the earlier one."""
     if isinstance(node, yaml.MappingNode):
         first: dict[str, yaml.Node] = {}
         for key, value in node.value:
@@ -53,7 +54,7 @@ def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:
 
 
 def _sections(node: yaml.Node | None, name: str = '') -> Iterator[tuple[str, yaml.Node]]:
-    """Yield each name of a node that has parameters, and its key."""
+    """Yield the name and key of each node section with parameters."""
     for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
         inner = f'{name}/{key.value}' if name else str(key.value)
         if isinstance(value, yaml.MappingNode):
@@ -64,7 +65,7 @@ def _sections(node: yaml.Node | None, name: str = '') -> Iterator[tuple[str, yam
 
 
 def _is_for(name: str, node: str) -> bool:
-    """Return whether a name, perhaps with * and **, is that of a node."""
+    """Return whether a name, which may contain * and **, matches a node."""
     pattern = re.escape('/' + name.lstrip('/'))
     pattern = pattern.replace(r'/\*\*', r'(/\w+)*').replace(r'/\*', r'/\w+')
     return re.fullmatch(pattern, node) is not None

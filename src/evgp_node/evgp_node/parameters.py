@@ -4,8 +4,8 @@
 """
 Parameters of a node: declared with meaning and range, read-only, and refused in one sentence.
 
-``rclpy`` ignores a parameter nobody declared, so a misspelt key in a file would silently leave
-the default in force. Here it is refused at start, with the name that was probably meant.
+``rclpy`` ignores undeclared parameters, so a misspelt key in a file would silently leave the
+default in force. Our nodes refuse such a key at start, and suggest the name that was meant.
 """
 
 from __future__ import annotations
@@ -33,42 +33,43 @@ _IN_WORDS = {
 
 
 class ParameterError(ValueError):
-    """A parameter is wrong; the text says which one, why, and what would be right."""
+    """A parameter is wrong; the text says which one, why, and what to do."""
 
 
 def check_address(name: str, address: str) -> None:
     """
-    Refuse what is no IPv4 address.
+    Check that a parameter is an IPv4 address.
 
-    :raises ParameterError: if it is none.
+    :raises ParameterError: if it is not.
     """
     try:
         ipaddress.IPv4Address(address)
     except ipaddress.AddressValueError as error:
         raise ParameterError(
-            f'parameter {name}: {address!r} is no IPv4 address ({error}). Give one as 10.0.0.1'
+            f'parameter {name}: {address!r} is not an IPv4 address ({error}). '
+            'Give one like 10.0.0.1'
         ) from error
 
 
 class StrictNode(Node):
     """
-    A node that knows which parameters it was given, declared or not.
+    A node that knows all parameters that it was given, declared or not.
 
-    :ivar beside: nodes of the same process that only serve, each in a thread of its own.
-    :raises ParameterError: if one of them has no value.
+    :ivar beside: other nodes of the process that only serve, each in a thread of its own.
+    :raises ParameterError: if a parameter has no value.
     """
 
     beside: tuple[Node, ...] = ()
 
     def __init__(self, name: str, **node_options: Any) -> None:
-        """Make the node, with no parameter declared but ROS's own."""
+        """Create the node, with only ROS's own parameters declared."""
         try:
             super().__init__(
                 name, automatically_declare_parameters_from_overrides=True, **node_options
             )
         except ValueError as error:
             raise ParameterError(
-                f'a parameter has no value ({error}). Give one; a list may not be empty'
+                f'a parameter has no value ({error}). Give it a value; a list must not be empty'
             ) from error
         fence_graph()
         self.given = {
@@ -80,11 +81,11 @@ class StrictNode(Node):
             self.undeclare_parameter(name)
 
     def close(self) -> None:
-        """End its threads and leave everything in its safe state; ROS still works meanwhile."""
+        """End the node's threads and leave everything safe, while ROS still works."""
 
 
 class Parameters:
-    """The parameters of one node, all of them declared through here."""
+    """The parameters of one node, which are all declared here."""
 
     def __init__(self, node: StrictNode) -> None:
         self._node = node
@@ -97,12 +98,12 @@ class Parameters:
         Declare a read-only parameter and return its value.
 
         :param meaning: what it is, with its unit.
-        :param limits: the least and the greatest value of a number.
-        :raises ParameterError: if the value given is of another type or outside the limits.
+        :param limits: minimum and maximum of a number.
+        :raises ParameterError: if the given value has another type or is outside the limits.
         """
         descriptor = ParameterDescriptor(description=meaning, read_only=True)
         of_texts = isinstance(default, list) and isinstance(default[0], str)
-        of_what = 'texts, as [Anna, Ben]' if of_texts else 'numbers with points, as [1.0, 2.0]'
+        of_what = 'texts, like [Anna, Ben]' if of_texts else 'numbers with points, like [1.0, 2.0]'
         right = _IN_WORDS.get(type(default), f'a list of {of_what}')
         if limits is not None:
             least, greatest = limits
@@ -124,10 +125,10 @@ class Parameters:
 
     def refuse_unknown(self, own_file: bool = False) -> None:
         """
-        Refuse what was given and never declared or read; call it after the last ``declare``.
+        Refuse parameters that were given but not declared; call this after the last ``declare``.
 
-        :param own_file: a file of parameters may have no section for other nodes.
-        :raises ParameterError: if there is such a parameter.
+        :param own_file: a parameter file must not have sections for other nodes.
+        :raises ParameterError: if there is such a parameter or section.
         """
         for name in sorted(self._node.given - set(self._declared)):
             meant = difflib.get_close_matches(name, self._declared, n=1)

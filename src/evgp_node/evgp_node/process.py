@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node as a process: runs until it is told to end, and says in one sentence why it cannot."""
+"""Runs a node as a process until a signal ends it, or says in one sentence why it cannot."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
 SWITCH_INTERVAL = 0.0002
-"""How long one thread keeps the interpreter from another that wants it, seconds. With Python's
-usual 5 ms, a stop waits for as long while another thread makes a message."""
+"""Time after which a thread yields the interpreter to another, in seconds. With Python's usual
+5 ms, a stop would wait that long while another thread builds a message."""
 
 LOOK_INTERVAL = 1.0
-"""Time between two looks of the main thread whether it still runs, seconds."""
+"""Time between two signs of life of the main thread, in seconds."""
 
 HANGS = 10.0
-"""Time without such a look after which the process ends with exit code 1, seconds: something holds
-the interpreter's lock, as DDS may, and the node does nothing until it is started again."""
+"""Time without such a sign after which the process ends with exit code 1, in seconds. Something,
+such as DDS, then holds the interpreter's lock, and only a restart helps."""
 
 CLOSE_TIMEOUT = 8.0
-"""Maximum time for a node to close, seconds. Then the process ends with exit code 1; karts stop
-because their connections are gone."""
+"""Maximum time for a node to close, in seconds. After it, the process ends with exit code 1, and
+karts stop because their connections are gone."""
 
 LAST_WORD = 0.5
-"""Maximum time that the last words of one publisher may take to be heard, seconds."""
+"""Maximum time to wait until subscribers have a publisher's last messages, in seconds."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with
+"""Maximum time to shut ROS down after that, in seconds. After it, the process ends anyway, with
 the exit code that it has by then."""
 
 OnFailure = Callable[[BaseException], None]
@@ -57,33 +57,35 @@ def run_node(
     obstacles: tuple[type[Exception], ...] = (),
 ) -> int:
     """
-    Run a node until a signal of `ENDING`, then `close` it; the process must end then.
+    Run a node until a signal of `ENDING`, then `close` it; after that, the process must end.
 
-    The end takes no longer than `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, whatever DDS does, also
-    where it holds the interpreter's lock.
+    The end takes at most `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, even if DDS holds the
+    interpreter's lock.
 
-    :param name: stands before the sentence on stderr that says what is wrong.
-    :param make_node: makes the node; what it is given is called, in any thread, when the node
-        cannot go on.
-    :param refusals: what `make_node` raises, or hands on later, when a setting is wrong.
-    :param obstacles: what it raises when something else is in the way, which may go away.
+    :param name: name to print before the sentence on stderr that says what is wrong.
+    :param make_node: creates the node. It gets a function that the node calls, in any thread, when
+        it cannot go on.
+    :param refusals: the exceptions that `make_node` raises, or the node reports later, when a
+        setting is wrong.
+    :param obstacles: the exceptions that `make_node` raises when something else is in the way,
+        which may go away.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # Any thread may be the one that the kernel interrupts with a signal, and only the main one
-    # runs Python's handlers. So it waits for a byte, which whoever is interrupted writes.
+    # The kernel may interrupt any thread with a signal, but only the main thread runs Python's
+    # handlers. So the main thread waits for a byte, which the interrupted thread writes.
     ending, end = socket.socketpair()
     end.setblocking(False)
     signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
     for number in ENDING:
         signal.signal(number, lambda *_: None)
-    # Ctrl-Z would leave the karts with what they were sent last.
+    # Ctrl-Z would leave the karts with the last state that they were sent.
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
         code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
     end_within(TEARDOWN_TIMEOUT, code)
-    # Python gives up its handlers before the process is gone; a signal would then change the code.
+    # Python removes its handlers before the process ends; a signal could then change the code.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     take_down()
@@ -92,10 +94,10 @@ def run_node(
 
 def wait_until_heard(*publishers: Publisher) -> None:
     """
-    Wait until every reliable subscriber has what these publishers have published.
+    Wait until every reliable subscriber has the messages of these publishers.
 
-    A publisher that is gone sends nothing again that got lost on the way. A subscriber that does
-    not listen any more costs `LAST_WORD` per publisher, and no more.
+    A publisher that is gone does not repeat lost messages. A subscriber that no longer listens
+    costs at most `LAST_WORD` per publisher.
     """
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
@@ -110,7 +112,7 @@ def _run(
     ending: socket.socket,
     end: socket.socket,
 ) -> tuple[int, Callable[[], object]]:
-    """Run it and close it; return the exit code, and what takes ROS down."""
+    """Run the node and close it; return the exit code, and a function that shuts ROS down."""
     failures: list[BaseException] = []
 
     def fail(error: BaseException) -> None:
@@ -118,8 +120,8 @@ def _run(
         end.send(b'\0')
 
     program, *given = sys.argv if args is None else args
-    # A log file on a disk that hangs would hold up everything, as `unwaiting_output` says. Whoever
-    # wants it says --enable-external-lib-logs.
+    # A log file on a disk that hangs would block everything, as `unwaiting_output` explains. The
+    # option --enable-external-lib-logs turns the file on.
     own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
         bind_graph()
@@ -142,7 +144,7 @@ def _run(
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
     ]
-    # The node and ROS stay. To search them for garbage takes 20 ms, in which nothing else can run.
+    # The node and ROS stay, and a garbage collection of them would block everything for 20 ms.
     gc.collect()
     gc.freeze()
     ending.settimeout(LOOK_INTERVAL)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The QoS of what whoever comes late must hear too."""
+"""The QoS of topics that late subscribers must receive as well."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 
 def latched(depth: int) -> QoSProfile:
-    """Return the QoS of a reliable, latched topic of which the last `depth` messages are kept."""
+    """Return the QoS of a reliable, latched topic that keeps its last `depth` messages."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,

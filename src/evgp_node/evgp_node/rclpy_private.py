@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-All that we use of rclpy and that is not public there: no other file of ours does.
+The only file of ours that uses private parts of rclpy.
 
-Its two errors have no public name; the rest is what a public executor does not do: drop what
-cannot be read, answer a stop without a new wait set, and take all that waits in a subscription.
+Two of its errors have no public name. The rest is what a public executor does not do: drop calls
+and messages that cannot be read, answer a stop without a new wait set, and take everything that
+waits in a subscription.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ from rclpy.subscription import Subscription
 __all__ = ['Executor', 'RCLError', 'Server', 'UnknownROSArgsError', 'take_waiting']
 
 UNREADABLE_LOG_AGAIN = 1.0
-"""Minimum time between two log lines about calls that cannot be read, seconds."""
+"""Minimum time between two log lines about calls that cannot be read, in seconds."""
 
 
 class Executor(SingleThreadedExecutor):
     """
     An executor for a graph in which anyone may send anything.
 
-    What cannot be read raises in rclpy where it is taken, which would also leave the node's
-    callbacks locked for good. Here there is then nothing to do.
+    rclpy raises an error when it takes something that it cannot read, which would also lock the
+    node's callbacks forever. This executor drops it instead.
     """
 
     def __init__(self, node: Node) -> None:
@@ -60,7 +61,7 @@ class Executor(SingleThreadedExecutor):
             return
         if not isinstance(entity, Service):
             raise error
-        # The callback itself refuses: what remains is an answer that could not be sent.
+        # The callback itself refuses calls that fail, so here an answer could not be sent.
         _dropped(self._log, f'The answer of {entity.srv_name} could not be sent', error)
 
     def _take_service(self, srv: Any) -> Any:
@@ -82,12 +83,12 @@ class Executor(SingleThreadedExecutor):
 
 class Server:
     """
-    Answers the calls of a node that only serves, with one wait set for all its life.
+    Answers the calls of a node that only serves, with a single wait set.
 
-    If the node calls others too, nobody takes their answers.
+    If the node also calls other services, their answers are ignored.
 
-    rclpy's executor makes a new one, a task and two coroutines for each callback, which is
-    0.2 ms of a stop (docs/dev/decisions.md, record 6).
+    rclpy's executor creates a new wait set, a task and two coroutines for each callback, which
+    delays a stop by 0.2 ms (docs/dev/decisions.md, record 6).
     """
 
     def __init__(self, node: Node) -> None:
@@ -95,7 +96,7 @@ class Server:
         self._log = node.get_logger()
         self._services = tuple(node.services)
         self._wake = GuardCondition(None, None, node.context)
-        # Its waitables are those of /parameter_events, which every node publishes.
+        # Its only waitables are those of /parameter_events, which every node publishes.
         others = (*node.subscriptions, *node.timers, *node.guards)
         assert not others, f'{node.get_name()} has more than services'
         self._waits = rclpy_implementation.WaitSet(
@@ -124,7 +125,7 @@ class Server:
             self._wake.trigger()
 
     def shutdown(self) -> None:
-        """Let go of what it waits by; nobody runs ``run_next`` any more."""
+        """Release the wait set, once ``run_next`` no longer runs."""
         self._wake.destroy()
         self._waits.destroy_when_not_in_use()
 
@@ -135,7 +136,7 @@ class Server:
             _dropped(self._log, f'A call of {service.srv_name} could not be read', error)
             return
         if header is None:
-            return  # no call after all; rclpy's executor checks for this too
+            return  # there was no call after all, for which rclpy's executor checks as well
         answer = service.callback(request, service.srv_type.Response())
         try:
             service.send_response(answer, header)
@@ -144,7 +145,7 @@ class Server:
 
 
 def take_waiting(subscription: Subscription, most: int) -> list[Any]:
-    """Return what waits behind the message that the executor has taken, oldest first."""
+    """Return the messages that wait behind the one that the executor took, oldest first."""
     waiting: list[Any] = []
     with subscription.handle:
         while len(waiting) < most:

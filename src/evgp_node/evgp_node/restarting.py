@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The shortest loop that keeps a program running where there is neither systemd nor ``ros2 launch``.
+A small loop that keeps a program running without systemd or ``ros2 launch``.
 
 Use: ``python -m evgp_node.restarting program argument ...``
 
-A program that dies is started again; `Ends` says which ends are final, and the program's exit code
-is passed on. A signal of `ENDING` and a terminal that is closed end both for good.
+The loop restarts a program that dies. `Ends` decides which ends are final; the loop then exits
+with the program's exit code. A signal of `ENDING` or a closed terminal ends both for good.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ import sys
 import time
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""The signals that end a program of ours in good order; a terminal that is closed sends one."""
+"""Signals that end our programs in good order; a terminal that is closed sends one of them."""
 
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Time before the first, second, ... restart in a row, in seconds; the last serves all further."""
+"""Time before the first, second, ... restart in a row, in seconds; the last is for all others."""
 
 HEALTHY = 30.0
-"""Time after which a program that runs counts as healthy again, in seconds."""
+"""Time after which a running program counts as healthy again, in seconds."""
 
 FIRST_TRIES = 10.0
-"""Maximum time for which a program that was never up is started again and again because something
-is in the way, in seconds. What an earlier one has left behind ends sooner."""
+"""Maximum time to retry the start of a program that was never up because something is in the way,
+in seconds. The remains of an earlier run disappear sooner."""
 
 WRONG_SETTING = 2
-"""The exit code of a program that a setting keeps from starting: to start it again changes
-nothing."""
+"""Exit code of a program that cannot start because of a setting; a restart would not help."""
 
 IN_THE_WAY = 3
-"""The exit code of a program that something around it keeps from starting; it may start later."""
+"""Exit code of a program that cannot start now because something is in the way."""
 
 
 class Ends:
     """
-    Which ends of a program are final.
+    Decides which ends of a program are final.
 
-    :param now: when it is started first, in seconds of a monotonic clock.
-    :param gives_way: whether what is in the way for `FIRST_TRIES` ends it also after it was up.
+    :param now: time of the first start, in seconds of a monotonic clock.
+    :param gives_way: whether an obstacle that lasts for `FIRST_TRIES` ends the program for good
+        even if it was up before.
     """
 
     def __init__(self, now: float, *, gives_way: bool = False) -> None:
@@ -55,17 +55,17 @@ class Ends:
         self._was_up = False
 
     def is_final(self, code: int, now: float) -> bool:
-        """Take note of an end (negative: a signal); return whether no start follows it."""
+        """Record an end (a negative code is a signal); return whether it is final."""
         if code not in (WRONG_SETTING, IN_THE_WAY):
-            # Not refused: what refuses it later may be what it has left behind, or what has
-            # changed around it. The settings are those with which it was up.
+            # The program was up with these settings. A later refusal may be due to its own
+            # remains, or to a change around it.
             self._was_up = True
             self._tries_since = now
         if code == 0:
             return True
         if self._was_up and not (self._gives_way and code == IN_THE_WAY):
             return False
-        # A second one that is started by mistake must not take over later, unexpected.
+        # A second program that is started by mistake must not take over later.
         return code == WRONG_SETTING or now - self._tries_since >= FIRST_TRIES
 
 
@@ -74,8 +74,8 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     Run a program until it ends for good.
 
     :param command: the program and its arguments.
-    :param gives_way: as of `Ends`.
-    :return: its exit code; 128 and the signal's number if a signal ended it.
+    :param gives_way: as for `Ends`.
+    :return: its exit code, or 128 plus the number of the signal that ended it.
     """
     told, tell = os.pipe()
     os.set_blocking(tell, False)
@@ -83,19 +83,19 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     for number in ENDING:
         signal.signal(number, lambda *_: None)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z
-    # Where whoever started this one ignores it, nobody learns how the program ended.
+    # If the parent ignores SIGCHLD, this process could not learn how the program ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     news = select.poll()
     news.register(told, select.POLLIN)
     if os.isatty(0):
-        # Its hang-up: the kernel tells only the terminal's first process, which may be make.
+        # Notice a hang-up here; the kernel signals only the terminal's first process, maybe make.
         news.register(0, 0)
     name = os.path.basename(command[0])  # noqa: PTH119
     failures = 0
     ends = Ends(time.monotonic(), gives_way=gives_way)
     while True:
         began = time.monotonic()
-        # In a session of its own: it hears of the terminal through this process.
+        # In a session of its own, so that signals of the terminal reach it through this process.
         program = subprocess.Popen(
             ['setpriv', '--pdeathsig', 'TERM', *command], start_new_session=True
         )
@@ -106,7 +106,7 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
         os.close(ended)
         if is_told:
             program.terminate()
-            program.send_signal(signal.SIGCONT)  # a stopped one could not end
+            program.send_signal(signal.SIGCONT)  # a stopped program could not end
         code = program.wait()
         now = time.monotonic()
         failures = 1 if now - began >= HEALTHY else failures + 1
@@ -122,7 +122,7 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
 
 
 def _say(text: str) -> None:
-    """Print a line on stderr, unless nobody takes it: a terminal after Ctrl-S holds up nothing."""
+    """Print a line on stderr, unless that would block, as on a terminal after Ctrl-S."""
     try:
         if select.select([], [2], [], 0)[1]:
             os.write(2, f'{text}\n'.encode())

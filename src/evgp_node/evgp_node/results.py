@@ -4,7 +4,7 @@
 """
 Results of races as plain data: `Results.msg` and its parts are the image of these types.
 
-The timekeeper makes them; board, windows and reports show them and work out nothing.
+The timekeeper computes them; board, windows and reports only show them.
 
 Pure.
 """
@@ -29,31 +29,31 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
 
 
 TIMING_GONE = 3.0
-"""Time without results after which screens say that there is no timing, in seconds: they come once
-a second."""
+"""Time without results after which screens say that there is no timing, in seconds. Results come
+once a second."""
 
 BY_HAND = 'official'
-"""The source of passings that officials count (COUNT_PASSING)."""
+"""The source of passings that officials enter (COUNT_PASSING)."""
 
 
 class Identity(NamedTuple):
-    """Which passing it is: the same one, however often it is said."""
+    """Identifies a passing; a repeated passing has the same identity."""
 
     source: str
     session: str
     number: int
 
     def __str__(self) -> str:
-        """Return it as officials name it."""
+        """Return the identity as officials name it."""
         return f'{self.source} {self.number}'
 
 
 class Passing(NamedTuple):
     """
-    A passing as it came; the meanings are those of ``evgp_rcs_msgs/Passing``.
+    A passing as the source sent it; its fields mean the same as in ``evgp_rcs_msgs/Passing``.
 
-    :param stamp_ns: when it crossed, in ns since the epoch of the source's clock.
-    :param strength: None: the source does not say.
+    :param stamp_ns: time of the crossing, in ns since the epoch of the source's clock.
+    :param strength: signal strength; None if unknown.
     """
 
     source: str
@@ -68,16 +68,16 @@ class Passing(NamedTuple):
 
     @property
     def identity(self) -> Identity:
-        """Return which one it is."""
+        """Return the identity of the passing."""
         return Identity(*self[:3])
 
 
 class Mark(enum.Enum):
     """
-    What became of a passing.
+    The timekeeper's judgement of a passing.
 
-    ``DOUBTFUL``: too near to the last one that counted. ``UNKNOWN``: nobody has its transponder.
-    ``NOT_COUNTED``: not of a kart that races at that time, or it has all its laps.
+    ``DOUBTFUL``: too soon after the last passing that counted. ``UNKNOWN``: no kart has its
+    transponder. ``NOT_COUNTED``: the kart was not racing then, or already had all its laps.
     """
 
     COUNTED = 'counted'
@@ -88,7 +88,7 @@ class Mark(enum.Enum):
 
 
 class Penalty(NamedTuple):
-    """What an official took from a kart's result, why, and who."""
+    """A penalty on a kart's result, with its reason and the official who gave it."""
 
     kart: int
     seconds: int
@@ -98,7 +98,7 @@ class Penalty(NamedTuple):
     official: str
 
     def __str__(self) -> str:
-        """Return what it costs, and why."""
+        """Return the penalty and its reason as text."""
         costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
             self.laps
         )
@@ -107,7 +107,7 @@ class Penalty(NamedTuple):
 
 
 class Status(enum.Enum):
-    """How a kart stands in the results; from ``DNF`` on it has no place."""
+    """The status of a kart in the results; from ``DNF`` on, it has no place."""
 
     RUNNING = 'RUNNING'
     CLASSIFIED = 'CLASSIFIED'
@@ -120,12 +120,12 @@ class KartResult(NamedTuple):
     """
     The result of one kart.
 
-    :param place: from 1; karts that are equal share one; 0: none.
-    :param laps: those that count, after penalties.
-    :param total: in a race from GREEN_GREEN to the last crossing, else the sum of the laps; with
-        the seconds of penalties, in s. None: no lap.
-    :param lap_times: of every lap, in s.
-    :param penalties: in the order in which they were given.
+    :param place: place from 1, which equal karts share; 0 for none.
+    :param laps: number of laps that count, after penalties.
+    :param total: in a race, time from GREEN_GREEN to the last crossing; otherwise the sum of the
+        laps; plus the seconds of penalties; in seconds. None if there is no lap.
+    :param lap_times: time of every lap, in seconds.
+    :param penalties: penalties in the order in which officials gave them.
     """
 
     kart: int
@@ -138,12 +138,12 @@ class KartResult(NamedTuple):
 
     @property
     def best(self) -> float | None:
-        """Return its best lap, in s; None: no lap."""
+        """Return its best lap time, in seconds; None if there is no lap."""
         return min(self.lap_times, default=None)
 
 
 class Judged(NamedTuple):
-    """A passing with what became of it; ``struck``: why it was struck out."""
+    """A passing with its judgement; ``struck``: why it was struck out."""
 
     passing: Passing
     kart: int
@@ -153,15 +153,15 @@ class Judged(NamedTuple):
 
 
 class Act(enum.Enum):
-    """What an official corrects."""
+    """A kind of correction by an official."""
 
     COUNT = 'count a passing'
     STRIKE = 'strike a passing out'
-    RESTORE = 'put a passing back'
+    RESTORE = 'restore a passing'
     GIVE = 'give a transponder to a kart'
     PENALISE = 'penalise a kart'
-    UNDO_PENALTY = 'take the last penalty of a kart back'
-    CHOOSE = 'have this race of its heat count'
+    UNDO_PENALTY = 'undo the last penalty of a kart'
+    CHOOSE = 'make this race count for its heat'
     PUBLISH = 'publish the results of a race'
 
 
@@ -169,9 +169,11 @@ class Correction(NamedTuple):
     """
     A correction by an official.
 
-    :param race: which race, by its place among all races of the event from 1; 0: the newest.
-    :param passing: for STRIKE and RESTORE.
-    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
+    :param race: number of the race in the event, from 1; 0 for the newest.
+    :param passing: for STRIKE and RESTORE: the passing.
+    :param seconds: for PENALISE: time to add, in seconds.
+    :param laps: for PENALISE: number of laps to deduct.
+    :param disqualified: for PENALISE: whether to disqualify the kart.
     """
 
     act: Act
@@ -186,7 +188,7 @@ class Correction(NamedTuple):
     reason: str = ''
 
     def __str__(self) -> str:
-        """Return what is corrected, and why."""
+        """Return the correction and its reason as text."""
         what = [self.act.value, f'kart {self.kart}' * bool(self.kart)]
         what.append(f'passing {self.passing}' * bool(self.passing.source))
         what.append(f'transponder {self.transponder}' * bool(self.transponder))
@@ -197,10 +199,10 @@ class Correction(NamedTuple):
 
 class Corrected(NamedTuple):
     """
-    A correction that was accepted, and when it came.
+    An accepted correction, and when it came.
 
-    :param run: with ``race``: the race that it corrects, by the id of the run of race control and
-        the number of the race in it; empty: none was known yet.
+    :param run: id of the run of race control of the corrected race; empty if no race was known.
+    :param race: number of the corrected race in that run.
     """
 
     at: float
@@ -210,7 +212,7 @@ class Corrected(NamedTuple):
 
 
 class HeatGrid(NamedTuple):
-    """In which order the karts of a heat are to start; empty: nothing says one yet."""
+    """The starting order of a heat; empty if there is none yet."""
 
     name: str
     karts: tuple[int, ...]
@@ -218,11 +220,11 @@ class HeatGrid(NamedTuple):
 
 class RaceOfEvent(NamedTuple):
     """
-    A race of this event, as the timekeeper has it.
+    A race of this event, as the timekeeper recorded it.
 
-    :param number: counts them from 1.
-    :param stamp: when its grid formed, in seconds.
-    :param counts: its results are those of its heat.
+    :param number: number of the race, from 1.
+    :param stamp: time of its GRID_ACTIVE, in seconds.
+    :param counts: whether its results count for its heat.
     """
 
     number: int
@@ -233,7 +235,7 @@ class RaceOfEvent(NamedTuple):
 
 
 class Standings(NamedTuple):
-    """The results of the newest race; the meanings are those of `Results.msg`."""
+    """The results of the newest race; its fields mean the same as in `Results.msg`."""
 
     stamp: float = 0.0
     run: str = ''
@@ -253,11 +255,11 @@ class Standings(NamedTuple):
     published: bool = False
 
     def kart(self, number: int) -> KartResult | None:
-        """Return the result of a kart; None: it did not start."""
+        """Return the result of a kart; None if it did not start."""
         return next((each for each in self.karts if each.kart == number), None)
 
     def behind(self, number: int) -> str:
-        """Return how far a kart is behind the first one, in words; empty: it is not."""
+        """Return how far a kart is behind the first one, as text; empty if it is not."""
         kart, first = self.kart(number), next(iter(self.karts), None)
         if kart is None or first is None or not kart.place:
             return ''
@@ -273,6 +275,6 @@ class Standings(NamedTuple):
         return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
 
     def laps_left(self, number: int) -> int:
-        """Return how many laps a kart still has to drive; 0 also where no number is set."""
+        """Return how many laps a kart still has to drive; 0 if no number is set."""
         kart = self.kart(number)
         return 0 if kart is None else max(0, self.laps - len(kart.lap_times))

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The roster: which karts there are, who of them is in the first race, and the heats (§3.F, §4.A).
+The roster: the karts, which of them are in the first race, and the heats (§3.F, §4.A).
 
-Parsing only: text in, a ``Roster`` or one ``RosterError`` out. An official edits this file by
-hand, minutes before a race, so every fault is told at once, with its line and with what would be
-right. The YAML is read as a tree of nodes that know their lines, and never turned into objects:
-whatever YAML could mean beyond these fields is refused.
+Parsing only: text in, a ``Roster`` or one ``RosterError`` out. An official edits this file by hand
+minutes before a race, so the error lists every fault at once, with its line and what to write
+instead. The YAML is read as a tree of nodes that know their lines, and never turned into objects;
+every feature of YAML that these fields do not need is refused.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from evgp_node.entry_list import as_roster
 import yaml
 
 MOST_ENTRIES = 200
-"""Maximum number of karts. Race control is built for 20 and tried with 100."""
+"""Maximum number of karts. Race control is built for 20 and tested with 100."""
 
-# A roster of so many fits, with comments.
+# Enough for a roster of that many karts, with comments.
 MAX_BYTES = 200_000
 MAX_NUMBER = 9999
-# What still fits beside the buttons of a GUI.
+# These still fit beside the buttons of a window.
 MAX_TEAM_LENGTH = 64
 MAX_HEAT_LENGTH = 32
 MAX_TRANSPONDER_LENGTH = 32
@@ -54,13 +54,14 @@ _Read = TypeVar('_Read')
 
 class RosterError(ValueError):
     """
-    A roster that cannot be used; its text is for the official who wrote it.
+    A roster that cannot be used; the text is for the official who wrote it.
 
-    One line for each fault, in the order of the file. Each names the file and, where the fault
-    is in a line, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
+    It has one line for each fault, in the order of the file. Each line names the file and, if
+    possible, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
     give every kart its own address`.
 
-    :ivar as_roster: another program's list of karts as a roster with gaps; empty: it is none.
+    :ivar as_roster: another program's list of karts, converted to a roster with gaps; empty if the
+        file is not such a list.
     """
 
     as_roster = ''
@@ -69,10 +70,10 @@ class RosterError(ValueError):
 @dataclasses.dataclass(frozen=True)
 class RosterEntry:
     """
-    One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race.
+    One kart: its number (1 to 9999), team, IPv4 address, and whether it is in the first race.
 
-    :ivar inspected: the date of its inspection, YYYY-MM-DD; empty: it has none.
-    :ivar transponders: those it carries; no other kart has one of them.
+    :ivar inspected: date of its inspection, YYYY-MM-DD; empty for none.
+    :ivar transponders: its transponders, which no other kart has.
     """
 
     number: int
@@ -84,7 +85,7 @@ class RosterEntry:
 
 
 class Format(enum.Enum):
-    """What a race is about, which decides the places."""
+    """The format of a race, which decides how places are given."""
 
     RACE = 'race'
     TIME_TRIAL = 'time_trial'
@@ -94,12 +95,12 @@ class Format(enum.Enum):
 @dataclasses.dataclass(frozen=True)
 class Heat:
     """
-    Karts that race together; their numbers in ascending order.
+    Karts that race together.
 
-    :ivar laps: how many laps each kart drives; 0: no number is set.
-    :ivar grid_from: they start in the order of the results of this heat, or of all heats of this
-        format; empty: nothing says an order.
-    :ivar auto_finish: a kart finishes with its last lap, without an official.
+    :ivar karts: their numbers, in ascending order.
+    :ivar laps: number of laps that each kart drives; 0 if not set.
+    :ivar grid_from: heat or format whose results give the starting order; empty for none.
+    :ivar auto_finish: the timekeeper sends FINISH for a kart at its last lap.
     """
 
     name: str
@@ -115,8 +116,8 @@ class Roster:
     """
     The karts of the event, at least one, and its heats, in the order of the file.
 
-    No number, address, transponder or name of a heat is in it twice; a heat has only karts of the
-    roster, and its order of start is from another heat of it or from a format.
+    Numbers, addresses, transponders and names of heats are unique. A heat has only karts of the
+    roster, and takes its starting order from another heat or a format.
     """
 
     entries: tuple[RosterEntry, ...]
@@ -127,7 +128,7 @@ def load_roster(path: pathlib.Path) -> Roster:
     """
     Return the roster in a YAML file (§3.F: the list that race control is provided with).
 
-    Raise RosterError where the file cannot be read or is not a roster.
+    :raises RosterError: if the file cannot be read or is not a roster.
     """
     try:
         if path.is_fifo():
@@ -138,8 +139,9 @@ def load_roster(path: pathlib.Path) -> Roster:
         reason = error.strerror or str(error)
         raise RosterError(f'{path}: cannot be read ({reason}); name a readable file') from error
     except ValueError as error:  # a path no file can have, such as one with a null byte
-        raise RosterError(f'{path!s}: is no file name ({error}); name a readable file') from error
-    # Judged before decoding, which a cut in the middle of a character would fail for.
+        reason = f'is not a file name ({error}); name a readable file'
+        raise RosterError(f'{path!s}: {reason}') from error
+    # Checked before decoding, which would fail if the text is cut in the middle of a character.
     if len(content) > MAX_BYTES:
         raise _too_large(str(path))
     try:
@@ -155,9 +157,10 @@ def load_roster(path: pathlib.Path) -> Roster:
 
 def parse_roster(text: str, source: str) -> Roster:
     """
-    Return the roster in a YAML text; source is what messages call the file.
+    Return the roster in a YAML text.
 
-    Raise RosterError, and nothing else, whatever the text is.
+    :param source: name of the file in messages.
+    :raises RosterError: if the text is not a roster; there are no other exceptions.
     """
     return _Parser(source).parse(text)
 
@@ -170,7 +173,7 @@ def _too_large(source: str) -> RosterError:
 
 
 class _FaultError(Exception):
-    """A fault at a line, 0 for the whole file; raised where reading cannot go on behind it."""
+    """A fault at a line (0: the whole file), after which reading cannot go on."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(line, reason)
@@ -179,7 +182,7 @@ class _FaultError(Exception):
 
 
 class _Parser:
-    """The parsing of one text: it gathers the faults, so that all can be told at once."""
+    """Parses one text, and collects its faults so that all can be reported at once."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -239,10 +242,10 @@ class _Parser:
 
     def _compose(self, text: str) -> yaml.Node | None:
         """
-        Return the tree of the text, with no node in it twice and no type named by the file.
+        Return the tree of the text, in which each node occurs once, with YAML's own types.
 
-        Anchors and tags have no use in a roster, and are what makes YAML able to grow without
-        bound and to mean more than it says. They are refused as events, before there is a tree.
+        A roster needs no anchors and tags, with which YAML can grow without bound and name any
+        type. They are refused as events, before there is a tree.
         """
         depth = 0
         with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # said below
@@ -257,7 +260,7 @@ class _Parser:
                     depth += 1
                 elif isinstance(event, yaml.CollectionEndEvent):
                     depth -= 1
-                # The fields of a kart are three deep; composing recurses.
+                # Composing recurses, and the fields of a kart are only three levels deep.
                 if depth > 10:
                     raise _fault(event, "is nested too deep; list the karts under 'karts:'")
             return yaml.compose(text, Loader=yaml.SafeLoader)
@@ -268,24 +271,24 @@ class _Parser:
             reason = f'the character #x{error.character:04x} is not allowed'
             raise _not_yaml(line, reason) from error
         except (ValueError, OverflowError) as error:
-            # PyYAML lets these out where an escape or a directive has a number it cannot take.
+            # PyYAML raises these for a number in an escape or a directive that is out of range.
             raise _not_yaml(0, error) from error
 
     def _refuse_cuts(self, text: str) -> None:
-        """Note each comment behind a name or in a list, which cuts off what was meant."""
+        """Report each comment after a name or in a list, which may cut off a part of it."""
         inside = 0
         for token in yaml.scan(text, Loader=yaml.SafeLoader):
             inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
             inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
             if inside > 10:
-                return  # nested too deep, as is noticed next
+                return  # nested too deep, which is reported next
             name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
             end = token.end_mark
             if (inside or name) and _COMMENT.match(text, end.index):
                 self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
-        """Yield the karts of the list, each checked by itself and against those before it."""
+        """Yield the karts of the list, each checked alone and against the earlier ones."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
         carriers: dict[str, tuple[str, int]] = {}
@@ -329,7 +332,7 @@ class _Parser:
         kart: str,
         what: str,
     ) -> None:
-        """Note whose something is that only one kart can have, or that it is another's."""
+        """Record the owner of something unique, or report that another kart has it."""
         if name in owners:
             owner, line = owners[name]
             whose = f"is already {owner}'s (line {line}); give every kart its own {what}"
@@ -342,7 +345,7 @@ class _Parser:
     ) -> tuple[str, ...]:
         right = 'give a list, such as [4711, 4712], or leave it out'
         if not isinstance(node, yaml.SequenceNode) or not node.value:
-            raise _fault(node, f'{kart}: transponders {_shown(node)} is no list; {right}')
+            raise _fault(node, f'{kart}: transponders {_shown(node)} is not a list; {right}')
         for each in node.value:
             if not (
                 isinstance(each, yaml.ScalarNode)
@@ -352,14 +355,14 @@ class _Parser:
             ):
                 raise _fault(
                     each,
-                    f'{kart}: transponder {_shown(each)} is no name; give 1 to '
-                    f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device has it',
+                    f'{kart}: transponder {_shown(each)} is not a name; give 1 to '
+                    f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device reports it',
                 )
             self._own(carriers, str(each.value).strip(), each, kart, 'transponder')
         return tuple(str(each.value).strip() for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Yield the heats, each checked by itself and against the karts."""
+        """Yield the heats, each checked alone and against the karts."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
             self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
@@ -375,7 +378,7 @@ class _Parser:
                     self._note(
                         key,
                         f'heat {name!r} is already there (line {lines[alike]}); '
-                        'give every heat its own name, different not only in capitals or spaces',
+                        'give every heat its own name; capitals and spaces make no difference',
                     )
                 lines.setdefault(alike, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
@@ -390,7 +393,7 @@ class _Parser:
                 auto_finish = self._tried(self._auto_finish, auto, heat) or auto_finish
                 value = fields.get('karts', value)
                 if isinstance(value, yaml.MappingNode):
-                    continue  # it has none, which is noted
+                    continue  # the missing karts are reported
             karts = self._heat_karts(value, heat)
             if name is not None and karts:
                 yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from, auto_finish)
@@ -400,7 +403,7 @@ class _Parser:
             return Format(node.value)
         except ValueError as error:
             known = ', '.join(each.value for each in Format)
-            fault = f'{heat}: format {_shown(node)} is none; give one of {known}'
+            fault = f'{heat}: format {_shown(node)} is unknown; give one of {known}'
             raise _fault(node, fault) from error
 
     def _grid_from(
@@ -413,7 +416,7 @@ class _Parser:
             return str(source)
         raise _fault(
             node,
-            f'{heat}: grid_from {_shown(node)} is no other heat; give the name of one, or of a '
+            f'{heat}: grid_from {_shown(node)} is not another heat; give the name of one, or of a '
             f'format ({", ".join(each.value for each in Format)}), or leave it out',
         )
 
@@ -437,7 +440,7 @@ class _Parser:
                 return name
         raise _fault(
             node,
-            f'heat {_shown(node)} has no name that can be shown; '
+            f'heat {_shown(node)} has no name that can be displayed; '
             f'give it 1 to {MAX_HEAT_LENGTH} printable characters',
         )
 
@@ -471,7 +474,7 @@ class _Parser:
         what: str,
         optional: tuple[str, ...] = (),
     ) -> dict[str, yaml.Node]:
-        """Return the fields, which must be each of the names once and no other."""
+        """Return the fields, which must be exactly the names, each once."""
         if not isinstance(node, yaml.MappingNode):
             raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
         fields: dict[str, yaml.Node] = {}
@@ -497,7 +500,7 @@ class _Parser:
         return fields
 
     def _number_in(self, node: yaml.Node) -> int | None:
-        """Return the number of a kart whose fields may be wrong, to call it by."""
+        """Return the number of a kart, for messages about its other fields."""
         for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
             if isinstance(key, yaml.ScalarNode) and key.value == 'number':
                 try:
@@ -523,7 +526,7 @@ class _Parser:
                 return team
         raise _fault(
             node,
-            f'{kart}: team {_shown(node)} is no name; give 1 to {MAX_TEAM_LENGTH} printable '
+            f'{kart}: team {_shown(node)} is not a name; give 1 to {MAX_TEAM_LENGTH} printable '
             'characters, in quotes if they look like a number or a yes or no',
         )
 
@@ -534,13 +537,14 @@ class _Parser:
         except ValueError as error:
             why = f' ({error})' if 'eading zero' in str(error) else ''
             raise _fault(
-                node, f'{kart}: address {_shown(node)} is no IPv4 address{why}; {right}'
+                node, f'{kart}: address {_shown(node)} is not an IPv4 address{why}; {right}'
             ) from error
-        # Nothing connects from these, so that the kart would wait for ever.
+        # No kart can connect from these.
         if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
             kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
             raise _fault(
-                node, f'{kart}: address {address} is {kind} address and no kart has it; {right}'
+                node,
+                f'{kart}: address {address} is {kind} address, which no kart can have; {right}',
             )
         return str(address)
 
@@ -569,7 +573,7 @@ class _Parser:
     def _tried(
         self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
     ) -> _Read | None:
-        """Read a node; note its fault and return ``None`` if it has one, or is missing."""
+        """Read a node; if it has a fault, report it and return ``None``, also if it is missing."""
         if node is None:
             return None
         try:
@@ -585,13 +589,13 @@ class _Parser:
 _COMMENT = re.compile('[ \t]+#')
 
 CUT = (
-    "' #' begins a comment and cuts off what follows; put the text into quotes, or the comment on "
-    'a line of its own'
+    "' #' begins a comment and cuts off the rest; put the text into quotes, or the comment on a "
+    'line of its own'
 )
 
 
 def _is_text(scalar: str) -> bool:
-    """Return whether it may be a name: a number, an address, a date, true or false is complete."""
+    """Return whether a scalar may be a name, and not a number, address, date, true or false."""
     return not re.fullmatch(r'[-.:\d]+|true|false|yes|no|on|off', scalar, re.IGNORECASE)
 
 
@@ -608,19 +612,19 @@ _FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]
 
 
 def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
-    """Return what is wrong with a text that is not YAML, in words for who wrote it."""
+    """Return the fault of a text that is not YAML, in words for its author."""
     mark = error.problem_mark or error.context_mark
     if mark is None:
         return _not_yaml(0, error.problem or error.context)
     lines = text.splitlines() or ['']
-    # PyYAML notices at the end of the text what is wrong in the last line.
+    # PyYAML reports a fault of the last line at the end of the text.
     at = min(mark.line, len(lines) - 1)
     shown = lines[at]
     if '\t' in shown[: len(shown) - len(shown.lstrip())] or (error.problem or '').startswith(
         "found character '\\t'"
     ):
         return _FaultError(at + 1, 'has a tab character; use spaces instead')
-    # A field without a space after its colon is no field, and the next line does not fit.
+    # A field without a space after its colon is not a field, and the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
         if (
@@ -638,7 +642,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     if misfit and field and before and len(field['indent']) != len(before['indent']):
         return _FaultError(
             at + 1,
-            f'{field["name"]!r} does not begin below {before["name"]!r} of the line before; '
+            f'{field["name"]!r} does not begin below {before["name"]!r} of the previous line; '
             'begin all fields of a kart in the same column, with spaces',
         )
     if second_colon:
@@ -649,12 +653,12 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
 def _line(where: yaml.Node | yaml.Event) -> int:
     """Return the number of the line, from 1, that something begins in."""
     mark = where.start_mark
-    assert mark is not None  # parsing marks all it makes; others may leave the mark out
+    assert mark is not None  # PyYAML's parser marks all nodes and events
     return mark.line + 1
 
 
 def _shown(node: yaml.Node) -> str:
-    """Return what stands in a node, as a message shows it: in one line and not too long."""
+    """Return the content of a node for a message, in one short line."""
     if not isinstance(node, yaml.ScalarNode):
         return '(several values)'
     if node.value == '' and node.style is None:

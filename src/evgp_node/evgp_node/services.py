@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Service types by their names."""
+"""Finds service types by their names."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A thread that runs the callbacks of a node, and ends by itself."""
+"""A thread that runs the callbacks of a node and can be ended."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Spinning:
     """
     Runs the callbacks of a node in a thread of its own.
 
-    Nothing that comes in from the graph ends it: a request, message or answer that cannot be read
-    is dropped, and a call whose callback raises is refused; both are logged. What raises in any
-    other callback is a failure of this process.
+    No input from the graph ends the thread. It drops a request, message or answer that cannot be
+    read, refuses a call whose callback raises, and logs both. An exception in any other callback
+    is a failure of this process.
 
-    :param node: with all its services; it is spun from now on.
-    :param on_failure: is called, in the thread, when it cannot go on.
-    :param only_serves: the node has services and nothing else; a call is taken sooner then.
+    :param node: the node, with all its services.
+    :param on_failure: called, in the thread, when it cannot go on.
+    :param only_serves: the node has only services, so that its calls can be answered faster.
     """
 
     def __init__(
@@ -46,13 +46,13 @@ class Spinning:
 
     def stop(self, timeout: float | None = None) -> bool:
         """
-        Have the thread end once the callback that runs has returned.
+        End the thread once the present callback has returned.
 
-        The node and its context can be taken down then. `rclpy` would also let an executor be
-        shut down while it spins, but takes the ground from under its feet.
+        After that, the node and its context can be destroyed. `rclpy` would also shut down an
+        executor that still spins, but then destroys what it uses.
 
-        :param timeout: maximum time until then, seconds; None: as long as it takes.
-        :return: whether it has ended.
+        :param timeout: maximum time to wait, in seconds; None for no limit.
+        :return: whether the thread has ended.
         """
         self._ending.set()
         self._executor.wake()
@@ -69,12 +69,12 @@ class Spinning:
         except ExternalShutdownException as error:
             if not self._ending.is_set():
                 self._on_failure(error)
-        except BaseException as error:  # noqa: BLE001 - handed on
+        except BaseException as error:  # noqa: BLE001 - passed on
             self._on_failure(error)
 
 
 def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
-    """Return a service's callback; if it raises, the call is refused, and the traceback logged."""
+    """Return a service's callback that, if it raises, logs a traceback and refuses the call."""
     callback, name, log = service.callback, service.srv_name, node.get_logger()
 
     def serve(request: Any, response: Any) -> Any:
@@ -82,7 +82,7 @@ def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
             return callback(request, response)
         except Exception as error:  # noqa: BLE001 - a call from afar must not end this process
             log.error(
-                f'A call of {name} was refused because it failed here:\n{traceback.format_exc()}',
+                f'A call of {name} failed here and was refused:\n{traceback.format_exc()}',
                 throttle_duration_sec=UNREADABLE_LOG_AGAIN,
             )
             return _refusal(request, type(response)(), f'{type(error).__name__}: {error}')
@@ -91,11 +91,11 @@ def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
 
 
 def _refusal(request: Any, response: Any, reason: str) -> Any:
-    """Return a response that says no, where it has a word for that."""
+    """Return a response that refuses a request, as far as its type allows that."""
     fields = response.get_fields_and_field_types()
     if {'success', 'message'} <= fields.keys():
         response.success = False
-        response.message = f'It failed in here ({reason}). If it was a stop, USE THE MSR.'
+        response.message = f'The command failed ({reason}). If it was a stop, USE THE MSR.'
     refused = SetParametersResult(successful=False, reason=reason)
     if 'results' in fields:
         response.results = [refused for _ in request.parameters]

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wall time in messages, whatever the wall clock says."""
+"""Wall times in messages, for any state of the wall clock."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def stamp_of(nanoseconds: int) -> Time:
     """
     Return a wall time, in nanoseconds since 1970, as a message.
 
-    A message's seconds have 32 bits and end in January 2038. A later time is told as the last that
-    fits, and one before 1970 as 1970: a clock that is wrong must not keep a message from karts.
+    A message's seconds have 32 bits and end in January 2038. A later time becomes the last one
+    that fits, and a time before 1970 becomes 1970, so that a wrong clock never prevents a message.
     """
     seconds, rest = divmod(min(max(nanoseconds, 0), _LAST), _NS)
     return Time(sec=seconds, nanosec=rest)

@@ -21,5 +21,5 @@ def state_message(state: RaceState | None) -> msg.RaceState:
 
 
 def state_of(message: msg.RaceState) -> RaceState | None:
-    """Return the race state of a message; None: UNKNOWN, or a number that is no race state."""
+    """Return the race state of a message; None for UNKNOWN or an invalid number."""
     return _STATE.get(message.state)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Streams of typed entries, as race control and the timekeeper each write one.
+Streams of typed entries; race control and the timekeeper each write one.
 
-`Began` is the first entry of every stream: by its id, the streams of a run are joined. Entries are
-written in blocks. A block says how many entries came before it, so that missing ones are noticed
+`Began` is the first entry of every stream; its id joins the streams of a run. Entries are written
+in blocks. Each block contains the number of entries before it, so that missing entries are noticed
 and counted.
 
 Pure.
@@ -23,11 +23,11 @@ from evgp_node.encoding import DAMAGED, reader, written
 _Entry = TypeVar('_Entry')
 
 SCHEMA_VERSION = 10
-"""The version of the files that have such streams, in their ``user_version``."""
+"""Version of the files with such streams, in their ``user_version``."""
 
 
 BOOK = 'timing.sqlite3'
-"""The name of the timekeeper's book, beside the record."""
+"""File name of the timekeeper's book, beside the record."""
 
 
 class DamagedError(ValueError):
@@ -38,9 +38,9 @@ class Began(NamedTuple):
     """
     The first entry of a stream.
 
-    :param run: the id of the run, drawn at random: by it, streams of several programs are joined.
-    :param program: which program writes this stream.
-    :param wall_ns: when it began, in ns since the epoch.
+    :param run: random id of the run, which joins the streams of several programs.
+    :param program: name of the program that writes this stream.
+    :param wall_ns: wall time of its beginning, in ns since the epoch.
     """
 
     run: str
@@ -50,11 +50,11 @@ class Began(NamedTuple):
 
 class Gap(NamedTuple):
     """
-    Entries are missing here; no stream has this, but whoever reads one finds it.
+    Missing entries. A stream does not contain gaps; its reader finds them.
 
-    :param entries: how many; 0: nobody knows.
-    :param why: a phrase.
-    :param damaged: what is there cannot be read; otherwise it is not there.
+    :param entries: number of missing entries; 0 if unknown.
+    :param why: reason, as a phrase.
+    :param damaged: the entries are there, but cannot be read; otherwise they are not there.
     """
 
     entries: int
@@ -62,7 +62,7 @@ class Gap(NamedTuple):
     damaged: bool = False
 
     def __str__(self) -> str:
-        """Return it as a clause."""
+        """Return the gap as a clause."""
         many = {0: 'entries are', 1: '1 entry is'}.get(self.entries, f'{self.entries} entries are')
         return f'{many} missing: {self.why}'
 
@@ -71,8 +71,8 @@ class Block(NamedTuple):
     """
     A part of a stream.
 
-    :param entries: how many entries came before it.
-    :param data: those that it has, encoded.
+    :param entries: number of entries before it.
+    :param data: its own entries, encoded.
     """
 
     entries: int
@@ -80,17 +80,17 @@ class Block(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Return how many entries it has."""
+        """Return the number of its own entries."""
         return self.data.count(b'\n')
 
     def compressed(self) -> bytes:
-        """Return the block in few bytes, which show whether they were damaged."""
+        """Return the block compressed, in a form that reveals damage."""
         return zlib.compress(b'%d\n%s' % self)
 
     @staticmethod
     def of(data: bytes) -> Block:
         """
-        Return the block that was compressed.
+        Return the block from its compressed form.
 
         :raises DamagedError: if it is damaged.
         """
@@ -102,7 +102,7 @@ class Block(NamedTuple):
 
 
 def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Yield the same entries in few blocks: a new one only where some are missing."""
+    """Yield the same entries in few blocks, with a new block only after a gap."""
     parts: list[Block] = []
     expected = 0
     for block in blocks:
@@ -117,10 +117,10 @@ def joined(blocks: Iterable[Block]) -> Iterator[Block]:
 
 class Stream(Generic[_Entry]):
     """
-    How the entries of a kind of stream are written and read.
+    The encoding of one kind of stream.
 
-    :param kinds: the types of its entries: named tuples, or dataclasses that can be iterated.
-    :param check: raises ValueError for an entry that no program writes.
+    :param kinds: types of its entries: named tuples, or dataclasses that can be iterated.
+    :param check: raises ValueError for an entry that is invalid.
     """
 
     def __init__(
@@ -130,16 +130,16 @@ class Stream(Generic[_Entry]):
         self._check = check
 
     def encode(self, entry: _Entry) -> bytes:
-        """Return an entry as a line: a list of the name of its type and its fields."""
+        """Return an entry as a line of JSON: the name of its type and its fields."""
         fields: Any = entry
         return f'{written([type(entry).__name__, *fields])}\n'.encode()
 
     def decode(self, data: bytes, only: tuple[type[Any], ...] = ()) -> Iterator[_Entry]:
         """
-        Yield the entries that were encoded, in order.
+        Yield the entries in encoded data, in order.
 
-        :param only: leave out all but those of these types, if there are any here.
-        :raises DamagedError: where they are damaged.
+        :param only: if not empty, yield only entries of these types.
+        :raises DamagedError: at a damaged entry.
         """
         begins = tuple(f'["{kind.__name__}"'.encode() for kind in only) or b''
         for number, line in enumerate(data.splitlines(), 1):
@@ -157,10 +157,10 @@ class Stream(Generic[_Entry]):
         self, blocks: Iterable[tuple[int, bytes]], only: tuple[type[Any], ...] = ()
     ) -> Iterator[_Entry | Gap]:
         """
-        Yield the entries of a stream, and where some are missing.
+        Yield the entries and gaps of a stream.
 
         :param blocks: each block with its number, in order and compressed.
-        :param only: leave out all but entries of these types, if there are any here.
+        :param only: if not empty, yield only entries of these types.
         """
         expected = 0
         why, damaged = '', False
@@ -175,7 +175,7 @@ class Stream(Generic[_Entry]):
                 why, damaged = f'block {number} is not in its place', True
                 continue
             if why or block.entries > expected:
-                lost = 'the disk took none, or they were removed'
+                lost = 'the disk did not store them, or somebody removed them'
                 yield Gap(block.entries - expected, why or lost, damaged)
                 why, damaged = '', False
             yield from entries

@@ -6,7 +6,7 @@ The arbiter: which race state the kart must obey now (§2.B, §2.C, §3.A, §3.E
 
 Three rules for this module:
 
-1. No clock, socket, ROS, thread or log. Each input brings its monotonic time in seconds, and
+1. No clock, socket, ROS, thread or log. Each input carries its monotonic time in seconds, and
    the same inputs always give the same outputs.
 2. All the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``) and a
    kart without ROS (``kart``) use it and add none; tests compare ``kit/c/evgp_kart.h`` with it.
@@ -38,13 +38,13 @@ facts:
 
 * *out*: a team stop began while the kart was armed. The kart then obeys RED_RED, even after the
   team stop ends, until race control commands anything but GREEN_GREEN or the kart reconnects.
-  Race control did not command that RED_RED: for race control the kart is ready or racing. So once
-  the kart stands still it reports RED_RED, like an acknowledgement, but only once for each
-  command: a second report could be taken for an acknowledgement of a later RED_RED.
+  Race control did not command that RED_RED; as far as it knows, the kart is ready or racing. Once
+  the kart stands still, it therefore reports RED_RED, like an acknowledgement, but only once for
+  each command, because a second report could be mistaken for an acknowledgement of a later RED_RED.
 
 * *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and since then it has not
-  acknowledged it, had no team stop, and not used up ``red_flag_drive_time``. So RED_FLAG lets a
-  moving kart steer to a stop, and never lets a standing one move.
+  acknowledged RED_FLAG, has had no team stop, and has not used up ``red_flag_drive_time``. RED_FLAG
+  thus lets a moving kart steer to a stop, and never lets a standing one move.
 
 The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
 a GREEN_GREEN that is not armed; otherwise it is what is commanded. So releasing a team stop or
@@ -318,7 +318,7 @@ class Arbiter:
 
     @property
     def deadline(self) -> float | None:
-        """Time at which `tick` changes something if no input comes before; None: never."""
+        """Time at which `tick` changes something if no input comes first; None for never."""
         due = []
         if self._open:
             due.append(self._heard_at + self._settings.frame_timeout)
@@ -334,7 +334,7 @@ class Arbiter:
 
     @property
     def missing_odometry(self) -> str:
-        """Why missing odometry keeps every red from being acknowledged; empty: it does not."""
+        """Why missing odometry keeps every red from being acknowledged; empty if it does not."""
         if not self._odometry_expected:
             return ''
         topic = self._names.odometry
@@ -346,7 +346,7 @@ class Arbiter:
 
     @property
     def awaited(self) -> RaceState | None:
-        """What the stack could acknowledge now but has not; None: nothing."""
+        """What the stack could acknowledge now but has not; None if nothing."""
         reached = self.verdict.reached
         if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
             return None
@@ -357,7 +357,7 @@ class Arbiter:
         return self._reaction(self._pass(now))
 
     def connected(self, now: float) -> Reaction:
-        """Begin a new connection to race control; the one before counts as lost."""
+        """Begin a new connection to race control; the previous one counts as lost."""
         self._pass(now)  # a socket to give up would be the earlier connection's
         self._lose(_NOTHING_SAID)
         self._open = True
@@ -375,7 +375,7 @@ class Arbiter:
         return self._reaction(give_up)
 
     def heard(self, state: RaceState, now: float) -> Reaction:
-        """Take a frame from race control. Without a connection it is too late and ignored."""
+        """Handle a frame from race control; without a connection, it is too late and is ignored."""
         give_up = self._pass(now)
         if self._open:
             self._heard_at = now
@@ -394,7 +394,7 @@ class Arbiter:
         self._who[source] = who
         self._sign(source, now)
         if source is StopSource.TWO_ODOMETRIES:
-            # Two publishers are odometry, too; the last speed may be from either.
+            # Two publishers count as odometry as well; the last speed may be from either.
             self._odometry_expected = self._odometry_expected or engaged
             self._speed_at = -math.inf
         if self._team_stop:
@@ -402,7 +402,7 @@ class Arbiter:
         return self._reaction(give_up)
 
     def team_heard(self, now: float) -> Reaction:
-        """Record that the bridge receives its team's messages: a stop would get here."""
+        """Record that the bridge receives its team's messages, so that a stop would arrive."""
         give_up = self._pass(now)
         self._starting = False
         self._sign(StopSource.TEAM, now)
@@ -432,7 +432,7 @@ class Arbiter:
         )
 
     def speed(self, metres_per_s: float, now: float) -> Reaction:
-        """Take the kart's speed from odometry, in m/s; the sign does not matter."""
+        """Record the kart's speed from odometry, in m/s; the sign does not matter."""
         give_up = self._pass(now)
         gap = now - self._speed_at > ODOMETRY_FRESH
         self._speed, self._speed_at = abs(metres_per_s), now
@@ -512,7 +512,7 @@ class Arbiter:
         self._still_since = None
 
     def _command(self, state: RaceState, now: float) -> None:
-        """Take a new command of race control."""
+        """Record a new command of race control."""
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state
@@ -540,7 +540,7 @@ class Arbiter:
         self._armed = self._armed or (self._commanded is RaceState.GRID_ACTIVE and not self._out)
 
     def _refusal(self, state: RaceState, order: int) -> str | None:
-        """Return why this acknowledgement is refused now; None: it is accepted."""
+        """Return why this acknowledgement is refused now; None if it is accepted."""
         verdict = self.verdict
         if verdict.commanded is None:
             return f'{state.value} is not commanded: {self._absence}'
@@ -575,13 +575,13 @@ class Arbiter:
         return None if to_race and state is not self._commanded else self._commanded
 
     def _standstill(self) -> str:
-        """Return why odometry does not show that the kart drives; empty: it does."""
+        """Return why odometry does not show that the kart drives; empty if it does."""
         if self.missing_odometry or self._speed > self._settings.standstill_speed:
             return self.missing_odometry
         return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
 
     def _motion(self) -> str:
-        """Return why the last speed is not a standstill; empty: it is."""
+        """Return why the last speed is not a standstill; empty if it is."""
         limit = self._settings.standstill_speed
         if self._speed <= limit:
             return ''

@@ -39,7 +39,7 @@ DEFAULT_PORT = 12017
 """The TCP port on which race control listens; existing karts use it."""
 
 MAX_FRAME_BYTES = 32
-"""Maximum length of a frame, including ``$`` and ``;``, in bytes. The longest valid one has 13."""
+"""Maximum length of a frame, including ``$`` and ``;``, in bytes; the longest valid frame has 13."""
 
 _FIRST = b'$'
 
@@ -105,10 +105,10 @@ class FrameDecoder:
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[StateFrame | MalformedFrame]:
         """
-        Take the next bytes of the connection and return the events that they complete, in order.
+        Decode the next bytes of the connection, and return the events that they complete, in order.
 
-        :param data: any number of bytes, also none; not kept.
-        :return: the events; the same ones however the bytes are split.
+        :param data: any number of bytes, including none.
+        :return: the events, which do not depend on how the bytes are split.
         """
         data = bytes(data)
         events: list[StateFrame | MalformedFrame] = []

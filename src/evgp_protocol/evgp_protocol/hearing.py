@@ -31,16 +31,16 @@ RED_RED, garage, RED_RED      RED_RED, `QUIET` nothing, the second RED_RED
 RED_RED                       GRID_ACTIVE               nothing
 ============================= ========================= ======================================
 
-*When a kart does not acknowledge IN_GARAGE.* It need not. Then, after RED_RED, IN_GARAGE, RED_RED,
-a reply RED_RED may be a late one for the first order. Four things show that the kart has read what
-came after an order, however late it reads:
+*When a kart does not acknowledge IN_GARAGE*, which it need not do: after RED_RED, IN_GARAGE,
+RED_RED, a reply RED_RED may be a late one for the first order. Four signs show that the kart has
+read beyond an order, however late it reads:
 
 - *A pause.* The kart has replied to the order, its TCP has answered the next one, and then nothing
   came from it for `QUIET`. A kart that echoes every frame sends something each second while it
   reads frames, and its replies arrive within another second. One that sends each change once has
   replied to this order, so its next reply is for a later one. A kart that has not replied to the
-  order may still be reading it. `SLOWEST` limits how long that can take; but not for a kart that
-  has acknowledged an IN_GARAGE, because it will acknowledge the next one, too, however late.
+  order may still be reading it. `SLOWEST` limits how long that can take, except for a kart that
+  has acknowledged an IN_GARAGE, because it will also acknowledge the next one, however late.
 - *A count.* A kart that echoes every frame sends one reply for each. After as many replies as it
   was sent frames of the order, it has read them all, and its next reply is for a later order. A
   kart counts as such after `ECHOES` replies to one order, unless it ever sends more replies than
@@ -52,9 +52,10 @@ came after an order, however late it reads:
   be for a later order, and then nothing for `QUIET`. So it does not echo every frame: it sends
   each change once, and the second reply is for the later order (`settled`).
 
-No pause and no count is complete before the next order's frames were answered for `QUIET`. Until
-then, and where none of the four applies, a reply counts for the earlier order. ``counts_in`` is
-how long that can last; where no time makes the reply count, only a new connection does.
+A pause or a count is complete only once the next order's frames have been answered for `QUIET`.
+Until then, and if none of the four signs applies, a reply counts for the earlier order.
+``counts_in`` is how long that can last; if no time makes the reply count, only a new connection
+helps.
 
 Bytes queued by a flood have unknown age, so they do not count: a kart that sends faster than it is
 read has more bytes waiting on its own side. Nothing counts during a flood, nor for `DEAF` after
@@ -129,7 +130,8 @@ class _Order:
     :ivar answers_from: place in the stream from the kart before which no reply can answer it.
     :ivar beat: the beat in which it was sent.
     :ivar answered_in: the beat in which race control saw that the kart's TCP had answered it.
-    :ivar replies: number of replies that answered it; ``said_in``: the beat of the last of them.
+    :ivar replies: number of replies that answered it.
+    :ivar said_in: the beat of the last of these replies.
     """
 
     serial: int
@@ -166,7 +168,7 @@ class _Pace:
 
     @property
     def behind(self) -> float:
-        """Return how far the kart may be behind, in seconds; 0: nothing suggests that it is."""
+        """Return how far the kart may be behind, in seconds; 0 if nothing suggests that it is."""
         return self._lost / self._beat_rate if self._slow > 1 else 0.0
 
     def begin(self) -> None:
@@ -286,14 +288,14 @@ class Hearing:
 
     @property
     def behind(self) -> float:
-        """Return the time by which the kart may read late, in seconds; 0: no sign of that."""
+        """Return how late the kart may read, in seconds; 0 if there is no sign of that."""
         return self._pace.behind
 
     def counts_in(self) -> float:
         """
-        Return the maximum time until a reply counts for the last order, in seconds; 0: unknown.
+        Return the maximum time until a reply counts for the last order (s); 0 if unknown.
 
-        Call it after ``decode``, for a reply that did not count although the last order asks for
+        Call this after ``decode``, for a reply that did not count although the last order asks for
         its state. It applies if the kart repeats the reply, or is known to send each change once.
         """
         beats = self._pause_beats + 1

@@ -31,7 +31,7 @@ class Kart:
     """
     One kart and its connection to race control. It has one owner.
 
-    Every input brings its time, in seconds, from a clock that nobody sets and that includes
+    Every input carries its time, in seconds, from a clock that cannot be set and that includes
     suspend: `evgp_protocol.clock.now`. If a time is before an earlier one, the connection counts
     as lost.
 
@@ -62,7 +62,7 @@ class Kart:
         self._follow(self._arbiter.tick(now))
 
     def connected(self, now: float) -> None:
-        """Begin a new connection to race control; the one before counts as lost."""
+        """Begin a new connection to race control; the previous one counts as lost."""
         self._arbiter.connected(now)
         self._decoder, self._garage_owed = FrameDecoder(), False
 
@@ -73,7 +73,7 @@ class Kart:
 
     def received(self, data: bytes, now: float) -> None:
         """
-        Take what arrived on the present connection: any number of bytes, split anywhere.
+        Handle what arrived on the present connection: any number of bytes, split anywhere.
 
         Read everything before you look at the verdict, so that the kart obeys the last frame.
         """
@@ -94,13 +94,13 @@ class Kart:
         Engage or release the team's stop (§2.C). Each source must release its own.
 
         With `Settings.tsr_timeout`, pass every message of the safety remote with
-        ``StopSource.TSR``, also those that say go.
+        ``StopSource.TSR``, including those that say go.
         """
         self._follow(self._arbiter.team_stop(source, engaged, now))
 
     def speed(self, metres_per_s: float, now: float) -> bytes:
         """
-        Take the kart's measured speed, in m/s. From then on it is required for every red.
+        Record the kart's measured speed, in m/s. From then on, every red requires a speed.
 
         :return: bytes to send: with `Settings.auto_acknowledge_stop`, the acknowledgement.
         """

@@ -5,9 +5,9 @@
 How good a connection is, according to the kernel (§2.A, §4.D).
 
 `Answers`, `grade` and `parse` are pure: they take times and counts, and return round trips and
-grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket; Linux only. It is
-the *kernel* at the other end that answers: its TCP has the bytes, whether or not the kart's
-program reads them.
+grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket; Linux only. The
+*kernel* at the other end answers: its TCP has the bytes, whether or not the kart's program reads
+them.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ SIOCOUTQNSD = 0x894B
 """Linux's request for the number of bytes not sent yet; TIOCOUTQ counts the unanswered ones."""
 
 BEAT_RATE = 12.0
-"""Default rate at which race control sends each kart its state, in Hz. §4.C wants 10 a second: if
-one beat is skipped, 11 remain. It is no higher, because a kart that reads one frame in each turn
-of a slower loop falls further behind every second (docs/wire.md)."""
+"""Default rate at which race control sends each kart its state, in Hz. §4.C requires 10 per second;
+if one beat is skipped, 11 remain. A higher rate would let a kart that reads one frame in each turn
+of a slower loop fall further behind every second (docs/wire.md)."""
 
 GRADE_WINDOW = 10.0
 """Time for which the worst round trip counts for the grade, in seconds."""
 
 ANSWER_STEP = 0.2
-"""Delay of an answer, compared with the link's quickest, that skips one beat, in seconds: after
-two of them, the state is sent every second beat only, after three every third, and so on. So a
-long link still gets 10 states a second (§4.C), but a narrow one gets fewer: a stop would wait
-behind them."""
+"""Delay of an answer, compared with the link's quickest, that skips one beat, in seconds. After
+twice this delay, the state is sent only every second beat, after three times every third, and so
+on. A long link therefore still gets 10 states per second (§4.C), but a narrow one gets fewer,
+because a stop would wait behind them."""
 
 # struct tcp_info, linux/tcp.h: it only grows at its end. This is Linux 4.1's (2015), and the place
 # at which Linux 5.4 (2019) added the window of the other end.
@@ -72,7 +72,7 @@ def grade(worst: float | None) -> Grade:
     Return how good a link is.
 
     :param worst: the longest round trip of the last `GRADE_WINDOW`, in seconds, including the age
-        of unanswered frames. None: nothing was sent.
+        of unanswered frames; None if nothing was sent.
     """
     found = Grade.UNKNOWN
     if worst is not None:
@@ -87,13 +87,13 @@ class TcpInfo:
     """
     What the kernel knows about a connection (``TCP_INFO``).
 
-    :ivar round_trip: smoothed, in seconds; 0: not measured yet.
-    :ivar variation: of the round trip, in seconds.
+    :ivar round_trip: smoothed round-trip time, in seconds; 0 if not measured yet.
+    :ivar variation: mean deviation of the round-trip time, in seconds.
     :ivar retransmitted: number of segments sent again since the connection began.
     :ivar unanswered: number of segments that were sent but not answered.
     :ivar since_answer: time since the other kernel last answered, in seconds; exact to 1 to 4 ms.
     :ivar answered: number of bytes that the other kernel has answered since the connection began.
-    :ivar window: number of bytes that the other kernel would still accept; None: unknown.
+    :ivar window: number of bytes that the other kernel would still accept; None if unknown.
     """
 
     round_trip: float
@@ -106,7 +106,7 @@ class TcpInfo:
 
 
 def parse(data: bytes) -> TcpInfo | None:
-    """Return the contents of Linux's ``struct tcp_info``; None: too short, from an old kernel."""
+    """Return the contents of Linux's ``struct tcp_info``; None if it is from too old a kernel."""
     if len(data) < _TCP_INFO.size:
         return None
     fields = _TCP_INFO.unpack_from(data)[8:]
@@ -125,10 +125,10 @@ def parse(data: bytes) -> TcpInfo | None:
 
 
 class Socket(Protocol):
-    """The methods that this module needs from a socket; asyncio's sockets have them, too."""
+    """The methods that this module needs from a socket; asyncio's sockets have them as well."""
 
     def fileno(self) -> int:
-        """Return its file descriptor; -1: it is closed."""
+        """Return its file descriptor; -1 if it is closed."""
 
     def setsockopt(self, level: int, option: int, value: int | bytes, /) -> None:
         """Set an option."""
@@ -152,7 +152,7 @@ def make_prompt(link: Socket) -> None:
 
 
 def read(link: Socket) -> TcpInfo | None:
-    """Return what the kernel knows about a TCP connection; None: too old a kernel, or closed."""
+    """Return what the kernel knows about a connection; None if it is closed or too old a kernel."""
     try:
         return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
     except OSError:
@@ -229,11 +229,11 @@ class Answers:
         return trips
 
     def age(self, now: float) -> float:
-        """Return the age of the oldest unanswered frame, in seconds; 0: all are answered."""
+        """Return the age of the oldest unanswered frame, in seconds; 0 if all are answered."""
         return now - self._open[0][1] if self._open else 0.0
 
     def may_beat(self, now: float) -> bool:
-        """Return whether to send the state again now; on a narrow link later (`ANSWER_STEP`)."""
+        """Return whether to send the state again now, which is later on a narrow link."""
         late = self.age(now) - (self._quickest or 0.0)
         beats = int(late / ANSWER_STEP)
         return now - self.wrote_at >= (beats - 0.4) / BEAT_RATE  # beats are not exact

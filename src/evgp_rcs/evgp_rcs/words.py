@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Words about the race, for people: window, terminal, board and report say the same in the same ones.
+The wording of the race for people, shared by window, terminal, board and report.
 
 Pure.
 """
@@ -25,7 +25,7 @@ GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, Race
 
 
 class Tone(enum.Enum):
-    """How a text stands out: by a colour, and always also by a word or a symbol."""
+    """How a text stands out: by a colour, and always by a word or a symbol as well."""
 
     PLAIN = 'plain'
     FAINT = 'faint'
@@ -59,7 +59,7 @@ STATE_CELLS: dict[RaceState | None, Cell] = {
     RED_FLAG: Cell('⚑ RED FLAG', Tone.FLAG),
     RED_RED: Cell('■ RED RED', Tone.RED),
 }
-"""Each state with its symbol: so no state is shown by its colour alone."""
+"""Each state with its symbol, so that no state is shown by its colour alone."""
 
 OTHERWISE: dict[RaceState | None, str] = {
     None: '',
@@ -69,7 +69,7 @@ OTHERWISE: dict[RaceState | None, str] = {
     RED_FLAG: '… NO KART IN RED FLAG',
     RED_RED: '… NO KART IN RED RED',
 }
-"""What is said instead of the state of the race, if no kart of the race is sent it."""
+"""Texts shown instead of the race's state if no kart of the race is sent that state."""
 
 ALL_FINISHED = Cell('✓ ALL KARTS FINISHED', Tone.GARAGE)
 ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
@@ -84,14 +84,14 @@ STATUS = {
     Status.NOT_CLASSIFIED: 'no lap',
     Status.DISQUALIFIED: 'disqualified',
 }
-"""What became of a kart, by the timekeeper."""
+"""Texts for the timekeeper's status of a kart."""
 
 
 def headline(race: Snapshot) -> Cell:
     """
-    Return the text in the largest type: what is true of the karts of the race.
+    Return the headline of a screen: what is true of the karts of the race.
 
-    A kart without a link stops by itself: RED RED is true of it.
+    A kart without a link stops automatically, so RED RED is true of it.
     """
     karts = [kart for kart in race.karts if kart.in_race] or race.karts
     sent = {kart.sent for kart in karts if kart.connected}
@@ -109,7 +109,7 @@ def headline(race: Snapshot) -> Cell:
 
 
 def does(kart: KartSnapshot) -> str:
-    """Return what a kart does; that it has stopped, only if humans may rely on it."""
+    """Return what a kart is doing; *stopped* only if humans may rely on it."""
     if not kart.connected:
         return 'lost' if kart.in_doubt else 'not connected'
     if kart.sent.is_red:
@@ -127,7 +127,7 @@ _DOES = {
 
 
 def tally(race: Snapshot) -> str:
-    """Return how many karts of the race are driving, stopped and so on; empty: none is in it."""
+    """Return how many karts of the race are driving, stopped and so on; empty if none is in it."""
     found = [does(kart) for kart in race.karts if kart.in_race]
     return ', '.join(f'{found.count(each)} {each}' for each in _IN_ORDER if each in found)
 
@@ -137,7 +137,7 @@ _IN_ORDER |= dict.fromkeys(('stopped', 'stopping', 'finished', 'not connected', 
 
 
 def numbered(karts: Iterable[KartSnapshot | int]) -> str:
-    """Return karts by their numbers, empty if there are none."""
+    """Return a list of kart numbers as text; empty if there are none."""
     numbers = [str(each.number if isinstance(each, KartSnapshot) else each) for each in karts]
     return f'kart{"s" * (len(numbers) > 1)} {", ".join(numbers)}' if numbers else ''
 
@@ -150,12 +150,12 @@ def clock(seconds: float) -> str:
 
 
 def milliseconds(seconds: float | None) -> str:
-    """Return a time in milliseconds, rounded up; empty if there is none."""
+    """Return a time in milliseconds as text, rounded up; empty if there is none."""
     if seconds is None or not math.isfinite(1000 * seconds):
         return ''
     return f'{math.ceil(1000 * seconds)} ms'
 
 
 def time_of_day(at: float) -> str:
-    """Return a wall time (s), as an official reads it."""
+    """Return a wall time (s) as hours:minutes:seconds."""
     return time.strftime('%H:%M:%S', time.localtime(at))

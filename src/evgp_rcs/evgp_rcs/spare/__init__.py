@@ -4,5 +4,5 @@
 """
 A second machine that can become race control: its copy of everything, and the takeover.
 
-It imports all other rooms; none imports it.
+It imports all other rooms; no other room imports it.
 """

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_spare``, or ``make spare``: a second machine keeps a copy of what a race is made of.
+``rcs_spare``, or ``make spare``: a second machine keeps a copy of race control's files.
 
-That is roster, parameters, record, and the timekeeper's book. It fetches them again and again, by
-ssh from race control's machine: record and book as SQLite's own backup, which is one moment of
-each, also while it is being written. A copy is whole before it takes the place of the last one.
-`latest` is what ``rcs_takeover`` begins with.
+These are the roster, the parameters, the record and the timekeeper's book. The spare machine
+fetches them repeatedly, by ssh from race control's machine. It fetches record and book as SQLite
+backups, which are consistent even while the files are being written. A copy replaces the last one
+only when it is complete. ``rcs_takeover`` starts with `latest`.
 
-The first machine may race on after the copy. So this machine's own mark (``run_mark``) says
-*began* before there is a copy: no start here proves anything, with whatever record.
+The first machine may race on after the copy. Therefore this machine's own mark (``run_mark``) says
+*began* before there is a copy, so that every start here assumes the worst.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ COPY_TIMEOUT = 20.0
 """Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
-"""The files of a copy; the timekeeper's book (`BOOK`) is there too, if it is beside the record."""
+"""Files of a copy; the timekeeper's book (`BOOK`) is added if it is beside the record."""
 
 ORIGIN = 'from'
-"""A further file: the address of the machine that the copy is from; empty: it is this one."""
+"""Name of a file with the address of the machine that the copy is from; empty for this machine."""
 
 _REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
 _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
 
-# What runs on race control's machine, by the Python that is there. In memory (/dev/shm), since
-# its disk is the record's.
+# This program runs on race control's machine, with the Python there. It works in memory
+# (/dev/shm), to leave the disk to the record.
 _PACK = f"""
 import os, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
@@ -75,20 +75,20 @@ with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
 
 
 class SpareError(RuntimeError):
-    """There is no copy, or none can be made now; the text says why, in a phrase."""
+    """There is no copy, or copying is impossible now; the text says why, in a phrase."""
 
 
 def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
-    Return a tar file of all that there is, each as it was at one moment.
+    Return a tar file of all files, each consistent.
 
-    :param source: ``user@address``, then perhaps ``:folder``, or a folder of this machine, in
-        which the paths of roster and parameters begin.
+    :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine. The
+        paths of roster and parameters are relative to the folder.
     :raises SpareError: if that is not possible now.
     """
     remote = _REMOTE.fullmatch(source)
     login, _, folder = remote.groups('') if remote else ('', '', source)
-    # No pathlib: a path of another machine, and ~ of its user.
+    # No pathlib, since the path and ~ are those of another machine and user.
     own = [os.path.join(folder, each) for each in (roster, parameters)]  # noqa: PTH118
     command = ['python3' if login else sys.executable, '-', *own, record]
     if login:
@@ -107,9 +107,9 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
 
 def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     """
-    Put this copy in the place of the last one, and return how old its newest event was, s.
+    Replace the last copy by this one, and return the age of its newest event, in seconds.
 
-    :raises SpareError: if it is not whole, or cannot be written.
+    :raises SpareError: if the copy is incomplete, or cannot be written.
     """
     remote = _REMOTE.fullmatch(source)
     try:
@@ -127,7 +127,7 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
         for mark in _marks(folder / f'{PARAMETERS}.new'):
             leave_began(mark)
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
-        # What a reader of the last copy has left beside it does not belong to this one.
+        # Files that a reader left beside the last copy do not belong to this one.
         for path in (*folder.glob(f'{RECORD}-*'), *folder.glob(f'{BOOK}*')):
             if path.name != f'{BOOK}.new':
                 path.unlink()
@@ -150,7 +150,7 @@ def _write(path: pathlib.Path, data: bytes) -> None:
 
 def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
     """
-    Return the marks that race control may have here with these parameters, whatever their nodes.
+    Return the marks that race control may have here with these parameters, for any node name.
 
     :raises ValueError, yaml.YAMLError: if that cannot be read.
     """
@@ -165,7 +165,7 @@ def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
 
 
 def _mappings(value: object) -> Iterator[dict[str, object]]:
-    """Yield every mapping in a value that was read from YAML, of whatever node it is."""
+    """Yield every mapping in a value read from YAML, at any depth."""
     if isinstance(value, dict):
         yield value
         for each in value.values():
@@ -173,7 +173,7 @@ def _mappings(value: object) -> Iterator[dict[str, object]]:
 
 
 def _newest_event(record: pathlib.Path) -> int:
-    # Nobody writes it, so SQLite need not make files beside it.
+    # Nobody writes this file, so SQLite need not create files beside it.
     uri = f'{record.absolute().as_uri()}?immutable=1'
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
         newest = next(sessions(database), None)
@@ -187,14 +187,14 @@ def copies() -> pathlib.Path:
 
 def latest() -> pathlib.Path:
     """
-    Return the folder of the newest copy, or of what a takeover has made of an earlier one.
+    Return the folder of the newest copy, which may be one that a takeover has used.
 
-    :raises SpareError: if there is none.
+    :raises SpareError: if there is no copy.
     """
     records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
     found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
     if not found:
-        raise SpareError(f'there is no copy in {copies()}: make spare FROM=... makes them')
+        raise SpareError(f'there is no copy in {copies()}; make one with: make spare FROM=...')
     return max(found)[1]
 
 
@@ -206,19 +206,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_spare'),
-        description="Keep a copy of race control's roster, parameters, record.",
+        description="Keep a copy of race control's roster, parameters and record.",
     )
     add = parser.add_argument
-    add('source', help='user@address[:folder] of its machine, or a folder of this one')
-    add('--roster', required=True, help='as race control was started with, from that folder')
-    add('--params', required=True, help='likewise')
-    add('--record', default='~/.ros/evgp_rcs/record.sqlite3', help='there: %(default)s')
-    add('--once', action='store_true', help='copy once, and end')
+    add('source', help='user@address[:folder] of its machine, or a folder of this machine')
+    add('--roster', required=True, help='the roster of race control, relative to that folder')
+    add('--params', required=True, help='the parameters of race control, likewise')
+    add('--record', default='~/.ros/evgp_rcs/record.sqlite3', help='default: %(default)s')
+    add('--once', action='store_true', help='copy once, then end')
     given = parser.parse_args(arguments)
     if not (_REMOTE.fullmatch(given.source) or '/' in given.source):
         parser.error(
-            f'{given.source!r} is no path of this machine, and not user@address of another one, '
-            'such as anna@10.1.0.5:evgp, where evgp is the folder that make run was called in'
+            f'{given.source!r} is neither a path of this machine nor user@address of another one, '
+            'such as anna@10.1.0.5:evgp, where evgp is the folder in which make run was called'
         )
     at: float | None = None
     with contextlib.suppress(KeyboardInterrupt):

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Whether another machine is there, on the karts' network or the officials': for a takeover.
+Checks, before a takeover, for another machine on the karts' or the officials' network.
 
-`why_not` is the decision, and pure. What cannot be known counts as bad as an answer.
+`why_not` makes the decision, and is pure. An unknown result counts as bad as an answer.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, Questi
 from evgp_rcs.karts.network_cards import Card, cards
 
 ASK_FOR = 3.0
-"""Time for which another machine is asked whether it has an address, in seconds."""
+"""Time for which this machine asks who else has an address, in seconds."""
 
 ANSWER_WITHIN = 1.0
 """Maximum time for a connection to the old race control, in seconds."""
 
 
 class Found(enum.IntEnum):
-    """What a look has found; the worst is the highest."""
+    """The result of a look; the worst is the highest."""
 
     NOTHING = 0
     NOT_KNOWN = 1
@@ -35,26 +35,26 @@ class Found(enum.IntEnum):
 
 
 class Look(NamedTuple):
-    """One look at a network; `what` says what answered where, or why that cannot be known."""
+    """One look at a network; `what` says what answered, or why that cannot be known."""
 
     found: Found
     what: str = ''
 
 
 def why_not(looks: Sequence[Look]) -> str:
-    """Return why an address must not be taken after these looks; empty: it may be."""
+    """Return why an address must not be taken over after these looks; empty if it may be."""
     worst = max(looks, key=lambda look: look.found, default=Look(Found.NOT_KNOWN, 'nobody looked'))
     return '' if worst.found is Found.NOTHING else worst.what
 
 
 def link(interface: str) -> Look:
-    """Look whether an interface is up, with a cable in it: otherwise nobody could be heard."""
+    """Check that an interface is up and has a cable, since otherwise it hears nobody."""
     if any(each.name == interface and each.plugged for each in cards()):
         return Look(Found.NOTHING)
     return Look(
         Found.NOT_KNOWN,
-        f'{interface} is down or has no cable, so this machine cannot know who is there: plug it '
-        'in, or name another interface',
+        f'{interface} is down or has no cable, so this machine cannot know who else is there: '
+        'plug it in, or name another interface',
     )
 
 
@@ -62,14 +62,14 @@ def ask(address: str, interface: str, seconds: float = ASK_FOR) -> Look:
     """
     Ask whether another machine on the network of an interface has an address.
 
-    It takes that many seconds, unless there is an answer. It asks as race control does all the
-    time, but announces nothing.
+    Unless there is an answer, this takes that many seconds. It asks like race control's own watch,
+    but announces nothing.
     """
     return _ask(address, interface, lambda card: card.name == interface, seconds)
 
 
 def ask_where_it_is(address: str) -> Look:
-    """Ask the same about an address, at the interface that is on its network."""
+    """Ask who has an address, at the interface that is on its network."""
     where, ip = f'the network of {address}', ipaddress.IPv4Address(address)
     return _ask(address, where, lambda card: any(ip in own.network for own in card.addresses))
 
@@ -80,7 +80,7 @@ def _ask(
     if not any(map(there, cards())):
         return Look(
             Found.NOT_KNOWN,
-            f'this machine has no interface on {where} now, so it cannot know who is there',
+            f'this machine has no interface on {where} now, so it cannot know who else is there',
         )
     watch = AddressWatch(
         lambda now: [Question(address, each) for each in now if there(each)], announces=False
@@ -95,7 +95,7 @@ def _ask(
 
 
 def connect(address: str, port: int, interface: str) -> Look:
-    """Look whether anything answers at a TCP port; off loopback, a refusal is an answer."""
+    """Check whether anything answers at a TCP port; except on loopback, a refusal is an answer."""
     with socket.socket() as trying:
         trying.settimeout(ANSWER_WITHIN)
         trying.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())

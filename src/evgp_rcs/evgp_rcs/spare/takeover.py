@@ -4,11 +4,11 @@
 """
 ``rcs_takeover``, or ``make takeover``: a spare machine becomes race control, with its address.
 
-It takes the address only if nobody answers on any network of the old one; then it starts race
-control and the timekeeper on the copy that ``rcs_spare`` has kept, as ``make run`` does. A copy
-proves nothing: the race comes back in RED_RED, as after a crash. Race control watches its address
-all the time. If another machine comes to have it, race control ends, does not start again, and the
-address is given back.
+It takes the address only if nobody answers on any network of the old race control. Then it starts
+race control and the timekeeper on the copy that ``rcs_spare`` has kept, like ``make run``. A copy
+proves nothing, so the race comes back in RED_RED, as after a crash. Race control keeps watching
+its address. If another machine gets the address, race control ends and does not start again, and
+this machine releases the address.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-# The kernel gives the address back however this process ends. Ctrl-C is not for the shell.
+# However this process ends, the shell releases the address. Ctrl-C must not reach the shell.
 _HOLD = """
 trap '' INT HUP TERM QUIT
 ip address add "$1" dev "$2" || exit 1
@@ -56,7 +56,7 @@ ip address delete "$1" dev "$2"
 
 
 def look_among_officials(own_address: str) -> Look:
-    """Look for a race control on the officials' network, where this machine has that address."""
+    """Look for a race control on the officials' network, where this machine has an address."""
     interface = interfaces().get(own_address)
     if interface is None:
         return Look(Found.NOT_KNOWN, f'no interface of this machine has the address {own_address}')
@@ -64,7 +64,7 @@ def look_among_officials(own_address: str) -> Look:
     try:
         bind_graph()
         rclpy.init(context=context)
-        # Of race control's name, to look for its topics.
+        # It needs race control's name, to look for its topics.
         node = Node('rcs', context=context, start_parameter_services=False, enable_rosout=False)
         fence_graph()
         refuse_rivals(node)
@@ -80,9 +80,9 @@ def look_among_officials(own_address: str) -> Look:
 @contextlib.contextmanager
 def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
     """
-    Give this machine an address, until this process ends at the latest.
+    Add an address to this machine, until this process ends at the latest.
 
-    :raises OSError: if it cannot be set.
+    :raises OSError: if the address cannot be added.
     """
     command = ['sh', '-c', _HOLD, 'sh', str(address), interface]
     with subprocess.Popen(
@@ -93,14 +93,15 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         assert shell.stdout is not None
         if not shell.stdout.readline():
             raise OSError(
-                f'{interface} cannot be given {address}; it takes root (sudo, or CAP_NET_ADMIN)'
+                f'cannot add the address {address} to {interface}; this needs root (sudo, or '
+                'CAP_NET_ADMIN)'
             )
         yield
 
 
 @contextlib.contextmanager
 def timekeeper(copy: pathlib.Path) -> Iterator[None]:
-    """Keep the timekeeper running beside race control, on the book of a copy."""
+    """Keep the timekeeper running beside race control, with the book of a copy."""
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
     command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
@@ -113,17 +114,17 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
 
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
     """
-    Take the address, if nobody has it, and run race control until it ends for good.
+    Take the address over, if nobody has it, and run race control until it ends for good.
 
-    :return: the exit code, as that of ``main``.
+    :return: the exit code, as for ``main``.
     :raises SpareError: if there is no copy.
     :raises OSError, sqlite3.Error, ValueError: if the copy cannot be used, or the address cannot
-        be set.
+        be added.
     """
     copy, own = latest(), str(address.ip)
     _say(f'Looking for the old race control at {own}, on every network ...')
     looks = [connect(own, port, interface)]
-    rehearsed = interface == 'lo' and address.ip.is_loopback  # nobody else can be there
+    rehearsed = interface == 'lo' and address.ip.is_loopback  # no other machine is there
     if not rehearsed:
         looks.append(ask(own, interface))
     if officials := os.environ.get(INTERFACE, '').strip():
@@ -131,16 +132,17 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     if source := (copy / ORIGIN).read_text(encoding='utf-8'):
         looks.append(ask_where_it_is(source))
     if reason := why_not(looks):
-        _say(f'REFUSED: {reason}. Switch the old machine off and unplug it, and plug this one in.')
+        _say(f'REFUSED: {reason}. Switch off and unplug the old machine, and plug this one in.')
         return IN_THE_WAY
     age = time.time() - (copy / RECORD).stat().st_mtime
     with contextlib.nullcontext() if rehearsed else held(address, interface):
-        if copy == copies():  # what comes after this is another copy
+        if copy == copies():  # later copies must not overwrite this one
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
         leave_began(place(own, port))  # the first machine may have raced on since the copy
         _say(
-            f'This machine is race control now, on a copy {age:.0f} s old ({copy}). Everything is '
-            'in doubt: RED_RED. Ctrl-C ends it and gives the address back.'
+            f'This machine is race control now, with a copy that is {age:.0f} s old ({copy}). '
+            'Every kart is in doubt, so the race is in RED_RED. Ctrl-C ends race control and '
+            'releases the address.'
         )
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
@@ -148,7 +150,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         with timekeeper(copy):
             code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
     if code == IN_THE_WAY:
-        _say('ENDED: something is in the way, as said above, and the address is given back.')
+        _say('ENDED: something is in the way (see above). The address is released.')
     return code
 
 
@@ -158,14 +160,14 @@ def _say(text: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Take race control's address over, and be race control.
+    Take over race control's address, and be race control.
 
-    :return: that of race control; 2 if there is no copy, or a setting is wrong; 3 if the old
-        machine answers, if that cannot be known, or if another one came to have the address.
+    :return: the exit code of race control; 2 if there is no copy, or a setting is wrong; 3 if the
+        old machine answers, if that cannot be known, or if another machine gets the address.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_takeover'),
-        description="Become race control, at the old one's address.",
+        description='Become race control, at the address of the old one.',
     )
     add = parser.add_argument
     add(
@@ -174,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="race control's address on the karts' network, such as 10.0.0.1/24",
     )
     add('interface', help="this machine's interface on the karts' network, such as eth0")
-    add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
+    add('--port', type=int, default=DEFAULT_PORT, help='port for karts (default: %(default)s)')
     given = parser.parse_args(arguments)
     try:
         return take_over(given.address, given.interface, given.port)
@@ -184,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def ipv4_address(text: str) -> ipaddress.IPv4Interface:
-    """Return an address and its network; if the text does not name the network, a /24."""
+    """Return an address and its network, which is a /24 if the text does not name it."""
     return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
 
 
