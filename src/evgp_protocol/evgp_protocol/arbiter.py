@@ -40,11 +40,11 @@ facts:
   team stop ends, until race control commands anything but GREEN_GREEN or the kart reconnects.
   Race control did not command that RED_RED; as far as it knows, the kart is ready or racing. Once
   the kart stands still, it therefore reports RED_RED, like an acknowledgement, but only once for
-  each command, because a second report could be mistaken for an acknowledgement of a later RED_RED.
+  each command: a second report could be mistaken for an acknowledgement of a later RED_RED.
 
 * *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and since then it has not
-  acknowledged RED_FLAG, has had no team stop, and has not used up ``red_flag_drive_time``. RED_FLAG
-  thus lets a moving kart steer to a stop, and never lets a standing one move.
+  acknowledged RED_FLAG, has had no team stop, and has not used up ``red_flag_drive_time``.
+  RED_FLAG thus lets a moving kart steer to a stop, and never lets a standing one move.
 
 The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
 a GREEN_GREEN that is not armed; otherwise it is what is commanded. So releasing a team stop or
@@ -375,7 +375,7 @@ class Arbiter:
         return self._reaction(give_up)
 
     def heard(self, state: RaceState, now: float) -> Reaction:
-        """Handle a frame from race control; without a connection, it is too late and is ignored."""
+        """Handle a frame from race control; without a connection, it is too late and ignored."""
         give_up = self._pass(now)
         if self._open:
             self._heard_at = now

@@ -39,7 +39,7 @@ DEFAULT_PORT = 12017
 """The TCP port on which race control listens; existing karts use it."""
 
 MAX_FRAME_BYTES = 32
-"""Maximum length of a frame, including ``$`` and ``;``, in bytes; the longest valid frame has 13."""
+"""Maximum length of a frame, including ``$`` and ``;``, in bytes; the longest valid one has 13."""
 
 _FIRST = b'$'
 
@@ -105,7 +105,7 @@ class FrameDecoder:
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[StateFrame | MalformedFrame]:
         """
-        Decode the next bytes of the connection, and return the events that they complete, in order.
+        Decode the next bytes of the connection; return the events that they complete, in order.
 
         :param data: any number of bytes, including none.
         :return: the events, which do not depend on how the bytes are split.

@@ -26,9 +26,9 @@ SIOCOUTQNSD = 0x894B
 """Linux's request for the number of bytes not sent yet; TIOCOUTQ counts the unanswered ones."""
 
 BEAT_RATE = 12.0
-"""Default rate at which race control sends each kart its state, in Hz. §4.C requires 10 per second;
-if one beat is skipped, 11 remain. A higher rate would let a kart that reads one frame in each turn
-of a slower loop fall further behind every second (docs/wire.md)."""
+"""Default rate at which race control sends each kart its state, in Hz. §4.C requires 10 per
+second; if one beat is skipped, 11 remain. At a higher rate, a kart that reads one frame in each
+turn of a slower loop would fall further behind every second (docs/wire.md)."""
 
 GRADE_WINDOW = 10.0
 """Time for which the worst round trip counts for the grade, in seconds."""
@@ -152,7 +152,7 @@ def make_prompt(link: Socket) -> None:
 
 
 def read(link: Socket) -> TcpInfo | None:
-    """Return what the kernel knows about a connection; None if it is closed or too old a kernel."""
+    """Return the kernel's data on a connection; None if it is closed, or the kernel is too old."""
     try:
         return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
     except OSError:

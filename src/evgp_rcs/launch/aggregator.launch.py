@@ -18,8 +18,7 @@ from launch_ros.substitutions import FindPackageShare
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description that `ros2 launch` looks for."""
-    # It is on the same graph as race control, by the same settings; they go through the
-    # environment, which the aggregator inherits.
+    # The aggregator inherits race control's settings of the graph through the environment.
     bind_graph()
     config = PathJoinSubstitution([FindPackageShare('evgp_rcs'), 'config'])
     return LaunchDescription(
@@ -27,7 +26,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'analyzers_file',
                 default_value=PathJoinSubstitution([config, 'analyzers.yaml']),
-                description='The file of the analyzers.',
+                description='File of the analyzers.',
             ),
             Node(
                 package='diagnostic_aggregator',

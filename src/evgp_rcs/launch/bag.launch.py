@@ -4,8 +4,8 @@
 """
 Record a race with rosbag2: ros2 launch evgp_rcs bag.launch.py output:=race1 .
 
-It needs rosbag2 (apt: ros-jazzy-ros2bag), which nothing else here does. It records topics only, on
-the same graph as race control. `rcs_record mcap` makes a bag of a race afterwards, without it.
+Only this launch file needs rosbag2 (apt: ros-jazzy-ros2bag). It records only topics, on the same
+graph as race control. `rcs_record mcap` makes a bag of a race afterwards without rosbag2.
 """
 
 from evgp_node.graph import bind_graph
@@ -19,19 +19,18 @@ TOPICS = ('/rcs/race', '/rcs/events', '/rcs/timekeeper/results', '/diagnostics')
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description that `ros2 launch` looks for."""
-    # It is on the same graph as race control, by the same settings; they go through the
-    # environment, which the recorder inherits.
+    # The recorder inherits race control's settings of the graph through the environment.
     bind_graph()
     config = PathJoinSubstitution([FindPackageShare('evgp_rcs'), 'config'])
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'output', description='The folder of the bag; it must not exist yet.'
+                'output', description='Folder of the bag, which must not exist yet.'
             ),
             DeclareLaunchArgument(
                 'qos_file',
                 default_value=PathJoinSubstitution([config, 'bag_qos.yaml']),
-                description='How the latched topics are listened to.',
+                description='File with the QoS of the latched topics.',
             ),
             ExecuteProcess(
                 cmd=[

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Show a race that is going on in Foxglove: ros2 launch evgp_rcs foxglove.launch.py .
+Show a live race in Foxglove: ros2 launch evgp_rcs foxglove.launch.py .
 
-It needs the package foxglove_bridge (apt: ros-jazzy-foxglove-bridge), which nothing else here
-does. By default that package listens on every address, and lets whoever connects call services,
-those that start karts too. Here it listens on this machine only, and shows topics, no more.
+Only this launch file needs the package foxglove_bridge (apt: ros-jazzy-foxglove-bridge). By
+default, that package listens on every address and lets anyone call services, including those that
+start karts. Here it listens only on this machine, and shows only topics.
 """
 
 from evgp_node.graph import bind_graph
@@ -16,18 +16,17 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 NOTHING = ['(?!)']
-"""A list of regular expressions that matches no name; ROS does not take an empty list."""
+"""Regular expressions that match no name, since ROS does not accept an empty list."""
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the description that `ros2 launch` looks for."""
-    # It is on the same graph as race control, by the same settings; they go through the
-    # environment, which the bridge inherits.
+    # The bridge inherits race control's settings of the graph through the environment.
     bind_graph()
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'port', default_value='8765', description='The TCP port for Foxglove.'
+                'port', default_value='8765', description='TCP port for Foxglove.'
             ),
             Node(
                 package='foxglove_bridge',

@@ -4,7 +4,7 @@
 """
 Start race control and the timekeeper: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml .
 
-The timekeeper ends with race control, and race control needs no timekeeper.
+The timekeeper ends with race control, but race control does not need the timekeeper.
 """
 
 import os
@@ -27,7 +27,7 @@ def generate_launch_description() -> LaunchDescription:
         'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
         'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
     }
-    # With SROS2, each has an enclave of its own; what overrides one would override both.
+    # With SROS2, each has its own enclave, so an override for race control must not apply to both.
     override = 'ROS_SECURITY_ENCLAVE_OVERRIDE'
     of_timekeeper = {override: '/timekeeper'} if os.environ.get(override) else {}
     timekeeper = Node(
@@ -50,7 +50,7 @@ def generate_launch_description() -> LaunchDescription:
         parameters=[LaunchConfiguration('params_file'), roster],
         additional_env=environment,
         output='screen',
-        # A race control that died comes back, and its karts stay stopped until then.
+        # If race control dies, it is restarted; its karts stay stopped until then.
         respawn=True,
         respawn_delay=1.0,
         on_exit=keep_trying_if_it_was_up(timekeeper),
@@ -60,32 +60,32 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'roster',
                 default_value=PathJoinSubstitution([config, 'karts.yaml']),
-                description='The file that lists the karts, for both.',
+                description='File that lists the karts, for both.',
             ),
             DeclareLaunchArgument(
                 'params_file',
                 default_value=PathJoinSubstitution([config, 'rcs.yaml']),
-                description="The file of race control's parameters.",
+                description="File of race control's parameters.",
             ),
             DeclareLaunchArgument(
                 'timing_params_file',
                 default_value=PathJoinSubstitution([of_timing, 'timekeeper.yaml']),
-                description="The file of the timekeeper's parameters.",
+                description="File of the timekeeper's parameters.",
             ),
             DeclareLaunchArgument(
-                'namespace', default_value='', description='Where race control is in the graph.'
+                'namespace', default_value='', description='Namespace of race control.'
             ),
-            # Apart from everybody else's graph, unless told otherwise (docs/security.md).
+            # By default apart from all other graphs (docs/security.md).
             DeclareLaunchArgument(
                 'officials',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address of the interface that officials on other '
-                'machines use; empty: there are none.',
+                description='IPv4 address of the interface that officials on other machines '
+                'use; empty if there are none.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
                 default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
-                description='The ROS domain, 0 to 101.',
+                description='ROS domain, 0 to 101.',
             ),
             race_control,
             timekeeper,

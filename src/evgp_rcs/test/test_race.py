@@ -647,7 +647,10 @@ def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of
 ):
     access = Officials(connected=False).race.track_access()
     assert access.allowed
-    assert access.reason == 'no kart is connected, so race control does not know what the karts are doing'
+    assert (
+        access.reason
+        == 'no kart is connected, so race control does not know what the karts are doing'
+    )
 
 
 def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None:

@@ -73,7 +73,9 @@ def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_ga
     assert running.give(CommandKind.IN_GARAGE).success
     running.give(CommandKind.ALL_KILL)
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
-    waited = [each for each in running.events if 'perhaps in answer to an earlier command' in each.text]
+    waited = [
+        each for each in running.events if 'perhaps in answer to an earlier command' in each.text
+    ]
     assert habit.garage or len(waited) == 1
 
 
@@ -157,7 +159,9 @@ def test_a_word_that_cannot_count_yet_is_told_once_and_named_with_its_wait(race:
     assert [each.kind for each in first.events] == [EventKind.REPORTED]
     assert not again.events
     assert kart.counts_at == 3.1
-    assert 'reports RED_RED, perhaps in answer to an earlier command (wait 2 s)' in refusal(race, 1.6)
+    assert 'reports RED_RED, perhaps in answer to an earlier command (wait 2 s)' in refusal(
+        race, 1.6
+    )
 
 
 def test_a_word_that_does_not_count_in_time_is_named_with_the_cure_and_its_cost(

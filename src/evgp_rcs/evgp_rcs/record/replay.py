@@ -209,9 +209,7 @@ class Replay:
         elif gap.damaged:
             self._differ('an entry', gap.why, 'they cannot run on it')
         else:
-            self.missing = (
-                f'{gap}. Nothing after {self.seconds:.1f} s of the run can be compared'
-            )
+            self.missing = f'{gap}. Nothing after {self.seconds:.1f} s of the run can be compared'
         raise _EndError
 
     def _give_up(self) -> Iterator[Step]:
