@@ -68,7 +68,7 @@ TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nhea
         ({'send_timeout': 'soon'}, ['parameter send_timeout']),
         ({'beat_rat': 20.0}, ['parameter beat_rat is unknown; did you mean beat_rate?']),
         ({'finish_delays': '[2.0, -1.0]'}, ['parameter finish_delays: -1 is not possible']),
-        ({'finish_delays': '[]'}, ['a list may not be empty']),
+        ({'finish_delays': '[]'}, ['a list must not be empty']),
         ({'address': '..'}, ["parameter address: '..' is not an IPv4 address"]),
     ],
 )

@@ -482,7 +482,7 @@ def test_a_roster_without_heats_has_none() -> None:
         ('  A: 1\n', "11: heat 'A' is not a list of karts"),
         ('  A: [one]\n', "11: heat 'A': number one is not valid"),
         (f'  {"x" * 33}: [1]\n', f'11: heat {"x" * 33} has no name that can be displayed'),
-        ('  "a\\tb": [1]\n', "11: heat 'a\\tb' has no name that can be shown"),
+        ('  "a\\tb": [1]\n', "11: heat 'a\\tb' has no name that can be displayed"),
         ('  - A\n', "11: 'heats' is not a list of names"),
         ('  {}\n', "11: 'heats' is empty"),
     ],

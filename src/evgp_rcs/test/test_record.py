@@ -356,7 +356,7 @@ def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathli
     path.parent.mkdir()
     os.mkfifo(path)
     record = begin()
-    assert 'is no file' in record.error
+    assert 'is not a file' in record.error
 
 
 # ----- the timeline ------------------------------------------------------------------------

@@ -218,7 +218,7 @@ def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
     path.mkdir()  # nobody can write it, and root neither
     record = RecordProcess(path, path.with_name('mark'))
     record._socket.setblocking(False)
-    assert record.trouble().startswith(f'The record {path} fails: {path} is no file')
+    assert record.trouble().startswith(f'The record {path} fails: {path} is not a file')
     told: list[bool] = []
     put(record, 1)
     record.make_sure(RACING, PATIENCE, told.append)

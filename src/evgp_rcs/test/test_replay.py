@@ -482,7 +482,7 @@ def test_wall_times_that_were_moved_are_told_and_are_no_difference(
     assert main(['replay', str(path)]) == DONE
     counts, told = capsys.readouterr().out.splitlines()
     assert counts.endswith('no difference')
-    assert f'event {number};' in told
+    assert f'event {number},' in told
 
 
 # ----- 50 records that were harmed as a whole -----------------------------------------------
