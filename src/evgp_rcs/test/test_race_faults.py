@@ -396,7 +396,7 @@ a race starts with a kart as which two programs connect: availability, contested
 two programs of one kart raise no alert: alerts [network] _current_alerts: contested => it and
     self.has_rival
 GRID_ACTIVE that is given again clears the places: effect, finish-other, order-wrong, nobody-there,
-    results [grid] _grid_active: instead of has: self.places_given += 1
+    results [grid] _grid_active: instead of have: self.places_given += 1
 GRID_ACTIVE is not given again: availability _no_grid_active: state not => self.state is not
     IN_GARAGE
 GRID_ACTIVE is given after a race that is over: availability, red-loosened _no_grid_active: state

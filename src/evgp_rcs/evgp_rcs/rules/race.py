@@ -883,7 +883,7 @@ class Race:
         Record that race control stalled: commands that come now may have been sent long ago.
 
         Race control has not read yet what karts reported during the stall, nor noticed which are
-        gone, so each kart must report its stop for ``settle`` seconds again.
+        gone, so each kart must report its stop for the whole time again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
