@@ -180,7 +180,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
     assert [event.command for event in official.events if event.command] == [
         msg.CommandAvailability.KART_RED_FLAG
     ]
-    assert 'from this machine only' in control.output
+    assert 'only from this machine' in control.output
 
 
 @pytest.mark.parametrize(
