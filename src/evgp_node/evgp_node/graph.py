@@ -147,7 +147,7 @@ class NotNowError(GraphError):
 
 def refuse_domain() -> None:
     """
-    Refuse a ROS domain for which DDS has no ports. (ROS itself refuses what is not a number.)
+    Refuse a ROS domain for which DDS has no ports; ROS itself refuses text that is not a number.
 
     :raises GraphError: if ROS_DOMAIN_ID is such a domain.
     """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The watch of race control's address: does another machine have it, and is it still there?
+The watch of race control's address: whether another machine has it, and whether it is still here.
 
 Every race control runs this watch from start to end. At every interface by which karts reach race
 control, it asks by ARP for its own address. These are RFC 5227 probes, which change no cache. It
