@@ -729,7 +729,7 @@ def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_send
         freeze(timekeeper.pid)
         console.press('b', see='status', text='LAP kart 2: no answer yet')
     console.wait_for('strip', text='no timing')
-    console.press('c', see='status', text='no timing, so nobody knows')
+    console.press('c', see='status', text='no timing, so the lap is unknown')
     assert karts[2].state is GREEN_GREEN
 
     console.press('3', 'ctrl+e', see='kart_3', text='F[12]')
@@ -795,7 +795,7 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
             console.screen.click(*start)
             console.screen.click(*yes)
 
-    console.wait_for('status', text=r'pressed at [\d:]+, while the window hung. Nothing was sent')
+    console.wait_for('status', text=r'pressed at [\d:]+ while the window hung. Nothing was sent')
     assert kart.state is GRID_ACTIVE
     console.wait_for('question', visible=False)
     # It was said to press it again, and that does.
@@ -1052,7 +1052,7 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
 
     console.wait_for('kart_3', linked='true', text='poor\n620 ms')
     console.wait_for('kart_5', linked='false')
-    console.wait_for('strip', text='30 s: every kart must have begun.*\n.*waiting for 3, 5')
+    console.wait_for('strip', text='over 30 s: RED FLAG if a kart is not driving.*\n.*waiting for 3, 5')
     console.screenshot(pictures(tmp_path) / 'link.png')
 
 

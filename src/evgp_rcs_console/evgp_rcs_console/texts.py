@@ -27,32 +27,32 @@ TITLE = 'EVGP race control'
 BANNER = '=== {banner} ==='
 
 BUTTON_NOT_ALLOWED = (
-    'This user may not open it: sudo usermod -aG input $USER, then log out and in again'
+    'This user may not read the device. Run sudo usermod -aG input $USER, then log out and in'
 )
-BUTTON_TAKEN = 'Another program holds it for itself: end that program'
-BUTTON_GONE = 'It is not there: plug it in'
-BUTTON_UNREADABLE = 'It cannot be read: {error}'
-BUTTON_HELD = 'It is held down: release it, so that it counts again'
-BUTTON_ASLEEP = 'Its USB port is asleep: switch power saving of USB off'
-BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet: USE THE MSR'
-BUTTON_FINDS_NOBODY = 'It does not find race control: a press does not stop the race'
+BUTTON_TAKEN = 'Another program holds the device. End that program'
+BUTTON_GONE = 'The device is not connected. Plug it in'
+BUTTON_UNREADABLE = 'The device cannot be read: {error}'
+BUTTON_HELD = 'A key is held down. Release it so that it can send ALL KILL again'
+BUTTON_ASLEEP = 'Its USB port is asleep. Turn USB power saving off'
+BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet. USE THE MSR'
+BUTTON_FINDS_NOBODY = 'It cannot find race control, so a press does not stop the race'
 BUTTON_DROPPED = (
-    'Its ALL KILL, pressed {age} s ago, is no longer sent: another race has begun since. To stop '
-    'that race, press again'
+    'Its ALL KILL, pressed {age} s ago, is no longer sent: another race has begun since. Press '
+    'again to stop that race'
 )
-BUTTON_ENDED = 'Its program has been ended: start it again'
+BUTTON_ENDED = 'Its program has ended. Start it again'
 BUTTON_WORKS = 'A press sends ALL KILL'
-BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
-BUTTON_NONE = 'No device here can be a stop button: plug one in'
-BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
+BUTTON_KEYS = '{path}: {name}. As a stop button, each of its keys sends ALL KILL'
+BUTTON_NONE = 'No device here can be a stop button. Plug one in'
+BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
 BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
 
 HOW_TO_BEGIN = (
-    '1  Write the karts into a roster, and start race control: make run ROSTER=… Each has a row.',
-    '2  JOIN puts a kart into the race, HEAT a whole heat.',
-    '3  GRID ACTIVE once the track is clear of humans. GREEN GREEN once every kart is ready.',
+    '1  List the karts in a roster and start race control: make run ROSTER=… Each gets a row.',
+    '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
+    '3  Press GRID ACTIVE once the track is clear of humans, GREEN GREEN once all are ready.',
 )
-"""What stands where the karts are, while there is none."""
+"""Shown in place of the karts while the roster has none."""
 
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
@@ -64,10 +64,10 @@ FLAG_IN = 'F{place}, flag in {seconds} s'
 LAST_LAP_DONE = 'last lap done: FINISH'
 FINISH_NOW = 'FINISH {karts}: last lap done'
 SAYS = 'says {state}'
-SAYS_EARLIER = 'perhaps to the earlier one'
+SAYS_EARLIER = 'perhaps to an earlier order'
 COUNTS_IN = '… in {seconds} s'
-SAID_BEFORE = 'no {state} since the earlier one: if it stays silent, let it connect again'
-CONNECT_AGAIN = 'perhaps says {state} to the earlier one: let it connect again (comes back held)'
+SAID_BEFORE = 'its {state} answered an earlier order: if it stays silent, let it reconnect'
+CONNECT_AGAIN = 'its {state} may answer an earlier order: let it reconnect (comes back held)'
 WAITING = '… not yet'
 STOPPED_ITSELF = '! stopped itself'
 SETTLING = '… wait {seconds} s'
@@ -78,7 +78,7 @@ ANSWERS = {
     RaceState.RED_FLAG: '✓ stopped',
     RaceState.RED_RED: '✓ stopped',
 }
-"""What the screen says of a kart that has acknowledged what it is sent."""
+"""Answer shown for a kart that has acknowledged the state it is sent."""
 
 STEP_SINCE = 'since {clock}'
 NOT_RESUMED = 'a stopped race is not resumed: new GRID ACTIVE first'
@@ -86,30 +86,30 @@ BARRED_STEP = 'not now'
 AGAIN = 'again in {seconds} s'
 WAITS_FOR = 'waiting for '
 WRONG_STATE = 'the race is in '
-"""The first words of those reasons of race control that such a phrase replaces."""
+"""Beginnings of race control's reasons that a button replaces with a shorter phrase."""
 
 READY = '{ready} of {count} ready: waiting for {numbers}'
 MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
-MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
+MUST_HAVE_BEGUN = 'over {limit}: RED FLAG if a kart is not driving yet'
 CAN_STOP = '{count} official{s} can stop: {who}'
-NOBODY_CAN_STOP = 'No official can stop: no screen or button is heard'
+NOBODY_CAN_STOP = 'No official can stop: race control hears no screen or button'
 COMMANDED_BY = 'commands by {names}'
 IS_OVER = 'the race is over'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
-TRACK_CLOSED_REASON = 'nobody enters before you open it: {reason}'
+TRACK_CLOSED_REASON = 'no one may enter until you open it: {reason}'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
 TRACK_OPEN_MSR = '✓ TRACK OPEN, MSR IN USE'
-MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
+MSR_REASON = '{reason}. Only the MSR stops {karts}. Leave it on'
 KEEP_OFF = '✗ KEEP OFF THE TRACK'
 CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
 CLEAR_TRACK_REASON = 'humans could be on it: {reason}'
 KEEP_OFF_UNKNOWN = '? KEEP OFF THE TRACK'
 UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
 UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
-HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
+HUMANS_UNKNOWN_REASON = 'race control cannot tell what karts are doing: check each one'
 TO_HUMANS = 'to humans'
 OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
 
@@ -121,7 +121,7 @@ NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
 ALERTS_NEW = '{count} new'
-ALERTS_SEEN = '{count} seen, still there'
+ALERTS_SEEN = '{count} seen, ongoing'
 ALERTS_ENDED = '{count} ended'
 ALSO_MSR = '⚠ MSR {karts}'
 MORE_OTHER = 'not shown: {karts}'
@@ -136,19 +136,19 @@ ALERT_WAS = {
     AlertKind.FLAG_UNACKNOWLEDGED: '{kart} had not acknowledged RED FLAG',
     AlertKind.RED_UNACKNOWLEDGED: '{kart} had not acknowledged RED RED',
     AlertKind.KART_LOST: '{kart} had lost its connection',
-    AlertKind.LOST_IN_MOTION: '{kart} was lost while it may have been moving',
-    AlertKind.TRACK_UNSAFE: 'the track was open and not safe',
-    AlertKind.MOVING_UNASKED: '{kart} said GREEN GREEN unasked',
+    AlertKind.LOST_IN_MOTION: '{kart} lost its connection, perhaps while moving',
+    AlertKind.TRACK_UNSAFE: 'the track was open but not safe',
+    AlertKind.MOVING_UNASKED: '{kart} reported GREEN GREEN unasked',
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: '{kart} had two programs that connected as it',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs connecting as it',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
     AlertKind.PART_FAILED: 'a part of race control had failed',
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
-"""What is said of an alert that has ended."""
+"""The text of an alert that has ended."""
 
 SEVERAL_ENDED = '{count} alerts: {karts}'
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
@@ -161,7 +161,7 @@ SOUND_OFF = '♪ OFF'
 LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
-WHOSE_EVENTS = 'To see the events of one kart only, type its number or click its row first.'
+WHOSE_EVENTS = "To see one kart's events only, type its number or click its row first."
 LOG_CONNECTED = ' connected'
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 LOG_SENT = ': {state}'
@@ -170,7 +170,7 @@ LOG_FLAG = 'Kart {kart}: {state} (finished, P{place})'
 LOG_ALL_OF = 'All {count} acknowledged {state}'
 LOG_ALL = 'Every kart of the race acknowledged {state}'
 LOG_ALL_SENT = 'Every kart of the race acknowledged what it is sent'
-NEW_RUN = '— race control was started again —'
+NEW_RUN = '— race control was restarted —'
 DONE = '✓ '
 REFUSED = '✗ '
 
@@ -178,19 +178,20 @@ GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
-    'Last heard {age} ago, in {state}. What is shown below is out of date. '
-    'Perhaps only the network is broken: check another window. Press a stop once: it is sent '
+    'Last update {age} ago, in {state}. The list below is out of date. '
+    'Perhaps only the network is broken: check another window. Press a stop once. It is sent '
     'again until race control accepts it.'
 )
 NOT_YET_ADVICE = 'NO STOP WORKS YET'
 NOT_YET_DETAIL = (
     'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}. Press a '
-    'stop once: it is sent again until race control is found and accepts it.'
+    'stop once. It is sent again until race control is found and accepts it.'
 )
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_ADVICE = 'START IT AGAIN'
 ENDED_SINCE = (
-    'It was ended in order {age} ago, and no kart was in doubt: make run ROSTER=… starts it again.'
+    'It was shut down in order {age} ago, when no kart could be moving where it must not. '
+    'To start it again: make run ROSTER=…'
 )
 LOOKING = '{topic} in ROS domain {domain}, {where}'
 ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
@@ -212,8 +213,8 @@ KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
 STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 DROPPED = (
-    '{command}, pressed {age} s ago, is no longer sent: race control did not answer it, and '
-    'another race has begun since. To stop that race, press again.'
+    '{command}, pressed {age} s ago, is no longer sent: race control did not answer, and '
+    'another race has begun since. Press again to stop that race.'
 )
 KEYS_OFF = 'KEYS OFF: click this window'
 KEYS_OFF_LARGE = 'KEYS OFF'
@@ -229,17 +230,17 @@ PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
 NOT_FOLLOWED = '{command} was not sent: the command before it took too long. Press it now.'
-NO_SERVICE = 'it does not find the services of race control'
-NOT_THERE = '{command} was not sent: {who} is not there.'
+NO_SERVICE = 'it cannot find the services of race control'
+NOT_THERE = '{command} was not sent: {who} was not found.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
 )
-TOO_OLD = '{name}: pressed at {clock}, while the window hung. Nothing was sent: press it again.'
+TOO_OLD = '{name}: pressed at {clock} while the window hung. Nothing was sent. Press it again.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
-JUST_DONE = '{name} WAS NOT SENT: {done} was sent by the click before it. Click again.'
+JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
-ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
+ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again.'
 BARRED = '{command}: {reason}'
 AGAIN_IN = '{reason} (again in {seconds} s)'
 
@@ -253,15 +254,15 @@ ASK_AND_SAFE = '{karts} made safe by hand'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
-ASK_RUN_BEFORE = '{heat} was run at {clock}: this run will count instead.'
-ASK_NOBODY = 'Race control hears nobody who could stop the race from a screen or a button.'
-ASK_CHANGED = 'Changed at {clock}: {what} Press NO and begin again.'
+ASK_RUN_BEFORE = '{heat} was already run at {clock}. This run will count instead.'
+ASK_NOBODY = 'Race control hears no screen or button that could stop the race.'
+ASK_CHANGED = 'Changed at {clock}: {what} Press NO and start again.'
 MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
 ASK_GONE = 'The command is no longer offered.'
-NO_LONGER = 'No longer so: {what}'
+NO_LONGER = 'No longer true: {what}'
 
 HEATS_TITLE = 'Which heat?'
-HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race, and takes all others out.'
+HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race and takes all others out.'
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
@@ -272,15 +273,15 @@ GRID_ORDER = 'in the order of the grid'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
-    'no timing, so nobody knows which lap this is. For FINISH, type its number, then Ctrl+E'
+    'no timing, so the lap is unknown. For FINISH, type the kart number, then Ctrl+E'
 )
 
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
 NO_RESULTS = 'No results yet'
 ALL_HEATS = 'All heats, {format}'
 RESULTS_LAPS = '{count} laps'
-PASSINGS = 'Passings: since GREEN GREEN, kart, source, session and number, what became of it'
-RACES = 'Races: number, when the grid formed, heat, karts that are classified'
+PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
+RACES = 'Races: number, time the grid formed, heat, classified karts'
 CLASSIFIED, COUNTS, PUBLISHED = '{count} classified', 'counts', 'published'
 FOR_TIMEKEEPER = 'For the timekeeper: {question}'
 
@@ -299,8 +300,8 @@ ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, a
 
 NAME_TITLE = 'Who commands from here?'
 NAME_ABOUT = (
-    'The name goes with every command from this window, and into the record. Another name: start '
-    'the window with it, as in make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
+    'Your name goes with every command from this window and into the record. For a name not '
+    'listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
 NAME_UNKNOWN = 'Your name?'
@@ -316,11 +317,11 @@ OTHER_KEYS = (
     ('F8', 'day, night'),
     ('F10', 'SEEN: first alert'),
     ('F11', 'sound on, off'),
-    ('A letter', 'LAP or FINISH: its kart'),
-    ('Click UNDO', 'take a finish back'),
-    ('Digits', 'a kart, for one command'),
-    ('Arrows', 'a kart, until another'),
-    ('Backspace, Esc', 'delete a digit, all digits'),
+    ('A letter', 'LAP or FINISH of its kart'),
+    ('Click UNDO', 'undo a finish'),
+    ('Digits', 'kart for the next command'),
+    ('Arrows', 'kart, kept until changed'),
+    ('Backspace, Esc', 'delete one digit, all digits'),
     ('Ctrl+L', 'events: one kart, all'),
     ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
@@ -329,14 +330,14 @@ OTHER_KEYS = (
 AWAKE = 'An EVGP race is on this screen.'
 
 NO_QT = (
-    'rcs_gui: there is no Qt for Python here. Install it: '
+    'rcs_gui: Qt for Python is not installed. Install it with '
     "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
 )
-NO_DISPLAY = 'rcs_gui: there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
+NO_DISPLAY = 'rcs_gui: no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
 
 
 def left(seconds: float) -> int:
-    """Return a time that runs down, in whole seconds; rounded up, so that it is never too soon."""
+    """Return a countdown in whole seconds, rounded up so that it never ends too soon."""
     return max(1, math.ceil(seconds))
 
 
@@ -352,7 +353,7 @@ def alert_was(kind: AlertKind, kart: int) -> str:
 
 
 def without_teams(text: str, teams: Mapping[int, str]) -> str:
-    """Return a sentence of race control with the number of each kart only."""
+    """Return a sentence of race control without the names of the teams."""
     for number, team in teams.items():
         text = text.replace(f' {number} ({team})', f' {number}')
     return text
@@ -375,14 +376,14 @@ def full_name(given: Given) -> str:
 
 
 def dropped(given: Given, at: float) -> str:
-    """Return that a stop is no longer sent from this time (s) on, as sentences."""
+    """Return the notice that a stop is no longer sent from this time (s) on."""
     return DROPPED.format(command=full_name(given), age=round(at - given.at))
 
 
 def heat(
     each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
 ) -> str:
-    """Return a heat with its karts, in the order in which they start if timing says one."""
+    """Return a heat with its karts, in starting order if timing gives one."""
     grid = grid_of(each.name, timing)
     text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
     notes = [RUN_AT.format(clock=time_of_day(at)[:5]) for at in runs_of(each.name, timing)[-1:]]
@@ -391,12 +392,12 @@ def heat(
 
 
 def runs_of(heat: str, timing: Standings | None) -> list[float]:
-    """Return when a heat was run, as the timekeeper has it, in seconds; empty: it was not."""
+    """Return when the timekeeper says a heat was run, in seconds; empty if it was not."""
     return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
 
 
 def next_heat(race: Snapshot, timing: Standings | None) -> str:
-    """Return which heat is next: the timekeeper's, or the first that was not run yet."""
+    """Return the next heat: the timekeeper's choice, or the first that has not been run."""
     if timing is None or timing.next_heat:
         return timing.next_heat if timing is not None else ''
     left = (each.name for each in race.heats if not runs_of(each.name, timing))
@@ -404,13 +405,13 @@ def next_heat(race: Snapshot, timing: Standings | None) -> str:
 
 
 def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
-    """Return in which order the karts of a heat start; empty: nothing says one."""
+    """Return the starting order of a heat; empty if timing gives none."""
     found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
     return next(iter(found), ())
 
 
 def order_of_start(race: Snapshot, timing: Standings | None) -> str:
-    """Return in which order the karts of the race start, and who is next; empty: nothing says."""
+    """Return the starting order of the race and the next single-kart heat; empty if neither."""
     said = []
     grid = grid_of(race.heat, timing)
     if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
@@ -457,7 +458,7 @@ def against_humans(race: Snapshot) -> str:
 
 
 def under_way(race: Snapshot) -> str:
-    """Return that the race is under way, or a kart is sent onto the track; empty if neither is."""
+    """Return that the race is under way or a kart is sent onto the track; empty if neither."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
@@ -468,36 +469,36 @@ def warning(command: Kind, race: Snapshot) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
-    A race that is under way is normal, and no reason for a warning.
+    A race that is under way is normal and causes no warning.
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        settled = track.settled_by is command  # a question does not warn of what it settles
+        settled = track.settled_by is command  # no warning of what the command itself settles
         barred = not (track.allowed or settled) and race.state not in UNDER_WAY
         why = track.reason if barred else against_humans(race)
         if why:
             return f'humans must stay off the track now: {why}'
         doubtful = in_doubt(race)
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'only the MSR stops {doubtful}: leave it on'
+            return f'only the MSR stops {doubtful}, so leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
 
 
 def also(following: Sequence[Given]) -> str:
-    """Return what is confirmed together with IN GARAGE: an open track, or karts made safe."""
+    """Return what YES also confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
         return ASK_AND_FIRST if following[0].stated else ASK_AND_OPEN
     return ASK_AND_SAFE.format(karts=numbered(each.kart for each in following))
 
 
 def not_followed(given: Given) -> str:
-    """Return that a command was not sent, since the one before it took too long."""
+    """Return that a command was not sent because the one before it took too long."""
     return NOT_FOLLOWED.format(command=full_name(given))
 
 
 def not_there(command: Kind, name: str) -> str:
-    """Return that whoever takes a command of this kind is not there."""
+    """Return that a command was not sent because its receiver was not found."""
     who = 'the timekeeper' if isinstance(command, Act) else 'race control'
     return NOT_THERE.format(command=name, who=who)
 
@@ -510,7 +511,7 @@ def gave_up(given: Given, limit: str) -> str:
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command, and which is no reason to refuse it.
+    Return what an official should know before a command but is no reason to refuse it.
 
     :param karts: the karts that it would start or release.
     """
@@ -524,7 +525,7 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
 
 
 def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
-    """Return that the heat in the race was run already, and its results would be replaced."""
+    """Return that the heat in the race was already run, so this run would replace its results."""
     if results is None or race.state is RaceState.GRID_ACTIVE:
         return []
     return [
@@ -535,7 +536,7 @@ def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
 
 
 def can_stop(race: Snapshot) -> str:
-    """Return how many programs there are from which officials can stop the race, and which."""
+    """Return how many officials' programs can stop the race, and which."""
     count, who = race.able_to_stop, race.who_can_stop
     s = '' if count == 1 else 's'
     return CAN_STOP.format(count=count, s=s, who=who) if count else NOBODY_CAN_STOP
@@ -555,7 +556,7 @@ def consequences(
     """
     Return what a command does, as sentences.
 
-    :param kart: the kart it is for, if it is for one.
+    :param kart: the kart that the command is for, if it is for one.
     """
     entry = CATALOGUE[command]
     said = [entry.note] if entry.note else []
@@ -589,7 +590,7 @@ def consequences(
 
 
 UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
-"""The states of the race in which no human may be on the track, as a matter of course."""
+"""The states of the race in which humans are always kept off the track."""
 
 FEW = 4
 """Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
@@ -597,7 +598,7 @@ FEW = 4
 
 def missing(race: Snapshot, counted: bool = False) -> str:
     """
-    Return which karts of the race have not yet done what they are sent; empty if all have.
+    Return the karts of the race that have not yet obeyed their order; empty if all have.
 
     :param counted: on the grid, also say how many are ready.
     """
@@ -615,7 +616,7 @@ def missing(race: Snapshot, counted: bool = False) -> str:
 
 
 def heat_in_race(race: Snapshot) -> str:
-    """Return the heat that is in the race, with the number of its karts; empty if none races."""
+    """Return the heat in the race and the number of karts; empty if no kart is in the race."""
     racing = [kart for kart in race.karts if kart.in_race]
     chosen = race.heat_in_race
     names = [] if chosen is None else [chosen.name]

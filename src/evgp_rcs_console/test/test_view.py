@@ -480,12 +480,12 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
     waits = with_kart(counts_at=42.0, **says).rows[0]
     over = with_kart(counts_at=40.0, **says).rows[0]
 
-    assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to the earlier one')
-    assert (over.answer.text, over.says) == ('… not yet', 'perhaps to the earlier one')
-    assert over.note.text.startswith('perhaps says GRID ACTIVE to the earlier one: let it connect')
+    assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to an earlier order')
+    assert (over.answer.text, over.says) == ('… not yet', 'perhaps to an earlier order')
+    assert over.note.text.startswith('its GRID ACTIVE may answer an earlier order: let it reconnect')
     said = with_kart(sent_since=34.0, **says).rows[0]
-    assert said.note.text.startswith('no GRID ACTIVE since the earlier one: if it stays silent')
-    assert 'since the earlier one' not in with_kart(sent_since=36.0, **says).rows[0].note.text
+    assert said.note.text.startswith('its GRID ACTIVE answered an earlier order: if it stays silent')
+    assert 'answered an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
@@ -949,7 +949,7 @@ def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_q
 
     again, first = question(ran, practised), question(practised)
     clock = time_of_day(ran.stamp)[:5]
-    assert again.caution == f'Heat 1 was run at {clock}: this run will count instead.'
+    assert again.caution == f'Heat 1 was already run at {clock}. This run will count instead.'
     assert not first.caution
     assert not question(ran._replace(counts=False)).caution
     assert again.asks_the_same(first)
