@@ -440,7 +440,7 @@ def test_an_interrupt_in_a_stop_without_an_answer_says_what_is_known(
         answering.set()
 
     assert process.returncode == NOT_THERE
-    assert 'broken off after' in stderr
+    assert 'interrupted after' in stderr
     assert 'USE THE MSR' in stderr
 
 
@@ -550,7 +550,7 @@ def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (('green-green', '1'), 'GREEN GREEN was not sent: race control is not there'),
+        (('green-green', '1'), 'GREEN GREEN was not sent: race control was not found'),
         (('red-flag',), 'USE THE MSR'),
         (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
@@ -605,7 +605,7 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     event.karts[1].wait_for_state(RaceState.RED_RED)
     assert 'no timing' in ends(NOT_THERE, 'results')
     event.timekeeper.kill()
-    assert 'the timekeeper is not there' in ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
+    assert 'the timekeeper was not found' in ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
     assert 'no timing' in ends(ACCEPTED, 'watch', '--once')
 
 

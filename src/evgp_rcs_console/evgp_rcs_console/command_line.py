@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The command line of `rcs_ctl`: one command per command of an official, and `watch`.
+The command line of `rcs_ctl`: one subcommand per official's command, plus `watch` and `results`.
 
-The official makes each statement by a flag of its own, and names the karts that a command starts
-or releases by their numbers.
+The official makes each statement with its own flag, and gives the numbers of the karts that a
+command starts or releases.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Exit(enum.IntEnum):
 
 
 STARTING = 5.0
-"""Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
+"""Maximum time for ROS to start before ``--wait`` begins to count, in seconds."""
 
 MOST_WAIT = 86_400.0
 """Maximum of ``--wait``, in seconds."""
@@ -44,31 +44,31 @@ GRACE = 0.5
 COMMANDS: dict[str, Kind] = {
     entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
 }
-"""Every command of an official, by its name on the command line."""
+"""Every official's command, by its name on the command line."""
 
 TAKEN: dict[str, tuple[type, str]] = {
-    'source': (str, 'which passing: who saw it, as the results have it'),
-    'session': (str, 'in which session of the source'),
-    'number': (int, 'and its number in it'),
-    'transponder': (str, 'its number or name, as the timing device has it'),
-    'race': (int, 'of which race of the event, by its number; otherwise of the newest'),
-    'seconds': (int, 'seconds to add to its time'),
-    'laps': (int, 'laps to take away'),
-    'disqualified': (bool, 'disqualify it'),
-    'reason': (str, 'why, for the record'),
+    'source': (str, 'source of the passing, as `results` shows it'),
+    'session': (str, 'session of that source'),
+    'number': (int, 'number of the passing in that session'),
+    'transponder': (str, 'number or name of the transponder, as the timing device gives it'),
+    'race': (int, 'number of the race in this event (default: the newest race)'),
+    'seconds': (int, "seconds to add to the kart's time"),
+    'laps': (int, 'laps to take from the kart'),
+    'disqualified': (bool, 'disqualify the kart'),
+    'reason': (str, 'the reason, for the record'),
 }
-"""The further fields of requests (``Entry.takes``): the type and the help of each."""
+"""Further fields of requests (``Entry.takes``): type and help text of each."""
 
 NAMES_WHAT = ('source', 'session', 'number', 'transponder')
-"""Those of them that are always given; the others are options."""
+"""The required fields among ``TAKEN``; the others are options."""
 
 
 def no_answer(command: Kind, waited: float, details: str) -> str:
     """
-    Return what to say when race control has not answered in time.
+    Return the message for a command that race control has not answered in time.
 
     :param waited: time that race control had to answer, in seconds.
-    :param details: what else is known about the wait.
+    :param details: further facts about the wait.
     """
     entry = CATALOGUE[command]
     where = 'race' if command in OF_RACE_CONTROL else 'results'
@@ -82,24 +82,25 @@ NO_STOP_SENT = 'NO STOP WAS SENT. all-kill stops every kart; USE THE MSR if that
 
 class Parser(argparse.ArgumentParser):
     """
-    Parses a command line; a wrong one says that nothing was sent.
+    Parses a command line; for a wrong one, it says that nothing was sent.
 
-    :ivar unsent: what it says, which may have been meant as a stop.
+    :ivar unsent: that message; a line that may have been meant as a stop gets a stronger one.
     """
 
     unsent = NO_STOP_SENT
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong, and that nothing was sent, and exit."""
+        """Print what is wrong and that nothing was sent, then exit."""
         self.print_usage(sys.stderr)
         self.exit(Exit.USAGE, f'{self.prog}: {message}\n{self.unsent}\n')
 
 
 def parse(given: Sequence[str]) -> argparse.Namespace:
     """
-    Return what a command line asks for; exit if it is wrong.
+    Return the parsed command line; exit if it is wrong.
 
-    The command may be in capitals and with underscores. ALL KILL is sent whatever else is said.
+    The command may be in capitals and contain underscores. ALL KILL is sent whatever unknown
+    arguments follow.
     """
     own = without_ros_arguments(given)
     for place, (before, word) in enumerate(itertools.pairwise(['', *own])):
@@ -115,17 +116,17 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
 
 def broken_off(command: Kind, waited: float, sent: int, said: str) -> str:
     """
-    Return what is known when an official breaks off a command that has no answer yet.
+    Return what is known about an unanswered command that an official interrupts.
 
-    :param waited: time since it was given, in seconds.
-    :param sent: how often it was sent, as far as that is known.
-    :param said: what race control said to it; empty: nothing.
+    :param waited: time since the command was given, in seconds.
+    :param sent: number of times it was sent, if known; 0 otherwise.
+    :param said: race control's words about it; empty if none.
     """
     entry = CATALOGUE[command]
     often = f'sent {sent} times, ' if sent else ''
-    known = said.rstrip('.') or 'no answer; it may have arrived all the same'
+    known = said.rstrip('.') or 'no answer; it may have arrived anyway'
     advice = ' USE THE MSR.' if entry.stop else ''
-    return f'{entry.label}: broken off after {waited:.1f} s: {often}{known}.{advice}'
+    return f'{entry.label}: interrupted after {waited:.1f} s: {often}{known}.{advice}'
 
 
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
@@ -147,9 +148,9 @@ def parser() -> argparse.ArgumentParser:
     whole = Parser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',
-        epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
-        'or did not answer, 4 a stop was too old: another race had begun. ROS arguments go after '
-        '--ros-args.',
+        epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control was not found '
+        'or did not answer, 4 a stop was too old because another race had begun. Put ROS '
+        'arguments after --ros-args.',
     )
     waiting = Parser(add_help=False)
     waiting.add_argument(
@@ -157,17 +158,17 @@ def parser() -> argparse.ArgumentParser:
         type=_seconds,
         default=5.0,
         metavar='SECONDS',
-        help='how long to wait for race control (default: %(default)s); ROS may take '
-        f'up to {STARTING:g} s before that to start',
+        help='how long to wait for race control (default: %(default)s); before that, ROS may '
+        f'take up to {STARTING:g} s to start',
     )
     signing = Parser(add_help=False)
-    # `--official` may stand before the command or after it.
+    # `--official` may come before the command or after it.
     for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
         each.add_argument(
             '--official',
             default=default,
             metavar='NAME',
-            help='who gives the command, for the record (default: the name that is kept)',
+            help='who gives the command, for the record (default: the saved name)',
         )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
     for name, command in COMMANDS.items():
@@ -180,23 +181,24 @@ def parser() -> argparse.ArgumentParser:
         if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
         if entry.names_heat:
-            each.add_argument('heat', help='its name in the roster')
+            each.add_argument('heat', help='name of the heat in the roster')
         if entry.names_karts:
             each.add_argument(
                 'karts',
                 type=_kart_number,
                 nargs='*',
-                help='the karts that you mean; without any, it lists them and sends nothing',
+                help='the karts that you mean; without them, rcs_ctl lists the karts and sends '
+                'nothing',
             )
         if entry.names_number == 'reading':
-            each.add_argument('reading', type=_count, help='its number, as reload-roster says it')
+            each.add_argument('reading', type=_count, help='its number, as reload-roster prints it')
         elif entry.names_number:
             each.add_argument(
                 '--closes',
                 type=_count,
                 metavar='NUMBER',
-                help='if the track is open: the number of the opening that this closes; without '
-                'it, it says which one that is and sends nothing',
+                help='if the track is open: number of the opening that this command closes; '
+                'without it, rcs_ctl prints that number and sends nothing',
             )
         for field in entry.takes if command not in OF_RACE_CONTROL else ():
             kind, meaning = TAKEN[field]
@@ -209,7 +211,8 @@ def parser() -> argparse.ArgumentParser:
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if entry.flag is not None:
             flag, statement = entry.flag
-            # Without a statement that it asks for, race control refuses, and says what to type.
+            # If the statement that race control asks for is missing, it refuses and says what to
+            # type.
             unasked = entry.call_is_statement
             each.add_argument(
                 flag, dest='stated', action='store_true', required=unasked, help=statement
@@ -221,11 +224,11 @@ def parser() -> argparse.ArgumentParser:
     )
     watch.set_defaults(parser=watch)
     watch.add_argument('--once', action='store_true', help='show it once and exit')
-    watch.add_argument('--events', action='store_true', help='print what happens, line by line')
+    watch.add_argument('--events', action='store_true', help='print each event on a line')
     watch.add_argument(
-        '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
+        '--kart', type=_kart_number, default=0, help='with --events: only the events of this kart'
     )
-    results = 'show laps, places, the last passings, and the races of the event'
+    results = 'show laps, places, the last passings and the races of the event'
     each = commands.add_parser('results', help=results, parents=[waiting], description=results)
     each.set_defaults(parser=each)
     watch.unsent = each.unsent = NOTHING_SENT

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An official's command: what it asks of race control, what it does, and what became of it.
+An official's command: its request to race control, its effects, and its outcome.
 
-The catalogue says what each command is called and whether it is a stop; race control says whether
+The catalogue says what each command is called and whether it is a stop. Race control says whether
 it is allowed.
 
-Each stop is sent again until race control accepts it: that can do no harm, since it only ever
-makes things stricter. But a stop must not outlive what an official decides later, so a command of
-this console that loosens, once race control has accepted it, ends the stops given before it. ALL
-KILL and the record of the MSR stand until race control has accepted them. And no stop outlives its
-race: one that is over ``OUTLIVES`` old ends once it is certain that a later race has begun.
+The console sends each stop again until race control accepts it. Repeating does no harm because a
+stop only makes things stricter. But a stop must not outlast a later decision of the official: once
+race control accepts a loosening command of this console, the stops given before it end. ALL KILL
+and the record of the MSR continue until race control accepts them. No stop outlives its race: a
+stop over ``OUTLIVES`` old ends once a later race has certainly begun.
 
 Pure: snapshots and times go in.
 """
@@ -36,7 +36,7 @@ class Given:
     """
     A command that an official gave, with what the official saw.
 
-    :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
+    :param kart: the kart it is for; 0 for a command to the race, to all karts, or to the track.
     :param stated: the official made the statement that race control asked for.
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
@@ -45,11 +45,11 @@ class Given:
         TAKE_ROSTER: the reading of the roster.
     :param official: who gave it, as sent to race control.
     :param taken: the further fields of its request (``Entry.takes``).
-    :param then: commands that are given once this one is accepted, one after the other, if that is
-        soon enough; each as if it had been pressed with this one.
-    :param at: when it was given, by the clock that counts a suspend, in seconds.
-    :param waited: for how long the press had waited by then, in seconds, as far as that is known.
-        Race control is told; no stop ends by it, since it may be too large.
+    :param then: commands to give one after the other once this one is accepted, if that happens
+        soon enough; each counts as pressed together with this one.
+    :param at: when it was given, by the clock that includes suspends, in seconds.
+    :param waited: time the press had already waited by then, as far as known, in seconds. Race
+        control receives it, but no stop ends because of it: it may be too large.
     """
 
     command: Kind
@@ -66,7 +66,7 @@ class Given:
     waited: float = 0.0
 
     def followed_by(self) -> Given | None:
-        """Return the command that follows once this one is accepted; None: none does."""
+        """Return the command to give once this one is accepted; None if there is none."""
         if not self.then:
             return None
         first, *rest = self.then
@@ -79,8 +79,8 @@ def request(
     """
     Return the fields of the request of a command.
 
-    :param at: when it is sent, in seconds. Each time that a stop is sent its age is written anew:
-        a request that DDS delivers late is older than it says, by that delay, and no younger.
+    :param at: when it is sent, in seconds. Every repeat of a stop carries its current age, so a
+        request that DDS delivers late is older than it says by that delay, and never younger.
     """
     entry = CATALOGUE[given.command]
     fields: dict[str, float | bool | str | list[int] | RaceState | None] = {
@@ -108,13 +108,13 @@ def request(
 @dataclass(frozen=True)
 class Effects:
     """
-    What a command would do; each kart of the roster is in one of these groups.
+    The effects of a command; each kart of the roster is in one of these groups.
 
-    :param state: the state that it sends; None if it sends nothing.
-    :param now: karts that are sent the state at once.
-    :param later: karts without a connection, which are sent the state when they connect.
+    :param state: the state that the command sends; None if it sends nothing.
+    :param now: karts that get the state at once.
+    :param later: karts without a connection, which get the state when they connect.
     :param held: other karts, which stay held.
-    :param rest: karts to which nothing happens.
+    :param rest: karts that the command does not affect.
     """
 
     state: RaceState | None
@@ -128,10 +128,10 @@ def effects(
     command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
 ) -> Effects:
     """
-    Return what a command would do.
+    Return the effects of a command.
 
-    :param offered: what race control says about the command.
-    :param kart: the kart it is for, if it is for one.
+    :param offered: race control's availability of the command.
+    :param kart: the kart that the command is for, if it is for one.
     """
     sends = CATALOGUE[command].sends
     if sends is None:
@@ -141,7 +141,7 @@ def effects(
     elif command is CommandKind.RECORD_MSR:
         concerned = {each.number for each in race.karts}
     else:
-        # GRID_ACTIVE that is given again is sent to nobody again.
+        # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
         concerned = {
             each.number
             for each in race.karts
@@ -166,15 +166,15 @@ def effects(
 
 
 SETTLED = 1.0
-"""Time after an answer from which on every snapshot is newer than the answer, in seconds. Race
-control publishes a snapshot at least every 0.5 s."""
+"""Time after an answer until every snapshot is newer than the answer, in seconds. Race control
+publishes a snapshot at least every 0.5 s."""
 
 
 class Outcome:
     """
     The effect of an accepted command.
 
-    :param at: time of the answer to it, in seconds.
+    :param at: when race control answered, in seconds.
     """
 
     def __init__(self, given: Given, at: float) -> None:
@@ -184,15 +184,15 @@ class Outcome:
 
     def stands(self, race: Snapshot, at: float) -> bool:
         """
-        Return whether a snapshot, like every one before it, agrees with the answer.
+        Return whether this snapshot and all before it agree with the answer.
 
-        :param at: time when the snapshot came, in seconds.
+        :param at: when the snapshot came, in seconds.
         """
         shown = self._shown(race)
         if self._seen is None and self._is_done(race):
             self._seen = shown
         if self._seen is None:
-            return at - self._at < SETTLED  # it may be older than the answer
+            return at - self._at < SETTLED  # the snapshot may be older than the answer
         return shown == self._seen
 
     def _shown(self, race: Snapshot) -> object:
@@ -242,43 +242,43 @@ def _racing(race: Snapshot) -> tuple[int, ...]:
 
 
 PRESS_AGAIN = 0.5
-"""Time between two presses of a stop that is not answered, in seconds."""
+"""Time between two sendings of an unanswered stop, in seconds."""
 
 LOOSENS_RACE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
 )
-"""Commands that end the stops given before them: those to the race and to its karts."""
+"""Commands whose acceptance ends the earlier stops to the race and its karts."""
 
 ENDED_BY_RELEASE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.stop and entry.to_one_kart
 )
-"""The stops of a kart that end with its accepted release."""
+"""Stops to one kart that end once race control accepts its release."""
 
 ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
-"""The stops that end with an accepted command of ``LOOSENS_RACE``."""
+"""Stops that end once race control accepts a command of ``LOOSENS_RACE``."""
 
 
 OUTLIVES = 10.0
-"""Age up to which a stop is sent whatever race has begun since, in seconds."""
+"""Age up to which a stop is sent even if another race has begun since, in seconds."""
 
 SNAPSHOT_WITHIN = 2.0
-"""Maximum time for which an old stop waits for a snapshot once race control is found again, in
-seconds. Snapshots come twice a second, but on a busy machine DDS takes longer to find them."""
+"""Maximum time an old stop waits for a snapshot after race control is found again, in seconds.
+Snapshots come twice a second, but on a busy machine DDS takes longer to find them."""
 
 CERTAIN = 5.0
-"""Time after a press from which on a race counts as later, in seconds: for as long the first
-snapshot that a program hears may have been under way."""
+"""Minimum time from a press to the start of a race that counts as later, in seconds: the first
+snapshot that a program hears may have been under way for this long."""
 
 
 class RaceBegan:
     """
-    When the race that a snapshot shows began, by this machine's clock.
+    Converts the start of the race in a snapshot to this machine's clock.
 
-    The clocks of the two machines have nothing in common. But a snapshot comes after it was taken.
-    So the smallest difference seen between when one came and its stamp is that of the clocks, plus
-    the delay of the one that came fastest. A snapshot that was held up, or that waited while this
-    machine was suspended, makes no race seem later. Nor does a clock of race control that is set:
-    set forward, the difference gets smaller at once; set back, the race seems an earlier one.
+    The two machines' clocks are unrelated, but a snapshot always arrives after it was taken. The
+    smallest difference seen between arrival and stamp is therefore the difference of the clocks
+    plus the delay of the fastest snapshot. A snapshot that was delayed, or that waited while this
+    machine was suspended, makes no race seem later. Neither does setting race control's clock: if
+    it is set forward, the difference shrinks at once; if it is set back, the race seems earlier.
     """
 
     def __init__(self) -> None:
@@ -286,11 +286,11 @@ class RaceBegan:
 
     def hear(self, stamp: float, since: float | None, now: float) -> float:
         """
-        Take a snapshot and return when its race began, at the earliest, in seconds.
+        Process a snapshot and return the earliest time at which its race can have begun, s.
 
-        :param stamp: when it was taken; ``since``: when its race began, by the clock of race
-            control; None: none has begun in this run.
-        :param now: when it came.
+        :param stamp: when the snapshot was taken; ``since``: when its race began. Both are by
+            race control's clock; None: no race has begun in this run.
+        :param now: when the snapshot came.
         """
         self._difference = min(self._difference, now - stamp)
         return -math.inf if since is None else since + self._difference
@@ -299,15 +299,15 @@ class RaceBegan:
 @dataclass(frozen=True)
 class Standing:
     """
-    A stop that is being pressed.
+    A stop that is sent again until race control accepts it.
 
-    :param given: the newest press of it by the official.
-    :param since: when it was asked for first and not accepted, in seconds.
-    :param presses: how often it was sent.
+    :param given: the official's newest press of this stop.
+    :param since: when the official first pressed it without its being accepted, in seconds.
+    :param presses: number of times it was sent.
     :param due: when it is sent next.
-    :param said: why race control did not accept it, if it said so.
-    :param found_since: since when race control is there, as far as that was looked at, in seconds;
-        infinite: it is not.
+    :param said: race control's reason for not accepting it, if it gave one.
+    :param found_since: time since when race control has been found, as of the last look, in
+        seconds; infinite: it is not found.
     """
 
     given: Given
@@ -319,7 +319,7 @@ class Standing:
 
 
 class StandingStops:
-    """The stops that are being pressed, by command and kart."""
+    """The stops that are still being sent, by command and kart."""
 
     def __init__(self) -> None:
         self._stops: dict[tuple[Kind, int], Standing] = {}
@@ -327,11 +327,11 @@ class StandingStops:
 
     @property
     def pressed(self) -> tuple[Standing, ...]:
-        """Return what is being pressed, the oldest first."""
+        """Return the stops that are still being sent, oldest first."""
         return tuple(self._stops.values())
 
     def add(self, given: Given, now: float) -> None:
-        """Take a stop that an official gave; it is due at once."""
+        """Add a stop that an official gave; it is due at once."""
         known = self._stops.get(_key(given))
         if known is None:
             known = Standing(given, since=now)
@@ -339,14 +339,14 @@ class StandingStops:
 
     def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
         """
-        Return what is to be sent now, and count each stop that is due as sent.
+        Return the stops to send now, and count each stop that is due as sent.
 
-        An old stop is not sent while race control is not found: DDS may have found half of it,
-        which would take the stop before this console has heard of a later race. Once race control
-        is found, the stop waits for a snapshot, which ends it if a later race has begun. If none
-        comes within ``SNAPSHOT_WITHIN``, it is sent all the same.
+        An old stop is not sent while race control is not found: DDS may have found only half of
+        it, which would take the stop before this console has heard of a later race. Once race
+        control is found, the stop waits for a snapshot, which ends it if a later race has begun.
+        If no snapshot comes within ``SNAPSHOT_WITHIN``, the stop is sent.
 
-        :param finds: whether race control is there to take a stop; asked for old ones only.
+        :param finds: returns whether race control can be reached; called for old stops only.
         """
         pressed = []
         for key, stop in self._stops.items():
@@ -364,12 +364,12 @@ class StandingStops:
 
     def outlived(self, begun: float, now: float) -> list[Given]:
         """
-        Take a snapshot; return the stops that end by it.
+        Process a snapshot; return the stops that it ends.
 
-        No restart of race control ends a stop, nor does a race of which only the number is known:
-        a stop ends only where an official's GRID_ACTIVE was certainly accepted after the press.
+        A stop ends only if an official's GRID_ACTIVE was certainly accepted after the press.
+        Neither a restart of race control nor a new race number is proof of that.
 
-        :param begun: when its race began, at the earliest; ``now``: when it came, in seconds.
+        :param begun: earliest start of the snapshot's race; ``now``: when it came, in seconds.
         """
         self._heard_at = now
         ended = [
@@ -382,21 +382,21 @@ class StandingStops:
         return [given for _, given in ended]
 
     def next_press(self, now: float) -> float | None:
-        """Return the time until something is to be sent, in seconds; None: nothing is."""
+        """Return the time until the next stop is due, in seconds; None if there is none."""
         if not self._stops:
             return None
         return max(0.0, min(stop.due for stop in self._stops.values()) - now)
 
     def stands(self, given: Given) -> bool:
-        """Return whether this very press of a stop still waits to be accepted."""
+        """Return whether this press of a stop still waits to be accepted."""
         stop = self._stops.get(_key(given))
         return stop is not None and stop.given is given
 
     def accepted(self, given: Given) -> bool:
         """
-        Take that race control has accepted a command; return whether something stops standing.
+        Record that race control accepted a command; return whether that ends any stop.
 
-        A stop that was pressed again by the official after this press stands on.
+        If the official pressed the stop again after this press, the newer press continues.
         """
         before = len(self._stops)
         if self.stands(given):
@@ -408,9 +408,9 @@ class StandingStops:
 
     def refused(self, given: Given, said: str, final: bool) -> None:
         """
-        Take that race control has not accepted a stop, and why.
+        Record that race control has not accepted a stop, and why.
 
-        :param final: it never will: the stop is given up.
+        :param final: race control never will, so the stop is given up.
         """
         if not self.stands(given):
             return
@@ -434,14 +434,14 @@ def _ends(later: Given, stop: Given) -> bool:
 
 
 LATE = 0.3
-"""Time without an answer after which the window says so, in seconds."""
+"""Time without an answer after which the window shows this, in seconds."""
 
 
 class Unanswered:
     """
-    Commands that wait for an answer, and stops that are sent until they are accepted.
+    Commands that wait for an answer, and stops that race control has not accepted yet.
 
-    :ivar stops: the stops that the client sends again and again, the oldest first.
+    :ivar stops: the stops that the client keeps sending, oldest first.
     """
 
     def __init__(self) -> None:
@@ -449,20 +449,20 @@ class Unanswered:
         self._given: dict[tuple[Kind, int], Given] = {}
 
     def __bool__(self) -> bool:
-        """Return whether a command waits for its answer; stops do not count."""
+        """Return whether a command other than a stop waits for its answer."""
         return bool(self._given)
 
     def add(self, given: Given) -> None:
-        """Take a command that was sent and is no stop."""
+        """Add a command that was sent and is not a stop."""
         self._given[given.command, given.kart] = given
 
     def answered(self, given: Given) -> None:
-        """Take that a command has its answer; a newer one of the same kind still waits."""
+        """Remove a command that was answered; a newer one of the same kind still waits."""
         if self._given.get((given.command, given.kart)) is given:
             del self._given[given.command, given.kart]
 
     def ages(self, now: float) -> dict[tuple[Kind, int], float]:
-        """Return for how long each command has waited, in seconds."""
+        """Return how long each command has waited, in seconds."""
         return {key: now - given.at for key, given in self._given.items()}
 
     def oldest(self, now: float) -> Given | None:
@@ -471,7 +471,7 @@ class Unanswered:
         return given if given is not None and now - given.at > LATE else None
 
     def all_kill(self, now: float) -> Standing | None:
-        """Return ALL KILL, if race control has not accepted it for longer than ``LATE``."""
+        """Return ALL KILL if race control has not accepted it for longer than ``LATE``."""
         return next((stop for stop in self._late(now) if _is_all_kill(stop)), None)
 
     def other_stops(self, now: float) -> list[Standing]:
