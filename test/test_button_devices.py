@@ -26,7 +26,7 @@ import threading
 import time
 
 from evgp_rcs_console.button_devices import attend, Keys, why
-from evgp_rcs_console.presses import EVENT, Presses
+from evgp_rcs_console.presses import EVENT, PressCounter
 import pytest
 
 UNPLUGS = 100
@@ -74,7 +74,7 @@ class Button:
 
     def __init__(self, path: pathlib.Path) -> None:
         """Start it."""
-        self.presses, self.pressed, self.trouble, self.looks = Presses(), 0, '?', 0
+        self.presses, self.pressed, self.trouble, self.looks = PressCounter(), 0, '?', 0
         self._ending = threading.Event()
         given = (str(path), self.presses, self._press, self._look, self._ending)
         self._thread = threading.Thread(target=attend, args=given)

@@ -154,7 +154,7 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
         ('grid-active 1 2', REFUSED, 'state that the track is clear', IF_CLEAR),
         (
             *('grid-active --track-is-clear', USAGE, which, f'{TYPE}\n'),
-            'It is for kart 1 (Team 1), kart 2 (Team 2)',
+            'The command is for kart 1 (Team 1), kart 2 (Team 2)',
         ),
         ("--official 'Anna M' grid-active --track-is-clear", USAGE, f"{TYPE} --official 'Anna M'"),
         # The last one, since every stop begins a pause; and it is not repeated for ever.
@@ -797,7 +797,7 @@ def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_t
         client.give(Given(CommandKind.RACE_OVER))
         ends = time.monotonic() + PATIENCE
         while listener.answer is None and time.monotonic() < ends:
-            client.say_there('Anna', '')
+            client.announce('Anna', '')
             listener.wait_for(lambda: listener.answer, now() + 0.1)
     finally:
         answering.set()

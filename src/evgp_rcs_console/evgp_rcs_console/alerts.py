@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The alerts, in an area that is always there, and the sound that comes until they are seen.
+The alerts, in an area that is always visible, and the sound that repeats until they are seen.
 
-The sound is a short two-tone wave, played by what the machine has to play it.
+The sound is a short two-tone wave, played by one of the machine's audio players.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from evgp_rcs_console.style import look, NUMBER, SMALL
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
-"""Maximum number of alerts that are shown at once; of the others, number and karts are shown."""
+"""Maximum number of alerts shown in full; of the others, only number and karts are shown."""
 
 MANY = 4
-"""Maximum number of karts beyond those that are named in the largest type."""
+"""Maximum number of further karts that are named in large type."""
 
 SOUND_AGAIN = 4.0
-"""Time between two sounds while an alert is not seen, in seconds."""
+"""Time between two sounds while an alert is unseen, in seconds."""
 
 PLAYERS = ('pw-play', 'paplay', 'aplay')
-"""Programs that play a file, the preferred one first."""
+"""Programs that play a sound file, the preferred one first."""
 
 RATE = 22050
 TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
@@ -49,10 +49,10 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 
 def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
     """
-    Return alerts as HTML, filled until they are seen.
+    Return alerts as HTML, with a filled ground until they are seen.
 
     :param at: race control's time now.
-    :param sentences: how many have their sentence; those without a kart always have it.
+    :param sentences: number of alerts with a sentence; alerts without a kart always have one.
     """
     tables = []
     for number, notice in enumerate(notices):
@@ -82,14 +82,13 @@ class AlertsArea(Panel):
     """
     The alerts that are not marked as seen, and those whose cause still exists.
 
-    SEEN is for the first one. If it is pressed just after another alert has come there, it marks
-    nothing.
+    SEEN marks the first alert. If another alert has just taken that place, SEEN marks nothing.
     """
 
     seen = Signal(list)
     """The official has seen the alerts of these numbers."""
     changed = Signal()
-    """SEEN was pressed just after the alerts had changed: nothing was marked."""
+    """SEEN was pressed just after the alerts had changed, so nothing was marked."""
     mute = Signal()
 
     def __init__(self) -> None:
@@ -121,13 +120,13 @@ class AlertsArea(Panel):
 
     @property
     def whole(self) -> str:
-        """Return all alerts that are shown."""
+        """Return the text of all alerts that are shown."""
         shown = self._notices[: self._shown]
         return '\n'.join(f'{each.heading}\n{each.kart}\n{each.text}' for each in shown)
 
     @property
     def cut(self) -> bool:
-        """Return whether not all of what is shown has room."""
+        """Return whether the shown alerts do not fit."""
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
@@ -141,8 +140,8 @@ class AlertsArea(Panel):
         Show alerts, the most important first.
 
         :param at: race control's time now.
-        :param own: the official has just marked some as seen, so nothing moved by itself.
-        :param known: race control is heard; otherwise no alerts does not mean that all is well.
+        :param own: the official has just marked some as seen, so they expect the change.
+        :param known: race control is heard; otherwise an empty list does not mean all is well.
         """
         before = self._unseen
         self._notices = list(notices)
@@ -169,10 +168,10 @@ class AlertsArea(Panel):
 
     def _place(self, at: float) -> int:
         """
-        Put alerts below each other, as high as their texts; return how many there is room for.
+        Stack the alerts, each as high as its text; return how many fit.
 
-        If there is no room for all sentences, the first alert has its own, and of the others each
-        that names a kart does without.
+        If not all sentences fit, only the first alert keeps its sentence; the others that name a
+        kart lose theirs.
         """
         count = min(len(self._notices), PLACES)
         for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
@@ -183,11 +182,11 @@ class AlertsArea(Panel):
 
     @property
     def _unseen(self) -> list[int]:
-        """Return the numbers of the unseen notices, in their order."""
+        """Return the numbers of the unseen notices, in the order shown."""
         return [notice.number for notice in self._notices if not notice.seen]
 
     def press_first(self) -> None:
-        """Mark the first alert that is not seen as seen, if it could be read long enough."""
+        """Mark the first unseen alert as seen, if it was shown long enough to be read."""
         self._press(1)
 
     def _press(self, count: int | None) -> None:
@@ -200,9 +199,9 @@ class AlertsArea(Panel):
 
 class Alarm:
     """
-    Has the alerts shown, and sounds.
+    Keeps the alerts, shows them and sounds the alarm.
 
-    :param area: where the alerts are shown.
+    :param area: the area that shows the alerts.
     """
 
     def __init__(self, area: AlertsArea) -> None:
@@ -217,7 +216,7 @@ class Alarm:
         area.show_sound(muted=False)
 
     def take_race(self, race: Snapshot, two: bool) -> None:
-        """Take the alerts of a snapshot; a new one sounds soon."""
+        """Update the alerts from a snapshot; a new one sounds soon."""
         if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state
@@ -225,7 +224,7 @@ class Alarm:
             self.sound_soon()
 
     def take_own(self, text: str) -> None:
-        """Take an alert of this window, which stays until it is seen; it sounds soon."""
+        """Add an alert of this window, which stays until it is seen; it sounds soon."""
         self._book.add_own(text)
         self.sound_soon()
 
@@ -234,8 +233,7 @@ class Alarm:
         Show the alerts.
 
         :param at: race control's time now.
-        :param known: race control is heard; if it is not, it may have alerts of which we do not
-            know.
+        :param known: race control is heard; otherwise it may have alerts unknown to this window.
         """
         self._at, self._known = at, known
         self._area.show_notices(self._book.shown, at, known=known)
@@ -252,7 +250,7 @@ class Alarm:
         self._area.show_sound(self._muted)
 
     def sound_soon(self) -> None:
-        """Sound at the next look, if there is a reason to."""
+        """Sound at the next ``look``, if there is a reason to."""
         self._sounded_at = 0.0
 
     def look(self, now: float, alarming: bool) -> None:
@@ -260,7 +258,7 @@ class Alarm:
         Sound if it is time.
 
         :param now: the time, in seconds.
-        :param alarming: race control is gone or must not be relied on.
+        :param alarming: race control is gone or unreliable.
         """
         due = now - self._sounded_at >= SOUND_AGAIN
         if due and (alarming or self._book.unseen) and not self._muted:
@@ -268,7 +266,7 @@ class Alarm:
             self._sound.play()
 
     def sound_now(self) -> None:
-        """Sound once: a stop was not sent."""
+        """Sound once at once, because a stop was not sent."""
         if not self._muted:
             self._sound.play()
 
@@ -292,11 +290,11 @@ class Sound:
     """
     Plays the alarm without waiting for it.
 
-    Where no player is found it is the system's bell, which many machines have turned off.
+    If no player is found, it uses the system's bell, which many machines have turned off.
     """
 
     def __init__(self) -> None:
-        """Look for a player, and write the file for it."""
+        """Find a player and write the sound file."""
         found = [path for path in map(shutil.which, PLAYERS) if path]
         self._player = found[0] if found else None
         self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')

@@ -4,8 +4,8 @@
 """
 The stop button as a process: `rcs_button`, on an official's machine, without a screen.
 
-It gives one command, ALL KILL, as the window does. One thread reads the device and says that it is
-there, by way of the thread that sends stops: if either hangs, race control no longer hears that.
+It sends one command, ALL KILL, as the window does. One thread reads the device and announces the
+button through the thread that sends stops. If either hangs, the announcements end.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from evgp_rcs_console.button_devices import (
     stable_paths,
     why,
 )
-from evgp_rcs_console.client import Client, THERE_EVERY
+from evgp_rcs_console.client import Client, PRESENCE_PERIOD
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.ctl_ros import Hearing
-from evgp_rcs_console.presses import Presses
+from evgp_rcs_console.presses import PressCounter
 from evgp_rcs_console.settings import Signature
 
 ACCEPTED_WITHIN = 1.0
-"""Maximum time until race control has accepted ALL KILL, in seconds; then officials are told."""
+"""Time without acceptance of ALL KILL after which the button reports a fault, in seconds."""
 
 
 DROPPED_FOR = 5.0
-"""Time for which the button says that it dropped a press, in seconds. Meanwhile it does not count
-as one that works. So it is shorter than ``nobody_there`` usually is: after that, race control
-would stop the new race."""
+"""Time for which the button reports a dropped press, in seconds. Meanwhile race control does not
+count it as a working button, so this is shorter than the usual ``nobody_there``: after that time
+without anyone, race control would stop the new race."""
 
 
 @dataclass(frozen=True)
@@ -61,16 +61,16 @@ class StopButton(StrictNode):
     """
     The node of one button.
 
-    :param on_failure: is called, in another thread, when the node cannot go on.
+    :param on_failure: called in another thread if the node cannot continue.
     :raises ParameterError: if a parameter is wrong.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters and begin to open the device."""
+        """Read the parameters and start to open the device."""
         super().__init__('rcs_button', **node_options)
         self._settings = read_settings(Parameters(self))
         self._signature = Signature(self._settings.official, os.getpid())
-        self._presses = Presses(self._settings.key)
+        self._presses = PressCounter(self._settings.key)
         self._said = ('?', 0)
         self._due = 0.0
         self._heard = Hearing()
@@ -94,7 +94,7 @@ class StopButton(StrictNode):
         self._thread.start()
 
     def close(self) -> None:
-        """Let go of the device, and say so."""
+        """Release the device and announce the end."""
         self._ending.set()
         self._thread.join()
         self._say(texts.BUTTON_ENDED, now())
@@ -113,7 +113,7 @@ class StopButton(StrictNode):
         at = now()
         self._since = at if self._is_accepted() else self._since
         self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim, at=at)
-        self._client.give(self._given)  # what there is to say of it comes after it
+        self._client.give(self._given)  # send first, report afterwards
 
     def _is_accepted(self) -> bool:
         """Return whether race control has accepted the last press."""
@@ -121,7 +121,7 @@ class StopButton(StrictNode):
         return self._given is None or (answer is not None and answer[0] is self._given)
 
     def _take_dropped(self, at: float) -> None:
-        """Take that the last press is not sent any more; a button that is held is a new one."""
+        """Handle that the last press is no longer sent; a button still held is a new press."""
         dropped = self._heard.dropped
         if dropped is None or dropped[0] is not self._given:
             return
@@ -132,7 +132,7 @@ class StopButton(StrictNode):
             self._kill()
 
     def _look(self, trouble: str) -> None:
-        """Say that this button is there, and why it cannot stop the race, if it cannot."""
+        """Announce this button, and why it cannot stop the race if it cannot."""
         at = now()
         self._take_dropped(at)
         if at - self._dropped_at < DROPPED_FOR:
@@ -144,7 +144,7 @@ class StopButton(StrictNode):
         self._say(trouble, at)
 
     def _say(self, fault: str, at: float) -> None:
-        """Publish that this button is there, if that is due or something is new."""
+        """Publish the button's presence if it is due or has changed."""
         said = fault, self._presses.count
         if said == self._said and at < self._due:
             return
@@ -152,8 +152,8 @@ class StopButton(StrictNode):
             self.get_logger().warning(fault)
         elif fault != self._said[0]:
             self.get_logger().info(texts.BUTTON_WORKS)
-        self._said, self._due = said, at + THERE_EVERY
-        self._client.say_there(self._signature.name, fault, self._presses.count)
+        self._said, self._due = said, at + PRESENCE_PERIOD
+        self._client.announce(self._signature.name, fault, self._presses.count)
 
 
 def read_settings(parameters: Parameters) -> ButtonSettings:
@@ -164,34 +164,34 @@ def read_settings(parameters: Parameters) -> ButtonSettings:
     """
     declare = parameters.declare
     settings = ButtonSettings(
-        device=declare('device', '', 'Path of the device, by a name that stays the same.'),
-        key=declare('key', 0, 'Code of the only key that is a press; 0: every key.', (0, 767)),
-        official=declare('official', '', 'Who sits there; empty: the name that is kept.'),
+        device=declare('device', '', 'Path of the device, by a name that never changes.'),
+        key=declare('key', 0, 'Code of the only key that sends ALL KILL; 0: every key.', (0, 767)),
+        official=declare('official', '', 'Official at the button; empty: the saved name.'),
     )
     parameters.refuse_unknown()
     if not settings.device.startswith('/'):
         raise ParameterError(
-            'parameter device: give a path, as /dev/input/by-id/...; rcs_button test shows all'
+            'parameter device: give a path such as /dev/input/by-id/...; rcs_button test lists all'
         )
     return settings
 
 
 def show(paths: Sequence[str]) -> int:
     """
-    Print which devices there are, and each press of one, until Ctrl-C; nothing is sent.
+    List the input devices and print each press until Ctrl-C; nothing is sent.
 
-    :param paths: the only devices to look at; none: every input device.
-    :return: 0 after Ctrl-C; 1 if none of them can be read any more.
+    :param paths: the devices to look at; empty: every input device.
+    :return: 0 after Ctrl-C; 1 once none of them can be read.
     """
-    watched: dict[str, tuple[Keys, Presses]] = {}
+    watched: dict[str, tuple[Keys, PressCounter]] = {}
     with contextlib.ExitStack() as stack, contextlib.suppress(KeyboardInterrupt):
         for path in paths or stable_paths():
             try:
                 device = Keys(path)
                 stack.callback(device.close)
-                device.grab(False)  # whoever looks may have no other keyboard
+                device.grab(False)  # this may be the user's only keyboard
                 print(texts.BUTTON_KEYS.format(path=path, name=device.name))
-                watched[path] = device, Presses()
+                watched[path] = device, PressCounter()
             except OSError as error:
                 print(f'{path}: {why(error)}')
         print(texts.BUTTON_TRY if watched else texts.BUTTON_NONE, flush=True)
@@ -210,7 +210,7 @@ def show(paths: Sequence[str]) -> int:
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run the node until SIGINT or SIGTERM, or with `test` show which devices there are.
+    Run the node until SIGINT or SIGTERM; with `test`, list the input devices instead.
 
     :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
     """

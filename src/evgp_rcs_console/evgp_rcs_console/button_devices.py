@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The device of a stop button: an input device, of which a key is a press.
+The device of a stop button: an input device whose keys are presses.
 
-It is read here as the kernel gives it (linux/input.h), without a library: no read of it can hang.
-No ROS.
+The module reads it directly from the kernel (linux/input.h), without a library, so no read can
+hang. It does not use ROS.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ import threading
 
 from evgp_protocol.clock import now
 from evgp_rcs_console import texts
-from evgp_rcs_console.presses import changes, EVENT, Presses
+from evgp_rcs_console.presses import changes, EVENT, PressCounter
 
 BUTTON_LOOK = 0.1
-"""Maximum time between two looks at anything but the device, in seconds."""
+"""Maximum time between two looks at anything other than the device, in seconds."""
 
 REOPEN = 0.25
-"""Time between two attempts to open a device that is gone, in seconds."""
+"""Time between two attempts to open a missing device, in seconds."""
 
 INPUT = pathlib.Path('/dev/input')
 SYS = pathlib.Path('/sys/class/input')
 
 _KEYS = 768 // 8
-"""Bytes that have a bit for each key."""
+"""Size of the bit field with one bit per key, in bytes."""
 
 # EVIOCGNAME, EVIOCGKEY, EVIOCGRAB and EVIOCSMASK of linux/input.h.
 GET_NAME, GET_KEYS_DOWN, GRAB, SET_MASK = 0x81004506, 0x80604518, 0x40044590, 0x40104593
@@ -48,11 +48,11 @@ class Keys:
     """
     An input device.
 
-    :raises OSError: if it cannot be opened; EBUSY: another program holds it for itself.
+    :raises OSError: if it cannot be opened; EBUSY: another program holds it.
     """
 
     def __init__(self, path: str) -> None:
-        """Open it, for its keys alone: a stick that moves must not push a key out."""
+        """Open it for its keys only, so that a moving joystick pushes no key event out."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             wanted = ctypes.c_uint64(1 << 0 | 1 << 1)  # EV_SYN, EV_KEY
@@ -65,20 +65,20 @@ class Keys:
 
     @property
     def name(self) -> str:
-        """Return what it calls itself."""
+        """Return the name that the device reports."""
         return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
 
     def grab(self, mine: bool) -> None:
-        """Take it for this program alone, so that its keys type nowhere else; or give it back."""
+        """Take it for this program alone, so that its keys type nowhere else, or give it back."""
         fcntl.ioctl(self.descriptor, GRAB, int(mine))
 
     def down(self) -> frozenset[int]:
-        """Return which keys are down. Their changes that were not read yet are dropped."""
+        """Return the keys that are down; the kernel drops their unread changes."""
         bits = int.from_bytes(self._ask(GET_KEYS_DOWN, _KEYS), 'little')
         return frozenset(key for key in range(_KEYS * 8) if bits >> key & 1)
 
     def changes(self, timeout: float) -> Iterable[Change]:
-        """Return what comes within a time (s) at most."""
+        """Wait up to a time (s) for changes and return them."""
         if not select.select([self.descriptor], [], [], timeout)[0]:
             return ()
         data = os.read(self.descriptor, 64 * EVENT.size)
@@ -87,7 +87,7 @@ class Keys:
         return tuple(changes(data))
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the device."""
         os.close(self.descriptor)
 
     def _ask(self, request: int, size: int) -> bytes:
@@ -95,7 +95,7 @@ class Keys:
 
 
 def is_asleep(path: str) -> bool:
-    """Return whether the USB device of an input device is suspended: its keys may do nothing."""
+    """Return whether an input device's USB device is suspended, so that its keys may not work."""
     folder = (SYS / pathlib.Path(path).resolve().name / 'device').resolve()
     for each in folder.parents:
         try:
@@ -107,7 +107,7 @@ def is_asleep(path: str) -> bool:
 
 
 def why(error: OSError) -> str:
-    """Return why a device cannot be read, as a sentence that says what to do."""
+    """Return why a device cannot be read and what to do, as a sentence."""
     return {
         errno.EACCES: texts.BUTTON_NOT_ALLOWED,
         errno.EBUSY: texts.BUTTON_TAKEN,
@@ -117,16 +117,16 @@ def why(error: OSError) -> str:
 
 def attend(
     path: str,
-    presses: Presses,
+    presses: PressCounter,
     on_press: Callable[[], object],
     on_look: Callable[[str], object],
     ending: threading.Event,
 ) -> None:
     """
-    Take every press until it is `ending`; open the device again whenever it is gone.
+    Handle every press until `ending` is set; reopen the device whenever it is gone.
 
-    :param on_press: is called at each press.
-    :param on_look: is called at least every `REOPEN`, with what is wrong with the device.
+    :param on_press: called at each press.
+    :param on_look: called at least every `REOPEN`, with the device's fault or an empty text.
     """
     while not ending.is_set():
         try:
@@ -144,7 +144,7 @@ def attend(
                         if change is None:
                             presses.miss(device.down(), now())
                             on_press()
-                            break  # what came with it is older
+                            break  # the other changes read with it are older
                         if presses.take(*change, now()):
                             on_press()
         except OSError as error:
@@ -153,7 +153,7 @@ def attend(
 
 
 def stable_paths() -> list[str]:
-    """Return every input device, by a name that stays the same where it has one."""
+    """Return every input device, by a name that never changes if it has one."""
     found = {path.resolve(): path for path in sorted(INPUT.glob('event*'))}
     for folder in ('by-path', 'by-id'):
         found |= {path.resolve(): path for path in sorted((INPUT / folder).glob('*event*'))}

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What officials can give from a console: race control's commands, and the timekeeper's."""
+"""All commands that officials can give from a console: race control's and the timekeeper's."""
 
 from __future__ import annotations
 

@@ -2,17 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The console's ROS side: hears the race, and gives commands, in threads of its own.
+The console's ROS side: receives the race and sends commands, in its own threads.
 
-Two threads, so that nothing a screen does ever waits for ROS:
+It has two threads, so that nothing a screen does ever waits for ROS:
 
-- the executor's thread hears the race, its events, the results and the answers to commands;
-- the sender's thread takes commands from a queue and calls the services. It also presses each stop
-  again and again, once asked for, until race control has accepted it or it has outlived its race
-  (``StandingStops``). That somebody is there goes the same way, so that it is not said where no
-  stop gets out.
+- the executor's thread receives the race, its events, the results and the answers to commands;
+- the sender's thread takes commands from a queue and calls the services. It repeats each stop
+  until race control accepts it or the stop has outlived its race (``StandingStops``). The same
+  thread announces the official's presence, so a client that cannot send stops announces nothing.
 
-Whoever listens is called in these threads, and must hand over to its own at once.
+The listener is called in these threads and must hand over to its own thread at once.
 """
 
 from __future__ import annotations
@@ -80,56 +79,59 @@ _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 @functools.lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
-    """Return a sentence of race control with each name as buttons and rows have it."""
+    """Return a sentence of race control with states and commands named as on the screen."""
     return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
 
 
 WITHIN = 4.0
-"""Time within which the numbers must go down twice, in seconds; each is heard twice a second."""
+"""Time within which snapshot numbers that fall twice prove two race controls, in seconds. Each
+race control sends two snapshots a second."""
 
 
 class Sources:
-    """Hears the numbers of snapshots."""
+    """Detects a second race control by the sequence numbers of snapshots."""
 
     def __init__(self) -> None:
         self._last: int | None = None
         self._falls: deque[float] = deque(maxlen=2)
 
     def hear(self, number: int, now: float) -> None:
-        """Take the number of a snapshot and when it came, in seconds."""
+        """Record the number of a snapshot and when it came, in seconds."""
         if self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number
 
     def are_two(self, now: float) -> bool:
-        """Return whether two race controls are heard."""
+        """Return whether snapshots come from two race controls."""
         return len(self._falls) == 2 and now - self._falls[0] < WITHIN
 
 
 GIVE_UP = 15.0
-"""Time for which an answer to a command that is no stop is waited for, in seconds."""
+"""Maximum wait for the answer to a command other than a stop, in seconds."""
 
 THEN_WITHIN = LEAST_PAUSE / 2
-"""Maximum time from a press to the last command that it gives, in seconds. So it still comes in
-the pause after a stop of another official, in which race control takes none that loosens."""
+"""Maximum time from a press to the last command that it gives, in seconds. If another official
+sends a stop meanwhile, the command still falls into the pause in which race control refuses
+everything that loosens."""
 
 PRESSES = 10
-"""Number of unanswered presses of one stop whose answers are still waited for."""
+"""Maximum number of unanswered sendings of one stop whose answers are still awaited."""
 
 
-THERE_EVERY = 0.5
-"""Time between two words that somebody is there, in seconds; 2 s without one, and nobody is."""
+PRESENCE_PERIOD = 0.5
+"""Time between two announcements of presence, in seconds. After 2 s without one, race control
+counts the program as gone."""
 
-THERE_QOS = QoSProfile(
+PRESENCE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
-    # For whoever wants to know by DDS alone: nothing but a word says that the program is alive.
+    # For tools that watch DDS alone: only an announcement shows that the program is alive.
     liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
     liveliness_lease_duration=Duration(seconds=2),
 )
-"""Of ``rcs/presence``."""
+"""QoS of ``rcs/presence``."""
 
 STOP_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -138,58 +140,59 @@ STOP_QOS = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """
-Of the services of the stops that are for no single kart, to call them.
+QoS of the clients that call the stops to more than one kart.
 
-Fast DDS forgets a machine that it has not heard for 20 s, and what was sent to it. After a shorter
-outage it delivers what was sent meanwhile, the oldest first. With ROS's usual depth of 10 the one
-that counts, the first, would say an age that is 5 s too small. With 1 it is the newest one, too
-small by ``PRESS_AGAIN`` at most. The stops of karts share a service, so there a stop could
-push out one of another kart.
+Fast DDS forgets a machine after 20 s of silence, with everything sent to it. After a shorter
+outage it delivers the requests sent meanwhile, oldest first. Race control acts on the first one.
+With ROS's usual depth of 10, the age in that request would be up to 5 s too small; with a depth
+of 1, it is too small by ``PRESS_AGAIN`` at most. The stops to single karts share a service and
+keep the usual depth: with 1, a stop could push out another kart's stop.
 """
 
 
 class Listener(Protocol):
     """
-    Who is told what the client hears.
+    The receiver of everything the client hears.
 
-    Called in the client's threads, with its lock held at times: it must not call the client.
+    The client calls it in its own threads, sometimes with its lock held, so a listener must not
+    call the client.
     """
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """
-        Take a snapshot.
+        Process a snapshot.
 
-        :param at: when it came, by the clock that counts a suspend, in seconds.
+        :param at: when it came, by the clock that includes suspends, in seconds.
         :param two: snapshots come from two race controls.
         """
 
     def on_event(self, event: StampedEvent) -> None:
-        """Take an event."""
+        """Process an event."""
 
     def on_results(self, results: Standings) -> None:
-        """Take the results as they stand now."""
+        """Process the current results."""
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Take the answer to a command, also that none came; of a stop, the one that counts."""
+        """Process the final answer to a command, including that none came in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Take that a stop is not sent any more: a later race has begun; why, as a sentence."""
+        """Process that a stop is no longer sent: a later race has begun; why is a sentence."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Take the stops that race control has not accepted yet, and how often each was sent."""
+        """Process the stops that race control has not accepted yet, with their send counts."""
 
 
 class Client:
     """
     A client of race control.
 
-    :param context: the ROS context; the process's own if it is None.
-    :param commands: what it may be asked to give. For each of them it needs a permission where
-        SROS2 is in force; to hear the race it needs none of them.
-    :param there: the program at which an official sits (``say_there``); empty: nobody does, as
-        without that permission.
-    :param hears: the listener hears the race. Otherwise the client alone does, for its stops.
-    :raises RCLError: if ROS does not let it be that client.
+    :param context: the ROS context; None: that of the process.
+    :param commands: the commands it can give. With SROS2 it needs a permission for each of them;
+        receiving the race needs none of these.
+    :param there: name of the program at which an official sits (``announce``); empty: no
+        presence is announced. Without the permission none is announced either.
+    :param hears: the listener receives the race. Otherwise only the client does, for its stops.
+    :raises RCLError: if ROS does not allow this client.
     """
 
     def __init__(
@@ -202,7 +205,7 @@ class Client:
         hears: bool = True,
         **node_options: Any,
     ) -> None:
-        """Join the domain and begin to hear."""
+        """Join the domain and start to receive."""
         self.node = Node(name, context=context, **node_options)
         fence_graph()
         self._listener = listener
@@ -224,8 +227,9 @@ class Client:
         self._program, self._id = there, uuid.uuid4().hex
         self._there: Publisher | None = None
         if there:
-            with contextlib.suppress(RCLError):  # a screen for spectators
-                self._there = self.node.create_publisher(msg.Presence, 'rcs/presence', THERE_QOS)
+            with contextlib.suppress(RCLError):  # a spectators' screen has no permission
+                publish = self.node.create_publisher
+                self._there = publish(msg.Presence, 'rcs/presence', PRESENCE_QOS)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._began = RaceBegan()
@@ -243,20 +247,20 @@ class Client:
         """Give a command, and return at once."""
         self._given.put(given)
 
-    def say_there(self, official: str, fault: str, presses: int = 0) -> None:
+    def announce(self, official: str, fault: str, presses: int = 0) -> None:
         """
-        Say that an official is there who can stop the race, and return at once.
+        Announce an official who can stop the race from this program, and return at once.
 
-        :param official: who; empty: nobody said.
-        :param fault: why the race cannot be stopped from there now; empty: it can.
-        :param presses: of a button: how often it was pressed.
+        :param official: the official's name; empty if unknown.
+        :param fault: why this program cannot stop the race now; empty if it can.
+        :param presses: for a button: number of presses.
         """
         word = msg.Presence(program=self._program, id=self._id, fault=fault, presses=presses)
         word.official = official[:MOST_OF_NAME]
         self._given.put(word)
 
     def wait_for(self, command: Kind, seconds: float) -> bool:
-        """Return whether race control offers a command, once it does or time is up."""
+        """Wait until race control offers a command or time is up; return whether it does."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
@@ -284,7 +288,7 @@ class Client:
                         self._stop_given_at = now()
                 else:
                     self._call(given)
-            # Each time: what else goes this way, such as that somebody is there, puts off neither.
+            # After every item: announcements of presence must not delay stops or time limits.
             self._press()
             self._give_up()
 
@@ -306,7 +310,7 @@ class Client:
             pressed = self._standing.press(now(), self._finds)
         for given in pressed:
             self._request(given)
-        # Told under the lock: never after it is told that the press was accepted.
+        # Called under the lock, so that this never follows the report of the acceptance.
         with self._lock:
             if self._standing.pressed:
                 self._listener.on_pressing(self._standing.pressed)
@@ -361,8 +365,8 @@ class Client:
             if answer.success:
                 ended = self._standing.accepted(given)
             else:
-                # By the rules race control refuses a stop for one reason only: it has no such
-                # kart. Whatever else it says, the stop is not in force.
+                # By the rules, race control refuses a stop only for a kart that it does not have.
+                # After any other failure the stop is not in force, and it is sent again.
                 unknown = self._karts is not None and given.kart not in {0, *self._karts}
                 self._standing.refused(given, answer.message, final=unknown)
                 ended = stood and unknown
@@ -370,7 +374,7 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
             soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
-        # An earlier press of the same, or one that failed, is pressed again and not told.
+        # A stop that failed, or an older press of it, is sent again; that is not reported.
         if ended or not CATALOGUE[given.command].stop:
             self._listener.on_answer(given, answer)
         if follows is not None and soon:
@@ -390,7 +394,7 @@ class Client:
         began = self._began.hear(race.stamp, race.race_since, at)
         with self._lock:
             self._karts = frozenset(kart.number for kart in race.karts)
-            # Of two race controls nobody knows of which race the press was.
+            # With two race controls it is unknown to which race the press belonged.
             ended = [] if two else self._standing.outlived(began, at)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
@@ -411,27 +415,27 @@ class Client:
             self._listener.on_results(results)
 
     def _read(self, read: Callable[[], _Read]) -> _Read | None:
-        """Return what a message says; None: it is not race control's, and is not shown."""
+        """Return the content of a message; None if it does not fit this race control."""
         try:
             return read()
         except ValueError as error:
-            said = f'A message is left out that is not of this race control: {error}'
+            said = f'Ignored a message that does not fit this race control: {error}'
             self.node.get_logger().warning(said, throttle_duration_sec=10.0)
             return None
 
     def _fail(self, error: BaseException) -> None:
-        # Nothing is heard from now on: the screen says so, and stops are pressed on.
-        self.node.get_logger().error(f'The race is no longer heard: {error!r}')
+        # From now on nothing is received. The screen shows that, and stops are still sent.
+        self.node.get_logger().error(f'This program no longer receives the race: {error!r}')
 
 
 def join_graph(program: str, arguments: Sequence[str]) -> None:
     """
-    Start ROS on the officials' graph: loopback, or the interface that is named.
+    Start ROS on the officials' graph: loopback, or the interface that is set.
 
-    :raises GraphError: if no interface has the address that is named.
+    :raises GraphError: if no interface has the address that is set.
     """
     bind_graph()
-    # A signal is the program's own business: its window and its children are to end in order.
+    # The program handles signals itself, so that its window and children end in order.
     rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
 
 
@@ -450,7 +454,7 @@ def domain_of(context: Context | None = None) -> int:
 
 
 def looking(topic: str, context: Context | None = None) -> str:
-    """Return where a client looks for race control, as a sentence says it."""
+    """Return where a client looks for race control, as part of a sentence."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     where = texts.ON_THIS_MACHINE
     if beyond:

@@ -191,7 +191,7 @@ def parser() -> argparse.ArgumentParser:
                 'nothing',
             )
         if entry.names_number == 'reading':
-            each.add_argument('reading', type=_count, help='its number, as reload-roster prints it')
+            each.add_argument('reading', type=_count, help='its number, printed by reload-roster')
         elif entry.names_number:
             each.add_argument(
                 '--closes',

@@ -214,10 +214,10 @@ class Outcome:
             return any(
                 heat.name == given.heat and heat.karts == _racing(race) for heat in race.heats
             )
-        return is_so(entry.result, race, race.kart(given.kart))
+        return shows_result(entry.result, race, race.kart(given.kart))
 
 
-def is_so(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
+def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
     """
     Return whether a snapshot shows the result of a command.
 

@@ -5,9 +5,9 @@
 """
 The officials' terminal client as a process: it keeps the deadline and prints the answer.
 
-It knows no rule of the race. What works with ROS may hang, inside DDS and with the interpreter's
-lock held; then the C library says that there is no answer, and ends the process (`end_within`).
-Without ROS until a command is to be given: the shell asks often what could come next.
+It contains no rule of the race. ROS code may hang inside DDS while it holds the interpreter's
+lock; in that case the C library prints that there is no answer and ends the process
+(`end_within`). ROS is imported only to give a command, so that Tab completion stays fast.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from evgp_rcs_console.command_line import (
 from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
 
 TIDY = 1.0
-"""Maximum time to leave the ROS domain once the answer is printed, in seconds."""
+"""Maximum time to leave the ROS domain after the answer is printed, in seconds."""
 
 STALLED = 5.0
-"""Time without anything new after which a `watch` counts as hanging, in seconds. It shows the race
-once a second."""
+"""Time without output after which a `watch` counts as hanging, in seconds. It shows the race once
+a second."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,11 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :return: a code of ``Exit``.
     """
-    if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
+    if '_ARGCOMPLETE' in os.environ:  # the shell asks for completions
         _complete()
     given = list(sys.argv[1:] if arguments is None else arguments)
     wanted = parse(given)
-    # A shell that starts it in the background makes it ignore SIGINT, and Python keeps that.
+    # A shell that starts a program in the background makes it ignore SIGINT; Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         _ask_for_name(wanted)
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
-    """Do with ROS what is wanted, and print the answer before anything is torn down."""
+    """Carry out the command with ROS, and print the answer before anything is torn down."""
     from evgp_node.deadline import end_within
 
     _let_a_second_interrupt_kill()
@@ -85,12 +85,12 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             if wanted.command == 'watch':
                 told['code'] = Exit.ACCEPTED
-            elif wanted.command in COMMANDS and len(told) == 1:  # later, ctl_ros says it
+            elif wanted.command in COMMANDS and len(told) == 1:  # after sending, ctl_ros reports
                 stop = CATALOGUE[COMMANDS[wanted.command]].stop
                 told['error'] = NO_STOP_SENT if stop else NOTHING_SENT
         except BrokenPipeError:
-            told['code'] = Exit.ACCEPTED  # whoever reads a watch has read enough
-        except Exception:  # noqa: BLE001 - whatever it is, an official must read what to do
+            told['code'] = Exit.ACCEPTED  # the reader of a watch has closed the pipe
+        except Exception:  # noqa: BLE001 - tell the official
             traceback.print_exc()
             told['error'] = _no_answer(wanted, now() - began, 'rcs_ctl failed')
         signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -102,18 +102,18 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
                         print(told[key], file=stream, flush=True)
         finally:
             end_within(TIDY, told['code'])
-    os._exit(told['code'])  # what a library does at its end could hang
+    os._exit(told['code'])  # a library's clean-up could hang
 
 
 def _let_a_second_interrupt_kill() -> None:
-    """Have the kernel forget Python's handler of SIGINT with the first Ctrl-C: Python may hang."""
+    """Make the first Ctrl-C reset SIGINT to the kernel's default, because Python may hang."""
     handle = ctypes.CDLL(None).sysv_signal
     handle.restype, handle.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
     handle(signal.SIGINT, handle(signal.SIGINT, None))
 
 
 def _complete() -> NoReturn:
-    """Answer the shell, and exit. No command may ever come of a question."""
+    """Answer the shell's completion request and exit; a completion must never send a command."""
     import argcomplete
 
     argcomplete.autocomplete(parser())
@@ -121,7 +121,7 @@ def _complete() -> NoReturn:
 
 
 def _ask_for_name(wanted: argparse.Namespace) -> None:
-    """Ask the official at the terminal for a name, once; never before what stops a kart."""
+    """Ask the official at the terminal for a name, once, but never before a stop."""
     command = COMMANDS.get(wanted.command)
     if command is None or CATALOGUE[command].overtakes:
         return
@@ -131,7 +131,7 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
     sys.stderr.flush()
     line = os.read(sys.stdin.fileno(), MOST_BYTES).decode(errors='replace')
     if not line.endswith('\n'):
-        print(file=sys.stderr)  # no answer: asked again the next time
+        print(file=sys.stderr)  # no answer, so rcs_ctl asks again the next time
         return
     try:
         keep_name(line)
@@ -141,14 +141,14 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
 
 
 def _official_is_there() -> bool:
-    """Return whether someone at a terminal sees a question, and can answer it."""
+    """Return whether someone at a terminal can see and answer a question."""
     if sys.stdin is None or not sys.stdin.isatty() or not sys.stderr.isatty():
         return False
     try:
-        # Whoever reads from the terminal in the background is stopped.
+        # The kernel stops a background process that reads from the terminal.
         return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
     except OSError:
-        return False  # it is not our terminal
+        return False  # the terminal is not ours
 
 
 def _no_answer(wanted: argparse.Namespace, waited: float, why: str) -> str:

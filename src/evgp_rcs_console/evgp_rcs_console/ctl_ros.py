@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What `rcs_ctl` does with ROS: it returns what is to be printed, and prints only a `watch`."""
+"""The ROS part of `rcs_ctl`: it returns the text to print, and prints only a `watch` itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
+from evgp_rcs_console.client import Client, domain_of, join_graph, looking, PRESENCE_PERIOD
 from evgp_rcs_console.command_line import (
     broken_off,
     COMMANDS,
@@ -39,13 +39,13 @@ from evgp_rcs_console.view import aligned, danger, is_gone, present, show, silen
 import rclpy
 
 SETTLED = 1.0
-"""Time without another event after which all past events have come, in seconds."""
+"""Time without a new event after which all past events have arrived, in seconds."""
 
 Told = dict[str, object]
 
 
 class Hearing:
-    """What the client hears, for a caller that waits for it."""
+    """Keeps what the client receives, for a caller that waits for it."""
 
     def __init__(self) -> None:
         self.news = threading.Condition()
@@ -87,18 +87,18 @@ class Hearing:
             self.news.notify_all()
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Keep what race control said of a stop that it has not accepted."""
+        """Keep the stops that race control has not accepted, with its reasons."""
         if stops:
             self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Keep which stop is not sent any more, and why."""
+        """Keep which stop is no longer sent, and why."""
         with self.news:
             self.dropped = given, why
             self.news.notify_all()
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
-        """Return whether something is true, once it is or the time is up."""
+        """Wait until a condition is true or the time is up; return whether it is true."""
         with self.news:
             return bool(self.news.wait_for(found, max(0.0, until - now())))
 
@@ -111,11 +111,11 @@ def attend(
     alive: Callable[[], object],
 ) -> Told:
     """
-    Do what a command line asks for, and return the exit code and what is to be printed.
+    Carry out a command line; return the exit code and the text to print.
 
     :param began: when `rcs_ctl` was called, in seconds; `--wait` counts once ROS has started.
-    :param parts: gets what leaves the ROS domain, once the answer is printed.
-    :param alive: is called whenever a `watch` has shown the race.
+    :param parts: collects the callbacks that leave the ROS domain after the answer is printed.
+    :param alive: called each time a `watch` has shown the race.
     """
     try:
         join_graph('rcs_ctl', given)
@@ -123,7 +123,7 @@ def attend(
         return {'code': Exit.USAGE, 'error': f'rcs_ctl: {error}'}
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
-    # Watching needs no permission to command: a spectators' screen has none.
+    # Watching needs no permission to command, and a spectators' screen has none.
     watches = wanted.command in ('watch', 'results')
     commands = () if watches else (COMMANDS[wanted.command],)
     try:
@@ -148,7 +148,7 @@ def attend(
 
 
 def _is_at(wanted: argparse.Namespace) -> bool:
-    """Return whether an official sits there and sees the race."""
+    """Return whether an official at this terminal sees the race."""
     sees = wanted.command == 'watch' and not (wanted.once or wanted.events)
     return sees and sys.stdout.isatty()
 
@@ -181,15 +181,15 @@ def _give(
         assert hearing.race is not None
         assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
-        # IN GARAGE may be for no kart; then there is none to name.
+        # IN GARAGE may concern no kart; then no kart must be named.
         unnamed = concerned.karts or not concerned.available or not wanted.stated
         unnamed = entry.names_karts and not karts and unnamed
-        if entry.names_number:  # of what names karts too: of the track's last opening
+        if entry.names_number:  # among commands that name karts: the track's last opening
             track = hearing.race.track
             number = track.opening if wanted.closes is None else wanted.closes
             unnamed = unnamed or (track.open and wanted.closes is None)
         if unnamed:
-            # So that the question says what the timekeeper knows; without one it asks on.
+            # Wait for the timekeeper's facts; the question is asked without them if none come.
             hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
             return _name_them(wanted, hearing.race, hearing.results)
         kart = hearing.race.kart(wanted.kart) if entry.names_hold else None
@@ -224,7 +224,7 @@ def _give(
             'code': Exit.ACCEPTED,
             'output': f'{released}\n{answer.message}' if released else answer.message,
         }
-    # The race is heard from the start on: this only bounds the wait where it is not.
+    # The race usually arrived long ago; this only limits the wait if it did not.
     hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
@@ -232,7 +232,7 @@ def _give(
 
 
 def _broken_off(hearing: Hearing, given: Given) -> str:
-    """Return what is known of a command that an official breaks off."""
+    """Return what is known about a command that an official interrupts."""
     if hearing.answer is not None:
         return hearing.answer[1].message
     stop = next(iter(hearing.standing), Standing(given, given.at))
@@ -240,7 +240,7 @@ def _broken_off(hearing: Hearing, given: Given) -> str:
 
 
 def _under_banner(told: Told, race: Snapshot | None) -> Told:
-    """Put race control's banner above what is said, if its answer does not have it."""
+    """Put race control's banner above each text that does not contain it."""
     banner = race.banner if race is not None else ''
     return {
         key: f'{texts.BANNER.format(banner=banner)}\n{said}'
@@ -253,7 +253,7 @@ def _under_banner(told: Told, race: Snapshot | None) -> Told:
 def _next_step(
     wanted: argparse.Namespace, given: Given, race: Snapshot, found: Standings | None
 ) -> list[str]:
-    """Return what to type in place of a refused command, if it lacked karts or a statement."""
+    """Return what to type instead of a refused command that lacked karts or a statement."""
     form = CATALOGUE[given.command]
     kart = race.kart(given.kart) if form.to_one_kart else None
     if not isinstance(given.command, CommandKind) or (form.to_one_kart and kart is None):
@@ -271,21 +271,21 @@ def _next_step(
 
 
 def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | None) -> Told:
-    """Say which karts a command would start or release, and send nothing."""
+    """Return which karts a command would start or release; nothing is sent."""
     command = COMMANDS[wanted.command]
     assert isinstance(command, CommandKind)
     offered = race.offered(command)
     label = CATALOGUE[command].label
     if not offered.available:
         reason = offered.reason or 'race control does not offer it'
-        said = f'{label}: nothing was sent. It is not possible now: {reason}.'
+        said = f'{label}: nothing was sent. The command is not possible now: {reason}.'
         return {'code': Exit.USAGE, 'error': said}
     names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
     return {
         'code': Exit.USAGE,
         'error': '\n'.join(
             [
-                f'{label}: nothing was sent. It is for {names}.',
+                f'{label}: nothing was sent. The command is for {names}.',
                 *said_of(command, race, offered, None, found),
                 _again(
                     wanted, race, offered.karts, offered.statement if not wanted.stated else ''
@@ -296,13 +296,13 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
 
 
 def _again(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
-    """Return what sends a command, naming these karts and stating what was not stated."""
+    """Return the line to type to send a command, with these karts and the missing statement."""
     condition = f'If you state that {unsaid}' if unsaid else 'To send it'
     return f'{condition}, type: {_line(wanted, race, karts, wanted.stated or bool(unsaid))}'
 
 
 def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stated: bool) -> str:
-    """Return the line that sends a command again, naming these karts."""
+    """Return the command line that sends a command again, with these karts."""
     entry = CATALOGUE[COMMANDS[wanted.command]]
     flag, _ = entry.flag or ('', '')
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
@@ -313,7 +313,7 @@ def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stat
 
 
 def as_called(arguments: str) -> str:
-    """Return a command line with these arguments, in the form in which this one was called."""
+    """Return a command line with these arguments, in the form in which `rcs_ctl` was called."""
     called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
     return called.replace('%s', arguments)
 
@@ -325,7 +325,7 @@ def said_of(
     kart: KartSnapshot | None,
     found: Standings | None,
 ) -> list[str]:
-    """Return what a command would do, and why not to confirm it, as sentences."""
+    """Return the effects of a command and the warnings against it, as sentences."""
     said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
     warning = texts.warning(command, race)
     said += [texts.ASK_WARNING.format(warning=warning)] if warning else []
@@ -368,9 +368,9 @@ def _watch(
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         alive()
-        # Early rather than late: news come twice a second.
-        if at - said_at >= THERE_EVERY / 2:
-            client.say_there(official, texts.GONE_REASON if is_gone(silent_for) else '')
+        # Early rather than late: snapshots come twice a second.
+        if at - said_at >= PRESENCE_PERIOD / 2:
+            client.announce(official, texts.GONE_REASON if is_gone(silent_for) else '')
             said_at = at
         with hearing.news:
             hearing.news.wait(1.0)
@@ -408,9 +408,9 @@ def _watch_events(
     kept: list[str] = []
     hearing.wait_for(
         lambda: hearing.race is not None, until
-    )  # it has the banner, which comes first
+    )  # the snapshot has the banner, which is printed first
     while True:
-        # The past events come one by one: they have all come when no other one follows.
+        # Past events come one by one; they are complete once no further event follows.
         pause = now() + SETTLED
         known = shown
         hearing.wait_for(

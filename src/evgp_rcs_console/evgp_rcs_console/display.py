@@ -4,8 +4,8 @@
 """
 What the window shows, and where.
 
-Each area has its place; what stood there a moment ago is kept. What is heard, and what time makes
-of it, is shown in them, and the kart that is chosen.
+Each area has its place and shows what was received, updated as time passes, and the chosen kart.
+The window also remembers what each place showed a moment ago.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ from evgp_rcs_console.view import (
 from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
 
 MARGINS = 10, 10, 10, 6
-"""Around everything: left, top, right, bottom."""
+"""Margins around the window's content: left, top, right, bottom, in pixels."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What an official had in front of them: the screen, and where each command's button was."""
+    """What an official saw: the screen, and where each command's button was."""
 
     screen: Screen
     buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
@@ -78,10 +78,10 @@ class Shown:
 
 class SeenCommands:
     """
-    Keeps what the official has in front of them.
+    Remembers what the official sees.
 
-    :param window: everything that the official sees is in it.
-    :ivar screen: what is shown now; None before anything is.
+    :param window: the window that contains it all.
+    :ivar screen: the current screen; None before the first one.
     """
 
     def __init__(self, window: QtWidgets.QWidget) -> None:
@@ -90,14 +90,14 @@ class SeenCommands:
         self._aim: Aim[Shown] = Aim()
 
     def seen(self, at: float) -> Shown | None:
-        """Return what an official who pressed at a time (s) had seen; None: what is there now."""
+        """Return what an official who pressed at a time (s) saw; None: the current screen."""
         return self._aim.seen(at)
 
     def change_to(self, screen: Screen, now: float, moving: bool = False) -> None:
         """
-        Take what is shown from now on; call it before any widget shows it.
+        Switch to a new screen; call this before any widget shows it.
 
-        :param moving: buttons are about to move, even if they are those of the same commands.
+        :param moving: buttons are about to move, even if their commands stay the same.
         """
         before, self.screen = self.screen, screen
         if before is None:
@@ -107,7 +107,7 @@ class SeenCommands:
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """Take that the window itself scrolls: other buttons come under the official's hand."""
+        """Record that the window itself scrolls and moves other buttons under the pointer."""
         before = self._shown(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
@@ -130,7 +130,7 @@ class SeenCommands:
 
 
 def _commands(screen: Screen) -> list[tuple[Kind, int]]:
-    """Return which command each button of a screen gives, place by place."""
+    """Return the command of each button of a screen, place by place."""
     buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
     return [(button.command, button.kart) for button in buttons]
 
@@ -139,7 +139,7 @@ class Areas(QtWidgets.QWidget):
     """Everything that the official sees, in its place."""
 
     commanded = Signal(object, object)
-    """A button was pressed: its command when it went down, and when it was let go."""
+    """A button was pressed: its command when it went down, and when it was released."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -192,7 +192,7 @@ class Areas(QtWidgets.QWidget):
             fixed(part, width, height)
         top, side = QtWidgets.QWidget(), QtWidgets.QWidget()
         fixed(top, height=78)
-        # Of two parts in one place the gap is that of the last one: it is the one that is there.
+        # If two parts share a place, the last one added is visible and sets the gap.
         grid = lay(top, gap=GAP, columns=(0, 1, 0))
         grid.addWidget(self.danger, 0, 0, 1, 2)
         for column, part in enumerate((self.state, self.track, self.clock)):
@@ -210,7 +210,7 @@ class Areas(QtWidgets.QWidget):
         grid.addWidget(self.foot, 5, 0, 1, 2)
 
     def fit(self) -> None:
-        """Take the size of the window, and the palette."""
+        """Apply the size of the window and the palette."""
         look.by = style.scale(self.width(), self.height())
         if self._style != (look.by, look.palette):
             self._style = look.by, look.palette
@@ -223,11 +223,11 @@ class Areas(QtWidgets.QWidget):
         self.place_sheets()
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Take the size of the window."""
+        """Apply the new size of the window."""
         self.fit()
 
     def show_banner(self, banner: str) -> None:
-        """Say something in a line at the top and in the window's title; empty: nothing."""
+        """Show a banner in the top line and in the window's title; empty: none."""
         if banner != self._banner.whole:
             self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
@@ -235,7 +235,7 @@ class Areas(QtWidgets.QWidget):
             self.fit()
 
     def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
-        """Show a sheet in place of the others, with the focus on a part of it."""
+        """Show a sheet instead of the others, with the focus on one of its parts."""
         self.close_sheets()
         sheet.show()
         self.place_sheets()
@@ -248,14 +248,14 @@ class Areas(QtWidgets.QWidget):
                 sheet.close_sheet()
 
     def place_sheets(self) -> None:
-        """Put the sheets that are open over the karts, clear of their numbers and their stops."""
+        """Place the open sheets over the karts without covering their numbers or stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
                 room = self.karts.room_of_sheets
                 sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is part of a sheet, which lies over what was there before."""
+        """Return whether a widget is part of a sheet, which covers what was there before."""
         return any(sheet.has(widget) for sheet in self._sheets)
 
     def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
@@ -275,16 +275,17 @@ class Heard(NamedTuple):
 
 class Inbox(QtCore.QObject):
     """
-    A ``Listener`` of the client whose news arrive in the Qt thread.
+    A ``Listener`` of the client that delivers its news in the Qt thread.
 
-    A window that was held up must not show one old snapshot after the other, each of which says
-    that race control has been silent for long. So snapshots wait together, for one look at all.
+    After a hang, the window must not show one old snapshot after the other, each of which makes
+    race control look silent. Snapshots therefore wait together until the window processes them
+    all at once.
 
-    :ivar waiting: the snapshots that came and were not taken yet, the newest last.
+    :ivar waiting: the snapshots that were not processed yet, newest last.
     """
 
     came = Signal()
-    """A snapshot; it may have been taken already, together with an earlier one."""
+    """A snapshot came; it may already have been processed together with an earlier one."""
     event = Signal(object)
     results = Signal(object)
     answer = Signal(object, object)
@@ -308,7 +309,7 @@ class ChosenKart(KartField):
     """
     The kart that a command by key acts on, shown below ALL KILL and marked in the list.
 
-    :param areas: the field and the list are in it.
+    :param areas: contains the field and the list.
     """
 
     def __init__(self, areas: Areas) -> None:
@@ -320,13 +321,13 @@ class ChosenKart(KartField):
         self._scrolls = True
 
     def show(self, rows: tuple[Row, ...], stale: bool) -> None:
-        """Show the karts that there are, and mark the chosen one."""
+        """Show the karts and mark the chosen one."""
         self._rows, self._stale = rows, stale
         self.show_roster({row.number: row.team for row in rows})
         self._mark()
 
     def choose_in_sight(self, number: int) -> None:
-        """Choose a kart whose row was clicked: nothing moves under the official's hand."""
+        """Choose a kart whose row was clicked, without scrolling under the pointer."""
         self._scrolls = False
         self.choose(number)
         self._scrolls = True
@@ -339,7 +340,7 @@ class ChosenKart(KartField):
             self.choose(numbers[max(0, min(place, len(numbers) - 1))])
 
     def changed(self) -> None:
-        """Show the field as it is now, and the kart that is chosen."""
+        """Show the current field and the chosen kart."""
         self._areas.number_field.show_cells(*self.cells(), self._areas.isActiveWindow())
         if self.kart != self._marked:
             self._mark()
@@ -352,15 +353,15 @@ class ChosenKart(KartField):
 
 
 READ = 5.0
-"""Time for which what was said last is not replaced by an older command that waits, in seconds."""
+"""Minimum time that the last message stays before an older waiting command replaces it, in s."""
 
 
 class BottomLine:
     """
     Decides what the bottom line says.
 
-    :param label: shows it.
-    :param unanswered: what waits for race control.
+    :param label: the widget that shows it.
+    :param unanswered: the commands that wait for race control.
     """
 
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
@@ -375,7 +376,7 @@ class BottomLine:
         self._pointed: object = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Say, with the time, what has just happened, in place of what was said before."""
+        """Show what has just happened, with the time, instead of the last message."""
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
@@ -385,11 +386,11 @@ class BottomLine:
         self.show()
 
     def say_sent(self, given: Given) -> None:
-        """Say that a command was sent."""
+        """Show that a command was sent."""
         self.say(texts.GIVEN.format(command=texts.full_name(given)))
 
     def say_answer(self, given: Given, answer: Answer) -> None:
-        """Say what race control answered, until that is no longer true."""
+        """Show race control's answer until it is no longer true."""
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
@@ -399,13 +400,13 @@ class BottomLine:
             self._refused, self._holds = (given.command, given.kart, False), False
 
     def say_barred(self, button: Button) -> None:
-        """Say why a command is not possible, until it is."""
+        """Show why a command is not possible, until it is."""
         self.say(button.explanation, Tone.WAIT)
         self._refused = button.command, button.kart, bool(button.kart and button.key)
         self._holds = True
 
     def take_screen(self, screen: Screen) -> None:
-        """Take what is shown: a refusal that no longer holds is not said any more."""
+        """Update from the screen: a refusal that no longer holds disappears."""
         button = screen.shown(*self._refused) if self._refused is not None else None
         if button is None or button.is_stop:
             return
@@ -415,12 +416,12 @@ class BottomLine:
             self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
-        """Take a snapshot and when it came (s): what the last answer said may have changed."""
+        """Update from a snapshot that came at a time (s): the last answer may be out of date."""
         if self._outcome is not None and not self._outcome.stands(race, at):
-            self._say_changed(self._outcome.given, texts.now_so(self._outcome.given, race))
+            self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:
             given, said = self._changed
-            what = texts.now_so(given, race)
+            what = texts.present_state(given, race)
             if what != said:
                 self._say_changed(given, what)
 
@@ -430,13 +431,13 @@ class BottomLine:
         self.show()
 
     def leave(self, widget: object) -> None:
-        """Take that the pointer or the focus has left something."""
+        """Stop explaining something that the pointer or the focus has left."""
         if self._pointed is widget:
             self._pointed = None
             self.show()
 
     def show(self) -> None:
-        """Show the most urgent."""
+        """Show the most urgent message."""
         self._label.show_cell(self._cell(clock.now()))
 
     def _say_changed(self, given: Given, what: str) -> None:
@@ -477,19 +478,19 @@ def _explanation(pointed: object) -> str:
 
 
 AGES = 1.0
-"""Time after which the ages on the screen are brought up to date, in seconds."""
+"""Time after which the ages on the screen are updated, in seconds."""
 
 
 class Display(QtCore.QObject):
     """
-    Has every area show the newest snapshot of the race.
+    Makes every area show the newest snapshot of the race.
 
-    :param looking: where race control is looked for, as a sentence says it.
-    :ivar unanswered: what this official sent and race control has not answered or accepted yet.
+    :param looking: where the client looks for race control, as part of a sentence.
+    :ivar unanswered: this official's commands that race control has not answered or accepted yet.
     """
 
     def __init__(self, areas: Areas, looking: str) -> None:
-        super().__init__(areas)  # of the Qt thread: what is heard is queued for it
+        super().__init__(areas)  # lives in the Qt thread, for which Qt queues the client's signals
         self.areas = areas
         self.unanswered = Unanswered()
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
@@ -509,7 +510,7 @@ class Display(QtCore.QObject):
     # ----- what is heard ------------------------------------------------------------------
 
     def take_races(self, waiting: deque[Heard]) -> None:
-        """Take the snapshots that wait, none of their alerts left out, and show the newest."""
+        """Process all waiting snapshots with all their alerts, and show the newest."""
         if not waiting:
             return
         _, *shown = self._race or NOTHING
@@ -523,7 +524,7 @@ class Display(QtCore.QObject):
             self.refresh()  # else only ages change, which need not be shown twice a second
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event; that an order arrived in time would only hide others."""
+        """Show an event, except a delivery in time, which would only hide others."""
         event = stamped.event
         if event.kind is EventKind.ENDED and event.success and self._race is not None:
             self._ended_run = self._race.run
@@ -531,7 +532,7 @@ class Display(QtCore.QObject):
             self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
-        """Take the results as they are now."""
+        """Keep the newest results."""
         self._results = results
 
     def take_answer(self, given: Given, answer: Answer) -> None:
@@ -548,14 +549,14 @@ class Display(QtCore.QObject):
         self.bottom.show()
 
     def take_dropped(self, why: str) -> None:
-        """Show that a stop is not sent any more, until that is seen."""
+        """Show that a stop is no longer sent, until the official has seen it."""
         self.alarm.take_own(why)
         self.refresh()
 
     # ----- what is shown ------------------------------------------------------------------
 
     def look(self, now: float) -> None:
-        """Show what has changed because time (s) has passed, and sound if there is a reason."""
+        """Show what has changed because time (s) has passed, and sound the alarm if needed."""
         danger_now = self._danger(now)
         title = danger_now.title if danger_now else ''
         old = now - self._shown_at >= AGES
@@ -607,19 +608,19 @@ class Display(QtCore.QObject):
 
     @property
     def unheard(self) -> str:
-        """Return why a stop may reach nobody; empty if race control is heard."""
+        """Return why a stop may not reach race control; empty if race control is heard."""
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None and danger_now.stale else ''
 
     def _see(self, screen: Screen, now: float) -> None:
-        """Keep what the official saw until now; close the choice of heats if they have changed."""
+        """Remember what the official saw until now; close the sheet of heats if they changed."""
         before = self.areas.seen.screen
         heats_changed = (
             self.areas.heats.isVisible()
             and before is not None
             and _heats(before) != _heats(screen)
         )
-        # A click on its way to the sheet must not hit what is below it.
+        # A click meant for the sheet must not hit what is below it.
         self.areas.seen.change_to(screen, now, moving=heats_changed)
         if heats_changed:
             self.areas.heats.close_sheet()

@@ -4,16 +4,15 @@
 """
 Whether a key or a click still means what it meant when the official made it.
 
-A window whose thread is held up finds all that was pressed meanwhile in its queue. It must not act
-on a key that was pressed 15 s ago as if it were new. Two things tell, and either is enough:
+A window whose thread hung finds everything pressed meanwhile in its queue. It must not act on a
+key that was pressed 15 s ago as if it were new. Either of two signs shows that an input is old:
 
 - the time stamp of the input, by the clock of the display server (``age``);
-- the window's own beat: if that came late, what is in the queue has waited (``held_up``).
+- the window's own beat: if it came late, the inputs in the queue have waited (``held_up``).
 
-And a press is meant for what stood there when the official aimed (``Aim``).
+A press is also meant for what was on the screen when the official aimed (``Aim``).
 
-Pure: stamps and times go in. Whether an old input is a stop, which acts all the same, is for the
-window to say.
+Pure: stamps and times go in. The window decides whether an old input is a stop, which acts anyway.
 """
 
 from __future__ import annotations
@@ -23,25 +22,25 @@ from typing import Generic, TypeVar
 T = TypeVar('T')
 
 STALE = 0.5
-"""Maximum age of a key or click that acts, unless it is a stop, in seconds."""
+"""Maximum age of a key or click that acts, in seconds. Stops have no such limit."""
 
 SETTLE = 0.3
-"""Time after a hold-up during which what comes counts as having waited, in seconds."""
+"""Time after a hang during which inputs count as having waited, in seconds."""
 
 SEEN = 0.3
-"""Time that a question must have been there before a click on its YES counts, in seconds."""
+"""Time a question must have been visible before a click on its YES counts, in seconds."""
 
 AGAIN = 0.4
-"""Time within which the same key again is the same press, as in a double click, in seconds."""
+"""Time within which pressing the same key again is one press, as in a double click, in seconds."""
 
 AIM = 0.5
-"""Time that an official needs to see that something else stands where they aim, in seconds."""
+"""Time an official needs to notice that their target on the screen has changed, in seconds."""
 
 DRIFT = 1e-4
-"""Maximum rate at which the display server's clock may lose time against ours (s per s)."""
+"""Maximum rate at which the display server's clock may lose time against ours, in s per s."""
 
 ANOTHER = 600.0
-"""Difference between two stamps' ages from which they are by different clocks, in seconds."""
+"""Difference between two stamps' ages above which they come from different clocks, in seconds."""
 
 _WRAP = 1 << 32
 """The display server's clock counts milliseconds in 32 bits."""
@@ -49,14 +48,14 @@ _WRAP = 1 << 32
 
 class InputClock:
     """
-    How old an input is, by the stamp that the display server gave it.
+    Computes the age of an input from the stamp that the display server gave it.
 
-    The server's clock has an epoch of its own. The smallest difference seen between our clock and
-    a stamp is the one of the input that came fastest: what differs by more has waited. The
-    smallest difference may grow by ``DRIFT``, since the server may be another machine.
+    The server's clock has its own epoch. The smallest difference seen between our clock and a
+    stamp belongs to the fastest input; an input with a larger difference has waited. The smallest
+    difference may grow by ``DRIFT``, because the server may be another machine.
 
-    Some inputs are made by the toolkit, with an epoch of its own; and a server's clock may jump,
-    as after a suspend. What differs by more than ``ANOTHER`` is by another clock.
+    The toolkit makes some inputs itself, with yet another epoch, and a server's clock may jump, as
+    after a suspend. A stamp that differs by more than ``ANOTHER`` comes from another clock.
     """
 
     def __init__(self) -> None:
@@ -64,10 +63,10 @@ class InputClock:
 
     def age(self, stamp: int, now: float) -> float:
         """
-        Return for how long an input has waited, in seconds.
+        Return how long an input has waited, in seconds.
 
         :param stamp: when it was made (ms, modulo 2**32); 0: the server does not say.
-        :param now: our clock, which stands still while the machine is suspended, in seconds.
+        :param now: our clock, which stops while the machine is suspended, in seconds.
         """
         if not stamp:
             return 0.0
@@ -85,9 +84,9 @@ class InputClock:
 
 class Beat:
     """
-    Whether the window's thread was held up.
+    Detects that the window's thread hung.
 
-    :param period: how often ``beat`` is called while it is not, in seconds.
+    :param period: normal time between two calls of ``beat``, in seconds.
     """
 
     def __init__(self, period: float, now: float) -> None:
@@ -97,15 +96,15 @@ class Beat:
         self._until = now
 
     def beat(self, now: float) -> None:
-        """Take that the thread is alive."""
+        """Record that the thread is alive."""
         self._look(now)
-        # Twice in time: what waited in the queue has been taken by then.
+        # After two beats in time, everything that waited in the queue has been handled.
         if now >= self._until and now - self._last < self._period + SETTLE:
             self._late = 0.0
         self._last = now
 
     def held_up(self, now: float) -> float:
-        """Return for how long the thread was held up just now, in seconds; 0.0 if it was not."""
+        """Return how long the thread has just hung, in seconds; 0.0 if it has not."""
         self._look(now)
         return self._late
 
@@ -117,27 +116,27 @@ class Beat:
 
 
 class Repeats:
-    """Keys that are pressed twice in a row, as in a double click."""
+    """Detects keys that are pressed twice in a row, as in a double click."""
 
     def __init__(self) -> None:
         self._name = ''
         self._at = 0.0
 
     def same_press(self, name: str, at: float) -> bool:
-        """Take a key and when it was pressed; return whether it was pressed just before."""
+        """Record a key press (time in s); return whether it repeats the one just before."""
         same = name == self._name and at - self._at < AGAIN
         self._name, self._at = name, at
         return same
 
 
 class Aim(Generic[T]):
-    """What the official who presses now had in front of them, when what is shown has changed."""
+    """Remembers what the official saw before the screen changed under their hand."""
 
     def __init__(self) -> None:
         self._shown: list[tuple[T, float]] = []
 
     def change(self, before: T, at: float) -> None:
-        """Take what was shown until a time (s)."""
+        """Record what was shown until a time (s)."""
         self._shown = [*self._shown[-9:], (before, at)]
 
     def seen(self, at: float) -> T | None:

@@ -19,7 +19,7 @@ from typing import Any
 from evgp_node.graph import GraphError
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_rcs_console import texts
-from evgp_rcs_console.client import Client, join_graph, looking, THERE_EVERY
+from evgp_rcs_console.client import Client, join_graph, looking, PRESENCE_PERIOD
 from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
@@ -27,24 +27,24 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 BATTERY_LOW = 25
-"""Charge of the battery from which on the window warns, in percent."""
+"""Charge of the battery at or below which the window warns, in percent."""
 
 BATTERY_PERIOD = 30.0
 """Time between two looks at the battery, in seconds."""
 
 END_TIMEOUT = 5.0
-"""Maximum time the process takes to end after its window was closed, in seconds."""
+"""Maximum time the process takes to end after its window is closed, in seconds."""
 
 
 def main(
     arguments: Sequence[str] | None = None, on_window: Callable[[Any], object] | None = None
 ) -> int:
     """
-    Open the window, and run until it is closed.
+    Open the window and run until it is closed.
 
-    :param on_window: is called with the window once it is there.
-    :return: 0 after an orderly end, 2 if there is no Qt or no screen, or if a setting is wrong.
-        If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
+    :param on_window: called with the window once it is open.
+    :return: 0 after an orderly end, 2 if Qt or a screen is missing or a setting is wrong. If ROS
+        does not end in time, the process exits with 1 and prints on stderr where it hung.
     """
     try:
         from evgp_rcs_console.display import Inbox
@@ -56,10 +56,10 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(texts.NO_DISPLAY, file=sys.stderr)
         return 2
-    # The window reads every key itself. An input method could only keep one from it, such as the
-    # space bar while an accent is being composed.
+    # The window reads every key itself. An input method could only swallow keys, such as the space
+    # bar while an accent is being composed.
     os.environ['QT_IM_MODULE'] = 'none'
-    # The thread that sends ALL KILL must not wait for one that draws.
+    # The thread that sends ALL KILL must not wait for the thread that draws.
     sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
     try:
@@ -68,8 +68,8 @@ def main(
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
     application = QtWidgets.QApplication(remove_ros_args(given))
-    # Python runs these when the window's timer gives it the chance. To quit at once would be in
-    # vain before the loop runs. Not later: KeyboardInterrupt inside Qt is a crash.
+    # Python runs these handlers when the window's timer lets it. Quitting directly has no effect
+    # before the event loop runs. A KeyboardInterrupt inside Qt would be a crash.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     application.setStyle('Fusion')
@@ -82,38 +82,38 @@ def main(
         return 2
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
-    # Where no window manager runs, as on a screen for the window alone, nobody maximises it.
+    # Without a window manager, as on a screen for this window alone, it is not maximised.
     window.setGeometry(application.primaryScreen().availableGeometry())
     window.showMaximized()
     battery = QtCore.QTimer(window)
     level = Battery()
     battery.timeout.connect(lambda: window.show_battery(level.low))
     battery.start(1000)
-    # By the thread that takes keys and clicks: where that hangs, nobody is there.
+    # In the thread that handles keys and clicks: if it hangs, the announcements end.
     there = QtCore.QTimer(window)
-    there.timeout.connect(lambda: client.say_there(signature.name, window.unheard))
+    there.timeout.connect(lambda: client.announce(signature.name, window.unheard))
     there.timeout.emit()
-    there.start(round(1000 * THERE_EVERY))
+    there.start(round(1000 * PRESENCE_PERIOD))
     if on_window is not None:
         on_window(window)
     try:
         application.exec()
     finally:
-        # Whatever DDS does: this thread needs no lock of the interpreter.
+        # Works whatever DDS does, because this thread needs no lock of the interpreter.
         faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
         window.close()
         client.close()
         rclpy.try_shutdown()
     sys.stdout.flush()
-    # At once: a library's own end could hang too, when nobody watches any more.
+    # Exit at once: a library's clean-up could hang with nothing left to end it.
     os._exit(0)
 
 
 def keep_awake() -> None:
     """
-    Ask the desktop not to blank the screen as long as this process runs.
+    Ask the desktop not to blank the screen while this process runs.
 
-    Nothing waits for an answer, and without such a desktop nothing happens.
+    It does not wait for an answer, and it has no effect without such a desktop.
     """
     from evgp_rcs_console.qt import QtCore
 
@@ -132,7 +132,7 @@ def keep_awake() -> None:
 
 
 class Battery:
-    """The battery of this machine, read in a thread of its own: some take long to answer."""
+    """The battery of this machine, read in its own thread because some batteries answer slowly."""
 
     def __init__(self, folder: pathlib.Path = pathlib.Path('/sys/class/power_supply')) -> None:
         self.low: int | None = None
@@ -147,9 +147,9 @@ class Battery:
 
 def low_battery(folder: pathlib.Path) -> int | None:
     """
-    Return the charge of the machine's battery, in percent; None: it is not low, or not in use.
+    Return the charge of the machine's battery in percent; None if it is not low or not in use.
 
-    :param folder: where Linux tells of power supplies.
+    :param folder: the folder in which Linux lists power supplies.
     """
     charges = []
     for supply in folder.glob('*'):
@@ -162,12 +162,12 @@ def low_battery(folder: pathlib.Path) -> int | None:
     return min((each for each in charges if each <= BATTERY_LOW), default=None)
 
 
-_OFFICIAL = 'Who commands from this window; empty: the name that is kept, or asked for.'
+_OFFICIAL = 'Official at this window; empty: the saved name, or one chosen in the window.'
 
 
 def _given(node: Node, parameter: str, meaning: str) -> str:
-    """Return a text that the node was given as a parameter, if it was."""
-    # A name such as 7 or yes, unquoted, is a number or a truth to ROS: no reason not to start.
+    """Return the text of a parameter; empty if it was not given."""
+    # ROS reads an unquoted name such as 7 or yes as a number or a truth value; accept that too.
     descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)
     value = node.declare_parameter(parameter, '', descriptor).value
     return '' if value is None else str(value)

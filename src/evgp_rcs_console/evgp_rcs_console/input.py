@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The keys and clicks of the official: which of them act, and what they do.
+The official's keys and clicks: which of them act, and what they do.
 
-The window has each before any widget does. One may be too old, or meant for another button.
+The window handles each before any widget does. A key or click may be too old, or meant for
+another button.
 """
 
 from __future__ import annotations
@@ -29,20 +30,20 @@ from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
 
 UNDO_AFTER = 2.0
-"""Time after a command to a kart within which a click does not take it back, in seconds: it may be
-the second one of a slow double click."""
+"""Time after a command to a kart within which a click does not undo it, in seconds: the click may
+be the second one of a slow double click."""
 
 Give = Callable[[Given], None]
 """Sends a command, and returns at once."""
 
 
-class Presses(QtCore.QObject):
+class CommandInput(QtCore.QObject):
     """
-    Does what the official pressed.
+    Carries out what the official pressed.
 
     :param give: sends a command.
-    :param signature: in whose name.
-    :param late: for how long a press has waited.
+    :param signature: the official's name for the commands.
+    :param late: knows how long a press has waited.
     """
 
     def __init__(
@@ -70,12 +71,12 @@ class Presses(QtCore.QObject):
         self._chosen.clear()
 
     def hold_kill(self) -> None:
-        """Take that the key of ALL KILL is held: if it was dropped, that is a new press."""
+        """Handle a held ALL KILL key: if its press was dropped, that is a new press."""
         if self._all_kill_was_dropped:
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Take that a stop is not sent any more; ALL KILL is, if its button is still held."""
+        """Handle that a stop is no longer sent; send ALL KILL again if its button is held."""
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -83,7 +84,7 @@ class Presses(QtCore.QObject):
                 self.kill()
 
     def let_go(self, down: Button, button: Button) -> None:
-        """Take a press of a button, if its command is still the one that it was pressed for."""
+        """Handle the release of a button, if its command is still the one that was pressed."""
         if not down.is_same_command(button):
             self.refuse_changed(down)
         elif (done := self._just_done(down)) is not None:
@@ -94,7 +95,7 @@ class Presses(QtCore.QObject):
             self.press(button)
 
     def _just_done(self, button: Button) -> Given | None:
-        """Return what was sent to a kart just before, if a click would take that back."""
+        """Return the command just sent to a kart, if a click on this button would undo it."""
         sent = self._last_sent
         if sent is None or clock.now() - sent.at >= UNDO_AFTER or not button.kart:
             return None
@@ -102,7 +103,7 @@ class Presses(QtCore.QObject):
         return sent if (sent.command, sent.kart) == undoes else None
 
     def press(self, button: Button) -> None:
-        """Send the command of a button, ask for its confirmation, or say why it cannot be sent."""
+        """Send a button's command, ask for its confirmation, or show why it cannot be sent."""
         areas = self._areas
         if not button.enabled:
             self._bottom.say_barred(button)
@@ -117,33 +118,33 @@ class Presses(QtCore.QObject):
 
     def answer(self, yes: bool, also: bool = False) -> None:
         """
-        Take the answer to the question that is open.
+        Handle the answer to the open question.
 
-        :param also: it is YES to what is asked together with it, too.
+        :param also: the answer is YES to the second command as well.
         """
         asked = self._areas.question.button
-        # Hidden first: a second press of the same key must find nothing to answer.
+        # Hidden first, so that a second press of the same key finds no question.
         self._areas.question.close_sheet()
         self._areas.setFocus()
         self._chosen.clear()
         if yes and asked is not None:
             self._send(asked, also)
         elif asked is not None and asked.kart and not self._chosen.kart:
-            self._chosen.choose_in_sight(asked.kart)  # whose number was typed for the question
+            self._chosen.choose_in_sight(asked.kart)  # its number was typed for the question
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Return whether a press is not for the command that is there now, and deal with it.
+        Return whether a press was meant for a command no longer there, and handle it if so.
 
-        A stop goes to the kart whose button was there. Anything else is not sent, and the bottom
-        line says so.
+        A stop goes to the kart whose button was there. Any other command is not sent, and the
+        bottom line says so.
 
-        :param target: what is there now.
+        :param target: the widget there now.
         :param aimed: the command that was there when the official aimed.
         """
         there = target.button if isinstance(target, CommandButton) else None
         if aimed is None and (there is None or there.is_stop):
-            return False  # no kart's button was there that it could have been meant for
+            return False  # there was no kart's button that the press could have been meant for
         if aimed is not None and there is not None and aimed.is_same_command(there):
             return False
         if aimed is not None and aimed.is_instant:
@@ -155,7 +156,7 @@ class Presses(QtCore.QObject):
         return True
 
     def refuse_changed(self, button: Button) -> None:
-        """Say that a command was not sent, since its button was another one's a moment ago."""
+        """Show that a command was not sent because its button had just changed."""
         name = texts.command_name(button.command, button.kart)
         self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
         self._chosen.clear()
@@ -166,11 +167,11 @@ class Presses(QtCore.QObject):
         self._areas.place_sheets()
 
     def open_officials(self) -> None:
-        """Ask which of the officials commands from here."""
+        """Ask which official commands from this window."""
         self._areas.open_sheet(self._areas.officials, self._areas.officials.first)
 
     def sign(self, name: str) -> None:
-        """Send commands in a name from now on."""
+        """Use a name for all commands from now on."""
         self._signature.sign(name)
         self._areas.officials.close_sheet()
         self._areas.setFocus()
@@ -187,7 +188,7 @@ class Presses(QtCore.QObject):
         given = replace(button.given(also), official=claim, waited=self._late.waited)
         self._give(given)
         self._last_sent = given
-        if not CATALOGUE[given.command].stop:  # the client says which stops are not accepted yet
+        if not CATALOGUE[given.command].stop:  # the client reports stops not accepted yet
             self.display.unanswered.add(given)
         self._bottom.say_sent(given)
         self.display.refresh()
@@ -195,10 +196,10 @@ class Presses(QtCore.QObject):
 
 class LateInput:
     """
-    Measures for how long a key or click has waited, and drops what is too old.
+    Measures how long a key or click has waited, and drops inputs that are too old.
 
-    :param period: how often ``beat`` is called, in seconds.
-    :ivar waited: for how long the last key or click had, in seconds.
+    :param period: normal time between two calls of ``beat``, in seconds.
+    :ivar waited: time the last key or click had waited, in seconds.
     """
 
     def __init__(self, period: float, display: Display) -> None:
@@ -210,21 +211,21 @@ class LateInput:
         self.waited = 0.0
 
     def beat(self, now: float) -> None:
-        """Take that the window's thread is alive."""
+        """Record that the window's thread is alive."""
         self._beat.beat(now)
-        # What was typed while the window hung is taken before it is too old.
+        # Digits typed while the window hung must be handled before they expire.
         if not self._beat.held_up(now):
             self._chosen.expire(now)
 
     def age(self, event: QtGui.QInputEvent) -> float:
-        """Return for how long a key or click has waited at least, in seconds."""
+        """Return the minimum time a key or click has waited, in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
         self.waited = max(waited, self._beat.held_up(clock.now()))
         return self.waited
 
     def drop(self, name: str, age: float) -> bool:
-        """Say that a key or click was too old (s); return that it is used up."""
-        # It would have ended the number: what is typed after it is another one.
+        """Show that a key or click was too old (s); return True, as it is used up."""
+        # It would have ended the number, so digits typed after it begin another one.
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
@@ -233,7 +234,7 @@ class LateInput:
         return True
 
     def in_time(self) -> None:
-        """Take that an input was in time: what was dropped before it is not named any more."""
+        """Record that an input was in time; inputs dropped before it are no longer named."""
         self._dropped.clear()
 
 
@@ -241,14 +242,13 @@ MOVE_KEYS = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
 """The keys that move to another button."""
 
 FORWARD = 0.3
-"""Time after which a click in a window that has come forward is meant for what is in it, in
-seconds."""
+"""Time after a window has come forward until clicks act on its content, in seconds."""
 
 
 class Mouse:
-    """Takes the mouse."""
+    """Handles the mouse."""
 
-    def __init__(self, presses: Presses, late: LateInput) -> None:
+    def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
         self._brought_forward = False
         self._areas = presses.display.areas
@@ -257,13 +257,13 @@ class Mouse:
         self._late = late
 
     def take_activation(self, active: bool) -> None:
-        """Take that the window has become the active one, or no longer is."""
+        """Record that the window has become active or inactive."""
         self._active_since = clock.now() if active else None
         if not active:
             self._brought_forward = False
 
     def _only_brings_forward(self) -> bool:
-        """Return whether a click was meant for the window and not for what is below it."""
+        """Return whether a click only brings the window forward."""
         if self._brought_forward:
             return False
         since = self._active_since
@@ -273,7 +273,7 @@ class Mouse:
         return since is None or clock.now() - since < FORWARD
 
     def take(self, event: QtGui.QMouseEvent) -> bool:
-        """Return whether a movement or a click is used up: no widget gets it then."""
+        """Handle a movement or click; return whether it is used up, so that no widget gets it."""
         age = self._late.age(event)
         kind = event.type()
         if kind == QtCore.QEvent.Type.MouseButtonRelease:
@@ -305,11 +305,11 @@ class Mouse:
         question = self._areas.question
         if target in (question.yes, question.also) and not question.settled:
             return True
-        # The second press of a double click is not meant for what is there by now.
+        # The second press of a double click is not meant for a button that has appeared since.
         return double and button is not None
 
     def _let_go(self, age: float) -> None:
-        """Have a button that was pressed in time, and released too late, do nothing."""
+        """Cancel a button that was pressed in time but released too late."""
         for button in self._areas.findChildren(QtWidgets.QAbstractButton):
             if button.isDown() and not self._areas.is_stop(button):
                 button.setDown(False)
@@ -317,16 +317,16 @@ class Mouse:
 
 
 def _called(button: QtWidgets.QAbstractButton) -> str:
-    """Return what a button is called when it is talked about."""
+    """Return the name of a button in a sentence."""
     if isinstance(button, CommandButton) and button.button is not None:
         return texts.command_name(button.button.command, button.button.kart)
     return button.text().replace('&&', '&')
 
 
 class Keyboard:
-    """Takes the keyboard."""
+    """Handles the keyboard."""
 
-    def __init__(self, presses: Presses, late: LateInput) -> None:
+    def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._areas = presses.display.areas
         self._presses = presses
         self._late = late
@@ -346,7 +346,7 @@ class Keyboard:
         }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
-        """Return whether a key is used up: no widget gets it then."""
+        """Handle a key; return whether it is used up, so that no widget gets it."""
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
         if keys.is_kill(_alone(event), event.nativeScanCode()):
@@ -356,7 +356,7 @@ class Keyboard:
         stroke = keys.meaning(name)
         asking = self._areas.question.isVisible()
         if age >= STALE and not self._acts_late(stroke):
-            # What means nothing here, as Shift alone, is not worth a word.
+            # A key without a meaning here, such as Shift alone, needs no message.
             named = stroke is not None or asking or name in MOVE_KEYS
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
@@ -373,17 +373,17 @@ class Keyboard:
         if stroke.act is not None:
             self._do(stroke.act, at)
         elif stroke.digit:
-            # With the heats open it is both: a stop of that kart may follow.
+            # With the heats open, it also starts a kart number: its stop may follow.
             self._chosen.add(stroke.digit, at)
             self._areas.heats.focus_on(self._chosen.digits)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
-            pass  # the same press once more: the first one has taken the kart
+            pass  # the same press again: the first one has used the kart number
         elif stroke.stop or not twice:
             self._press(stroke, at)
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
-        """Return whether a key acts however old it is: a stop, and choosing a kart for one."""
+        """Return whether a key acts at any age: a stop, or the choice of a kart for one."""
         if stroke is None:
             return False
         if stroke.act is Act.PRESS:
@@ -392,7 +392,7 @@ class Keyboard:
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
-        """Take a key while a question is open; return that it is used up."""
+        """Handle a key while a question is open; return True, as it is used up."""
         question = self._areas.question
         answers = [question.no, question.yes]
         answers += [] if question.also.isHidden() else [question.also]
@@ -426,7 +426,7 @@ class Keyboard:
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
-        """Press the button that a key is for."""
+        """Press the button that belongs to a key."""
         screen = self._areas.seen.screen
         assert screen is not None
         kart = 0
@@ -462,7 +462,7 @@ class Keyboard:
             self._acts[act]()
 
     def _cancel(self) -> None:
-        """Delete the number that is typed; if none is, close what is open."""
+        """Delete the typed number; without one, close the open sheets."""
         if self._chosen.digits:
             self._chosen.clear()
         else:
@@ -470,7 +470,7 @@ class Keyboard:
             self._areas.setFocus()
 
     def _press_focused(self, at: float) -> None:
-        """Press the button that has the focus, if it is still the one that the official saw."""
+        """Press the focused button, if it is still the one that the official saw."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
@@ -490,7 +490,7 @@ def _alone(event: QtGui.QKeyEvent) -> str:
 
 
 def _name(event: QtGui.QKeyEvent) -> str:
-    """Return what a key is called here."""
+    """Return the name of a key in this program."""
     modifiers = QtCore.Qt.KeyboardModifier
     name = QtGui.QKeySequence(event.keyCombination()).toString()
     if event.modifiers() & modifiers.KeypadModifier:
@@ -499,19 +499,19 @@ def _name(event: QtGui.QKeyEvent) -> str:
 
 
 def _typed(event: QtGui.QKeyEvent) -> str:
-    """Return what a key types; nothing with Ctrl, Alt or Meta."""
+    """Return the text that a key types; empty with Ctrl, Alt or Meta."""
     modifiers = QtCore.Qt.KeyboardModifier
     commanding = modifiers.ControlModifier | modifiers.AltModifier | modifiers.MetaModifier
     return '' if event.modifiers() & commanding else event.text()
 
 
 def _kart_at(screen: Screen, place: int) -> int:
-    """Return the kart at a place of the roster, 0 if there is none."""
+    """Return the kart at a place in the roster; 0 if there is none."""
     return screen.rows[place].number if place < len(screen.rows) else 0
 
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
-    """Return the command that a key gives to a kart (0: to none), as a screen has it."""
+    """Return a screen's button for the command that a key gives to a kart (0: to none)."""
     if stroke.finish is not None:
         return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The karts: a row for each, with its commands, and tiles of all when they do not all fit."""
+"""The karts: a row for each with its commands, and tiles of all karts if the rows do not fit."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from evgp_rcs_console.widgets import (
 )
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
-"""Is entered while the window itself scrolls, with the bar that moves."""
+"""Context entered while the window itself scrolls; its argument is the moving bar."""
 
 COMMAND, BESIDE = 72, 10
-"""Width of the column of a command, and room beside what is in the other columns."""
+"""Width of a command's column, and the margin in the other columns, in pixels."""
 
 NUMBER, TEAM, SENT, ANSWER, LINK, PLACE = range(len(COLUMNS))
 
 HEADING, TILES = 22, 36
-"""Heights of the heading and of the tiles."""
+"""Heights of the heading and of the tiles, in pixels."""
 
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
-"""Minimum and maximum height of a row while all fit, and its height if they do not."""
+"""Minimum and maximum height of a row while all fit, and its height otherwise, in pixels."""
 
 
 class Words(NamedTuple):
@@ -55,7 +55,7 @@ class Words(NamedTuple):
 
 
 class KartDelegate(QtWidgets.QStyledItemDelegate):
-    """Draws a cell: its pictures by hand, its texts as Qt does."""
+    """Draws a cell: its pictures itself, its texts as Qt does."""
 
     def __init__(self, table: KartTable) -> None:
         super().__init__()
@@ -79,7 +79,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         if not index.column() and (row.use_msr or is_chosen):
             edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
             painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
-        if index.column() < len(COLUMNS):  # in the others are buttons
+        if index.column() < len(COLUMNS):  # the other columns contain buttons
             for each in self.words(row, index.column(), room, painter):
                 draw(painter, *each)
         painter.restore()
@@ -91,7 +91,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         cell: QtCore.QRect,
         painter: QtGui.QPainter | None = None,
     ) -> Iterator[Words]:
-        """Yield what stands in a cell; with a painter, draw the pictures below it."""
+        """Yield the texts of a cell; with a painter, draw the pictures under them."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
         said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
         if self._table.stale:
@@ -144,7 +144,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         below: Cell,
         painter: QtGui.QPainter | None,
     ) -> Iterator[Words]:
-        """Yield what it is sent and for how long, striped until it has done it."""
+        """Yield the state a kart is sent and for how long, striped until the kart has obeyed."""
         chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
         ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
         _box(painter, chip, fill)
@@ -163,7 +163,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     def _bars(
         row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
     ) -> QtCore.QRect:
-        """Draw how good a link is; return the room beside that."""
+        """Draw the bars of a link; return the room beside them."""
         high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
         foot = room.top() + (room.height() + high) // 2
         for bar in range(1, MOST_BARS + 1):
@@ -196,14 +196,14 @@ def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
 
 
 def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """Return the room of a text and of a small one below it, which may have two lines."""
+    """Return the room for a text and for the small one below it, which may have two lines."""
     inner = _centred(room, 56 if is_long else 38)
     upper = min(inner.height() * 11 // 20, look.px(21)) - inner.height()
     return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
 class Tiles(QtWidgets.QWidget):
-    """Every kart as a tile, for when there are more than fit: number, state, and what is amiss."""
+    """Every kart as a tile with number, state and trouble, for rosters too long for rows."""
 
     chosen = Signal(int)
 
@@ -229,7 +229,7 @@ class Tiles(QtWidgets.QWidget):
             self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw the tiles: the number above, the state's symbol and a mark below."""
+        """Draw the tiles: number on top, the state's symbol and a mark below."""
         rows = self._table.rows
         wide = self.width() / max(1, len(rows))
         painter = QtGui.QPainter(self)
@@ -256,7 +256,7 @@ class KartTable(QtWidgets.QTableWidget):
     """
     The rows of the karts.
 
-    :param scrolling: is entered around every scrolling that the official's hand does not do.
+    :param scrolling: entered around each scrolling that the official did not do by hand.
     :ivar chosen: the kart that commands by key act on; ``stale``: the rows are out of date.
     """
 
@@ -288,7 +288,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.verticalHeader().hide()
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
-        """Take the karts; cells that have not changed are not drawn again."""
+        """Show the karts; unchanged cells are not drawn again."""
         if (chosen, stale) != (self.chosen, self.stale):
             self.viewport().update()
         self.rows, self.chosen, self.stale = rows, chosen, stale
@@ -304,7 +304,7 @@ class KartTable(QtWidgets.QTableWidget):
                     self.setItem(place, number, QtWidgets.QTableWidgetItem(text))
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
-        """Move the focus, and scroll to where it is."""
+        """Move the focus and scroll to it."""
         moved = bool(super().focusNextPrevChild(following))
         focused = QtWidgets.QApplication.focusWidget()
         if focused is not None and focused.parentWidget() is self.viewport():
@@ -321,16 +321,15 @@ class KartList(Panel):
     """
     Every kart of the roster, in the order of their numbers.
 
-    Where a row stands depends on the size of the window and on the number of karts, on nothing
-    else.
+    The place of a row depends only on the size of the window and the number of karts.
     """
 
     chosen = Signal(int)
-    """By a click in its row."""
+    """A kart was chosen by a click in its row."""
     wanted = Signal(int)
-    """By a click on its tile: its row may be out of sight."""
+    """A kart was chosen by a click on its tile; its row may be out of sight."""
     pointed = Signal(str)
-    """The pointer is on a row of which not all is shown: this is all. Empty: it no longer is."""
+    """The full text of the cut-off row under the pointer; empty when the pointer leaves it."""
 
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
@@ -355,13 +354,13 @@ class KartList(Panel):
 
     @property
     def room_of_sheets(self) -> QtCore.QRect:
-        """Return where nothing but what the karts do is covered: no number, and no stop."""
+        """Return the room where sheets cover neither a kart's number nor a stop."""
         header, table = self.table.horizontalHeader(), self.table.geometry()
         first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
         return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
 
     def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
-        """Return all that some columns of a row say; empty if all of it is shown."""
+        """Return the full text of some columns of a row; empty if all of it is visible."""
         said = [self.table.model().index(place, column) for column in columns]
         shows_all = all(
             fits(each.text, each.room, each.of, each.wrap)
@@ -395,12 +394,12 @@ class KartList(Panel):
             self.table.bring_into_view(self.numbers.index(number))
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Have the rows use the room."""
+        """Fit the rows to the new size."""
         super().resizeEvent(event)
         self.fit()
 
     def fit(self) -> None:
-        """Take the size of the window: rows as high as there is room for, or tiles and a bar."""
+        """Fit the rows to the window; if they do not all fit, add tiles and a scroll bar."""
         count, table = len(self.table.rows), self.table
         room = self.contentsRect().height() - look.px(HEADING) - 4
         all_fit = count * look.px(LOWEST) <= room
@@ -424,7 +423,7 @@ class KartList(Panel):
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:
-    """Return whether a press there only chooses a kart: a stop for it may be next."""
+    """Return whether a press there only chooses a kart, perhaps to stop it next."""
     is_table = widget is not None and isinstance(widget.parentWidget(), KartTable)
     return isinstance(widget, Tiles) or (
         is_table and not isinstance(widget, (QtWidgets.QScrollBar, QtWidgets.QHeaderView))

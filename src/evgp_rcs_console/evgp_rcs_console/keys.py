@@ -4,7 +4,8 @@
 """
 What each key does, wherever the focus is.
 
-Keys have names here, as Qt writes them ('F2', 'Ctrl+R', 'Shift+A'); nothing of Qt is needed.
+Keys have the names that Qt gives them ('F2', 'Ctrl+R', 'Shift+A'), but this module does not use
+Qt.
 """
 
 from __future__ import annotations
@@ -21,16 +22,16 @@ from evgp_rcs_console.view import FINISH_KEYS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
-"""The keys of ALL KILL, and their places on a keyboard as Linux numbers them."""
+"""The keys of ALL KILL, by name and by Linux's numbers of their places on the keyboard."""
 
 FORGOTTEN = 5.0
-"""Time after the last digit when the number of a kart is cleared, in seconds."""
+"""Time after the last digit until a typed kart number is cleared, in seconds."""
 
 MOST_DIGITS = 6
-"""Maximum number of digits that are shown; a kart's number has at most four."""
+"""Maximum number of typed digits shown; a kart's number has at most four."""
 
 _ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
-"""The rows of letters of a keyboard: the code of the first key on Linux, and the letters."""
+"""The rows of letters on a keyboard: Linux's code of the first key, and the letters."""
 
 _LETTER_AT = {
     code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
@@ -42,7 +43,7 @@ def key_name(name: str, text: str, code: int) -> str:
     Return the name of a key, whatever the layout of the keyboard.
 
     :param name: its name in Qt.
-    :param text: what it types; empty with Ctrl, Alt or Meta.
+    :param text: the text it types; empty with Ctrl, Alt or Meta.
     :param code: the number of its place on the keyboard, from the display server.
     """
     if len(text) == 1 and text in string.digits:
@@ -55,9 +56,9 @@ def key_name(name: str, text: str, code: int) -> str:
 
 def is_kill(name: str, code: int) -> bool:
     """
-    Return whether a key is one of ALL KILL, whatever modifier is held and whatever it types.
+    Return whether a key is one of ALL KILL's, with any modifier and whatever it types.
 
-    With a modifier, the space bar of some layouts types a no-break space, a digit or another sign.
+    On some layouts, the space bar with a modifier types a no-break space, a digit or another sign.
 
     :param name: its name in Qt, without modifiers.
     :param code: the number of its place on the keyboard, from the display server.
@@ -66,7 +67,7 @@ def is_kill(name: str, code: int) -> bool:
 
 
 class Act(enum.Enum):
-    """What a key does other than sending a command."""
+    """What a key does instead of sending a command."""
 
     HELP = enum.auto()
     SEEN = enum.auto()
@@ -98,7 +99,7 @@ KEYS = {
     key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
     for key in sorted({entry.key for entry in OF_RACE_CONTROL.values() if entry.key}, key=len)
 }
-"""The commands of each key, except ALL KILL; a screen has a button for one of them."""
+"""The commands of each key, except ALL KILL's. At any time, a screen has a button for one."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +107,12 @@ class Stroke:
     """
     What a key means.
 
-    :param commands: of these, the first for which the screen has a button is sent.
+    :param commands: the key sends the first of these for which the screen has a button.
     :param to_chosen: the command goes to the chosen kart.
-    :param finish: the place in the roster of the kart that has crossed the line; what its letter
-        gives is in its row. None: it is no letter.
-    :param digit: the digit, if it is part of a kart's number.
-    :param act: what else it does.
+    :param finish: for a letter: place in the roster of the kart that has crossed the line; its row
+        says what the letter gives. None: the key is not a letter.
+    :param digit: the digit, if the key types part of a kart's number.
+    :param act: the key's other effect, if it sends no command.
     """
 
     commands: tuple[Kind, ...] = ()
@@ -132,7 +133,7 @@ class Stroke:
 
 
 def meaning(key: str) -> Stroke | None:
-    """Return what a key means, None if it means nothing here."""
+    """Return the meaning of a key; None if it has none here."""
     if key in KEYS:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
@@ -145,7 +146,7 @@ def meaning(key: str) -> Stroke | None:
 
 
 def key_help() -> list[tuple[str, str]]:
-    """Return every key, or several that belong together, with what it does."""
+    """Return every key, or group of keys, with its effect."""
     said = []
     for key, commands in sorted(KEYS.items(), key=lambda each: ('+' in each[0], each[0])):
         labels = ', '.join(CATALOGUE[command].label for command in commands)
@@ -158,9 +159,9 @@ class KartField:
     """
     The kart that a command by key acts on: the one in the window's field, or none.
 
-    A digit shows as soon as it is typed. A kart that was chosen in the list stays in the field
-    until a digit is typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``:
-    then the field is empty, and a command acts on no kart.
+    A typed digit shows at once. A kart chosen in the list stays in the field until a digit is
+    typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``. After that the
+    field is empty and a command acts on no kart.
     """
 
     def __init__(self) -> None:
@@ -172,28 +173,28 @@ class KartField:
         self._refused_at = 0.0
 
     def show_roster(self, teams: Mapping[int, str]) -> None:
-        """Take the karts of the roster, with their teams."""
+        """Set the karts of the roster, with their teams."""
         self._teams = teams
         self.changed()
 
     def changed(self) -> None:
-        """Take that the field may show something else: for whoever shows it."""
+        """React to a change of the field; for the subclass that shows it."""
 
     @property
     def digits(self) -> str:
-        """Return the digits that are typed."""
+        """Return the typed digits."""
         return self._digits
 
     @property
     def kart(self) -> int:
-        """Return the kart that a command acts on now; 0: none."""
+        """Return the kart that a command would act on now; 0: none."""
         number = int(self._digits) if self._digits else self._chosen
         return number if number in self._teams else 0
 
     def add(self, digit: str, at: float) -> None:
-        """Take a digit that was typed at a time (s)."""
+        """Add a digit that was typed at a time (s)."""
         self.expire(at)
-        # A digit too many is left out: the field never shows the end of a longer number.
+        # Surplus digits are dropped, so the field never shows only the end of a longer number.
         self._digits += digit if len(self._digits) < MOST_DIGITS else ''
         self._typed_at = at
         self._chosen = 0
@@ -209,18 +210,18 @@ class KartField:
         self.changed()
 
     def choose(self, kart: int) -> None:
-        """Take a kart that was chosen in the list."""
+        """Set the kart that was chosen in the list."""
         self._chosen = kart
         self.clear()
 
     def clear(self) -> None:
-        """Clear what is typed; a kart that was chosen in the list stays."""
+        """Clear the typed digits; a kart that was chosen in the list stays."""
         self._digits = ''
         self._refusal = ''
         self.changed()
 
     def expire(self, now: float) -> None:
-        """Clear what is too old at a time (s)."""
+        """Clear digits and refusals that are too old at a time (s)."""
         if self._digits and now - self._typed_at >= FORGOTTEN:
             self._digits = ''
         if self._refusal and now - self._refused_at >= FORGOTTEN:
@@ -229,11 +230,11 @@ class KartField:
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """
-        Return the kart for a command given at a time (s), or 0 and why there is none.
+        Return the kart for a command given at a time (s), or 0 and the reason why there is none.
 
-        It clears what was typed in both cases.
+        Either way it clears the typed digits.
 
-        :param command: its name for officials.
+        :param command: the command's name for officials.
         """
         before = self._digits
         self.expire(at)
@@ -254,7 +255,7 @@ class KartField:
         return 0, why
 
     def cells(self) -> tuple[Cell, Cell]:
-        """Return what the field shows: in large type, and below."""
+        """Return the field's large text and the text below it."""
         if self._refusal:
             return Cell(self._refusal, Tone.BAD), Cell(texts.FIELD_REFUSED, Tone.BAD)
         number = int(self._digits) if self._digits else self._chosen

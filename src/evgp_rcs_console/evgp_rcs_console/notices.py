@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What an official is told besides the state of the race: alerts until seen, and the event log.
+What the screen shows besides the state of the race: alerts until seen, and the event log.
 
 Pure: the newest snapshot goes in, lines come out.
 """
@@ -32,10 +32,10 @@ class Notice:
     An alert as it is shown to the official.
 
     :param number: the alert's number; a higher one is newer.
-    :param alert: None: it is this console's own, not race control's, and stays until it is seen.
+    :param alert: race control's alert; None: this console's own notice, which stays until seen.
     :param seen: the official has marked it as seen.
     :param standing: its cause still exists.
-    :param said: what is said instead of the alert's sentence; empty: that.
+    :param said: text shown instead of the alert's sentence; empty: the sentence itself.
     """
 
     number: int
@@ -46,12 +46,12 @@ class Notice:
 
     @property
     def use_msr(self) -> bool:
-        """Return whether to use the Master Safety Remote; never once the cause is gone."""
+        """Return whether it asks for the Master Safety Remote; never once its cause is gone."""
         return self.standing and self.alert is not None and self.alert.use_msr
 
     @property
     def kart(self) -> int:
-        """Return the kart that it concerns; 0: no single one."""
+        """Return the kart that it concerns; 0: no single kart."""
         return self.alert.kart if self.alert else 0
 
     @property
@@ -63,14 +63,15 @@ class Notice:
 
     @property
     def text(self) -> str:
-        """Return the alert's sentence; ended, its name only."""
-        # Its sentence says what to do, which is over. Several that ended have one of their own.
+        """Return the alert's sentence, or only its name once it has ended."""
+        # The sentence says what to do, which no longer applies. Several ended alerts share one
+        # text (``said``).
         if self.said or self.alert is None:
             return self.said
         return self.alert.text if self.standing else texts.alert_was(self.alert.kind, self.kart)
 
     def __str__(self) -> str:
-        """Return all of it in one line."""
+        """Return heading and text in one line."""
         return f'{self.heading}: {self.text}'
 
 
@@ -78,8 +79,8 @@ class AlertBook:
     """
     The alerts that an official has not seen yet, and those whose cause still exists.
 
-    If the cause of an alert goes away and comes back, that is a new alert. So is one that asks for
-    the MSR from now on: whoever marked it as seen did so when the use of the MSR was recorded.
+    An alert whose cause goes away and comes back is a new alert. So is an alert that begins to
+    ask for the MSR: when it was marked as seen, the use of the MSR was on record.
     """
 
     def __init__(self) -> None:
@@ -87,14 +88,14 @@ class AlertBook:
         self._count = 0
 
     def begin_race(self) -> None:
-        """Forget the alerts that have ended: they do not follow into the next race."""
+        """Remove the alerts that have ended, so that the next race starts without them."""
         self._notices = [notice for notice in self._notices if notice.standing]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
-        Take the alerts of a snapshot, newest first; return whether there is a new one.
+        Update from the alerts of a snapshot, newest first; return whether there is a new one.
 
-        :param two: snapshots come from two race controls in turn: an alert that is missing in
+        :param two: snapshots come from two race controls in turn, so an alert that is missing in
             this one may be in the next.
         """
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
@@ -121,12 +122,12 @@ class AlertBook:
         return bool(news)
 
     def add_own(self, text: str) -> None:
-        """Take an alert of this console: it stays until it is seen."""
+        """Add an alert of this console, which stays until it is seen."""
         self._count += 1
         self._notices.append(Notice(self._count, None, said=text))
 
     def see(self, numbers: Collection[int]) -> None:
-        """Mark alerts as seen; one that has ended with all that have."""
+        """Mark alerts as seen; seeing one ended alert removes all ended ones."""
         if any(each.number in numbers and not each.standing for each in self._notices):
             self.begin_race()
         self._notices = [
@@ -137,15 +138,15 @@ class AlertBook:
 
     @property
     def unseen(self) -> list[Notice]:
-        """Return what the official has not marked as seen, newest first."""
+        """Return the notices that the official has not marked as seen, newest first."""
         return [notice for notice in reversed(self._notices) if not notice.seen]
 
     @property
     def shown(self) -> list[Notice]:
         """
-        Return the notices: the unseen first, and of those the ones that need the MSR.
+        Return the notices in the order shown: unseen ones first, those that need the MSR on top.
 
-        Those that have ended are one notice, the last.
+        All ended alerts share one notice, which comes after the unseen ones.
         """
 
         def rank(notice: Notice) -> tuple[int, int]:
@@ -165,9 +166,9 @@ class AlertBook:
 
 def summary(notices: Sequence[Notice], places: int) -> str:
     """
-    Return how many notices there are, and which ones are not among the first places.
+    Return the number of notices, and the karts of those beyond the first places.
 
-    :param notices: in the order in which they are shown.
+    :param notices: the notices in the order shown.
     """
     if not notices:
         return texts.NO_ALERT
@@ -177,7 +178,7 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     ended = ((len(notices) - new - seen, texts.ALERTS_ENDED),)
     told = [text.format(count=count) for count, text in counted + ended if count]
     more = notices[places:]
-    # The karts of those that need the MSR are all named elsewhere, in large type.
+    # All karts that need the MSR are named elsewhere, in large type.
     those = [notice for notice in more if notice.standing and not notice.use_msr]
     if those:
         karts = sorted({notice.kart for notice in those if notice.kart})
@@ -186,35 +187,35 @@ def summary(notices: Sequence[Notice], places: int) -> str:
 
 
 class Officials:
-    """Who has commanded: each is called by name, unless two of one name have."""
+    """The officials who have commanded, called by name unless two share a name."""
 
     def __init__(self) -> None:
         self._claims: dict[str, set[str]] = {}
 
     def take(self, claim: str) -> None:
-        """Take who has commanded, as it was sent."""
+        """Record an official's signature as it was sent with a command."""
         if claim:
             self._claims.setdefault(claim.partition(' (')[0], set()).add(claim)
 
     @property
     def names(self) -> list[str]:
-        """Return their names, in the order of their first command."""
+        """Return the officials' names, in the order of their first commands."""
         return list(self._claims)
 
     def called(self, claim: str) -> str:
-        """Return what an official is called."""
+        """Return the name shown for an official."""
         name = claim.partition(' (')[0]
         return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
-        """Return a sentence of race control with each official as they are called."""
+        """Return a sentence of race control with each official's shown name."""
         for claims in self._claims.values():
             for claim in claims:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
 
     def in_race(self, race: Snapshot) -> Snapshot:
-        """Return a snapshot with each official as they are called."""
+        """Return a snapshot with each official's shown name."""
 
         def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
             return tuple(each._replace(reason=self.in_text(each.reason)) for each in commands)
@@ -236,9 +237,9 @@ class Line(NamedTuple):
     A line of the event log.
 
     :param clock: race control's wall time, as hours:minutes:seconds.
-    :param is_command: it is an official's command and its answer.
-    :param karts: of a line that says the same of several karts: which.
-    :param what: what it says of them; the next event that says the same joins it.
+    :param is_command: it shows an official's command and its answer.
+    :param karts: for a line about several karts: their numbers.
+    :param what: the text about them; the next event with the same text joins this line.
     """
 
     clock: str
@@ -268,25 +269,25 @@ _BY_LABEL = frozenset(
     or entry.result.race
     or kind in (CommandKind.KART_IN_GARAGE, CommandKind.KART_FINISH)
 ) - {CommandKind.IN_GARAGE}
-"""The commands of which the log says the name only: what they do is in the rows. IN GARAGE says
-which karts stay held."""
+"""Commands that the log shows by name only, because the rows show their effect. IN GARAGE is not
+one: its sentence says which karts stay held."""
 
 _OF_KARTS = {
     EventKind.CONNECTED: texts.LOG_CONNECTED,
     EventKind.ACKNOWLEDGED: texts.LOG_ACKNOWLEDGED,
     EventKind.KART_STATE: texts.LOG_SENT,
 }
-"""What is said of several karts in one line."""
+"""Events that one line can show for several karts, with their texts."""
 
 
 class EventLog:
     """
-    The newest events, in order, each with the text that is shown: short, and without teams.
+    The newest events in order, as short texts without team names.
 
-    What follows from a command is not said beside it, and what several karts do is one line.
+    Consequences of a command get no line beside it, and several karts doing the same share one.
 
     :param most: maximum number of lines.
-    :ivar officials: who has commanded.
+    :ivar officials: the officials who have commanded.
     """
 
     def __init__(self, most: int = 2000) -> None:
@@ -296,7 +297,7 @@ class EventLog:
         self.officials = Officials()
 
     def add(self, stamped: StampedEvent) -> Added:
-        """Take an event and return the lines it adds."""
+        """Add an event and return the lines it adds."""
         added = []
         if stamped.sequence <= self._last:
             added.append(Line('', 0, True, texts.NEW_RUN))
@@ -310,13 +311,13 @@ class EventLog:
             if before is not None and line.what and line.what == before.what:
                 self._lines.pop()
                 line, replaces = self._joined(before, line), True
-            # Nothing joins what all karts have done.
+            # No later event joins a line about all karts.
             added.append(line if line.karts else line._replace(what=''))
         self._lines.extend(added)
         return Added(tuple(added), replaces)
 
     def _learn(self, event: Event) -> None:
-        """Take what later events do not say: who has acknowledged what."""
+        """Keep which kart has acknowledged what, because later events do not repeat it."""
         if event.kind is EventKind.RACE_STATE:
             self._acknowledged = {}
         if self._acknowledged is not None and event.kart:
@@ -326,16 +327,16 @@ class EventLog:
                 self._acknowledged.pop(event.kart, None)
 
     def _line(self, at: str, event: Event) -> Line | None:
-        """Return what is said of an event; None: another line says it."""
+        """Return the line for an event; None if another line already shows it."""
         told, what, karts = '', '', (event.kart,) * bool(event.kart)
         state = STATES[event.state]
         follows = event.command is not None and event.kind is not EventKind.COMMAND
         if follows and event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE):
             return None
         if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
-            return None  # every kart that connects is sent it, and need not answer
+            return None  # every kart that connects gets it, and need not answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
-            return None  # the rows have it
+            return None  # the rows show it
         if (
             event.kind is EventKind.KART_STATE
             and event.place
@@ -363,8 +364,8 @@ class EventLog:
         return f'{named[:1].upper()}{named[1:]}{what}'
 
     def _joined(self, before: Line, line: Line) -> Line:
-        """Return one line for two that say the same of different karts."""
-        if not line.karts:  # all have
+        """Return one line for two with the same text about different karts."""
+        if not line.karts:  # about all karts
             return line
         karts = tuple(sorted({*before.karts, *line.karts}))
         return line._replace(text=self._of_karts(karts, line.what), karts=karts)
@@ -373,8 +374,8 @@ class EventLog:
         """
         Return that every kart of the race has acknowledged.
 
-        To a red, karts outside the race are counted too, so no number is said. In GREEN_GREEN a
-        kart may have acknowledged a flag of its own.
+        A red also counts karts outside the race, so the line gives no number. In GREEN_GREEN, a
+        kart may have acknowledged its own flag.
         """
         told = self._acknowledged or {}
         if {*told.values()} - {state}:
@@ -384,7 +385,7 @@ class EventLog:
         return texts.LOG_ALL.format(state=STATES[state])
 
     def _told(self, event: Event) -> str:
-        """Return the sentence and who caused it: by name, where that is enough."""
+        """Return the sentence or the command's label, and the official who caused it."""
         self.officials.take(event.official)
         text = self.officials.in_text(event.text).removesuffix('.')
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
@@ -396,10 +397,10 @@ class EventLog:
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return the lines that concern one kart (0: all lines), oldest first."""
+        """Return the lines about one kart (0: all lines), oldest first."""
         return [line for line in self._lines if concerns(line, kart)]
 
 
 def concerns(line: Line, kart: int) -> bool:
-    """Return whether a line concerns a kart; lines without a kart concern every one."""
+    """Return whether a line concerns a kart; lines without a kart concern every kart."""
     return not kart or line.kart in (0, kart) or kart in line.karts

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The areas of the window around the karts: the race now, the commands to it, the events."""
+"""The areas of the window around the karts: the race, the commands to it, the events."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from evgp_rcs_console.widgets import (
 )
 
 EVENTS = 100
-"""Maximum number of events in the window."""
+"""Maximum number of events shown in the window."""
 
 LONG = 15
-"""Number of letters from which on what to do has two lines, in smaller type."""
+"""Number of letters from which the advice takes two lines, in smaller type."""
 
 
 class StatePanel(Panel):
-    """The state of the race in its colour: since when, and by whom."""
+    """The state of the race in its colour, since when, and by whom."""
 
     def __init__(self) -> None:
         super().__init__('state_panel', '')
@@ -51,7 +51,7 @@ class StatePanel(Panel):
         lay(self, *parts, margins=(10, 2, 2, 4), heights=(0, 1))
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show the race as it is now."""
+        """Show the current state of the race."""
         self._title.show_cell(screen.state, stale)
         self._since.show_text(screen.since)
         mark(self, ground=(Tone.FAINT if stale else screen.state.tone).value)
@@ -76,7 +76,7 @@ class TrackPanel(Panel):
         grid.addWidget(self.button, 0, 2, 2, 1)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show the track as it is now, with an edge in its colour."""
+        """Show the current state of the track, with an edge in its colour."""
         self._humans.show_cell(screen.humans, stale)
         self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
         self.button.show_button(screen.track_button)
@@ -85,7 +85,7 @@ class TrackPanel(Panel):
 
 
 class ClockPanel(Panel):
-    """The time of day, the time since GREEN GREEN, and what is in the race."""
+    """The time of day, the time since GREEN GREEN, and the heat in the race."""
 
     def __init__(self) -> None:
         super().__init__('clock', '')
@@ -95,39 +95,39 @@ class ClockPanel(Panel):
         lay(self, *parts, margins=(0, 4, 4, 3), heights=(34, 20, 18))
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Take the race as it is now; a race that is not heard has no clock."""
+        """Show the race; without news from race control, its clock is blank."""
         age = screen.clock * (not stale)
         self._race.show_text(texts.RACE_CLOCK.format(age=age) if age else '')
         self._heat.show_text(screen.heat)
         self.look()
 
     def look(self) -> None:
-        """Show what time it is."""
+        """Show the time of day."""
         self._now.show_text(time.strftime('%H:%M:%S'))
 
 
 class KillBox(Panel):
-    """ALL KILL, and in it its keys, or for how long it has had no answer."""
+    """The ALL KILL button with its keys, or with the time it has had no answer."""
 
     def __init__(self) -> None:
         super().__init__('kill_box', '')
         self.button = Push('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
         self._hint = Text('kill_hint', 'bold', CENTER, True)
         fixed(self._hint, height=40)
-        # It lies over the button, which gets every click.
+        # The hint lies over the button, which still gets every click.
         self._hint.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         grid = lay(self, margins=(3, 3, 3, 3), heights=(1, 0))
         grid.addWidget(self.button, 0, 0, 2, 1)
         grid.addWidget(self._hint, 1, 0)
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
-        """Show a text below ALL KILL, and whether ALL KILL has no answer yet."""
+        """Show a text below ALL KILL, and whether ALL KILL is still unanswered."""
         mark(self.button, pressing='true' if pressing else 'false')
         self._hint.show_cell(hint)
 
 
 class Steps(QtWidgets.QWidget):
-    """The commands to the race from left to right, as a race goes."""
+    """The commands to the race from left to right, in the order of a race."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__()
@@ -141,7 +141,7 @@ class Steps(QtWidgets.QWidget):
 
 
 class Strip(Panel):
-    """What is true of the race in a line: which karts do what, who is missing, who commands."""
+    """The race in one line: what the karts do, who is missing, who commands."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
@@ -156,12 +156,12 @@ class Strip(Panel):
 
     @property
     def whole(self) -> str:
-        """Return all that it says."""
+        """Return all of its text."""
         shown = self._tally, self._msr, self._reminder, self._rest, self._officials
         return '\n'.join(each.whole for each in shown if each.whole)
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
-        """Show the race as it is now, and who has commanded it."""
+        """Show the current race and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
         self._officials.show_text(
             ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
@@ -175,13 +175,13 @@ class Strip(Panel):
         ):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
-            part.setMinimumWidth(1)  # or the hint is never smaller than the last one
-            part.setMinimumWidth(part.sizeHint().width())  # it is never cut
+            part.setMinimumWidth(1)  # otherwise the hint never shrinks
+            part.setMinimumWidth(part.sizeHint().width())  # so that it is never cut
         self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):
-    """Race control is gone, or must not be relied on: in the largest type."""
+    """The warning that race control is gone or unreliable, in the largest type."""
 
     def __init__(self) -> None:
         super().__init__('danger', '')
@@ -195,7 +195,7 @@ class DangerPanel(Panel):
         grid.addWidget(self._advice, 0, 1, 2, 1)
 
     def show_danger(self, danger: Danger) -> None:
-        """Say it."""
+        """Show a warning."""
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
         mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
@@ -203,7 +203,7 @@ class DangerPanel(Panel):
 
 
 class NumberField(Panel):
-    """The kart that a command by key acts on; or that no key acts at all."""
+    """The kart that a command by key acts on, or the note that the keys do not work."""
 
     def __init__(self) -> None:
         super().__init__('number_field')
@@ -217,17 +217,17 @@ class NumberField(Panel):
         if not keys_work:
             title, detail, ground = Cell(texts.KEYS_OFF_LARGE), Cell(texts.KEYS_OFF_DETAIL), 'off'
         mark(self, ground=ground)
-        # On a ground the colours are its own.
+        # A coloured ground sets its own text colours.
         self._title.show_text(title.text)
         self._title.setVisible(bool(title.text))
         self._detail.show_cell(detail._replace(tone=Tone.PLAIN) if ground else detail)
 
 
 class EventPanel(Panel):
-    """What happened, of all karts or of one, the newest first: commands in bold, with whose."""
+    """The events of all karts or of one, newest first; commands in bold, with the official."""
 
     toggled = Signal()
-    """The official wants the events of one kart only, or of all again."""
+    """The official wants the events of one kart only, or of all karts again."""
 
     def __init__(self) -> None:
         super().__init__('events')
@@ -237,11 +237,11 @@ class EventPanel(Panel):
         self._list = QtWidgets.QListWidget()
         self._list.setObjectName('log')
         self._list.setWordWrap(True)
-        # No item can be chosen, and so none dragged: a drag takes every key and click.
+        # Items cannot be selected and therefore not dragged: a drag takes every key and click.
         self._list.setSelectionMode(QtWidgets.QAbstractItemView.SelectionMode.NoSelection)
         self._list.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._list.setVerticalScrollMode(QtWidgets.QAbstractItemView.ScrollMode.ScrollPerPixel)
-        # No list that opens: while one is open, it takes every key and click, also those of stops.
+        # Not a drop-down list: an open list takes every key and click, even those of stops.
         self._filter = Push('filter', kind='quiet small')
         fixed(self._filter, 150, 24)
         self._filter.clicked.connect(self.toggled)
@@ -251,10 +251,10 @@ class EventPanel(Panel):
         self._show_one(0)
 
     def add(self, event: StampedEvent) -> None:
-        """Take an event."""
+        """Add an event."""
         lines, replaces = self.log.add(event)
         if replaces and self._kart:
-            self._show_one(self._kart)  # perhaps the line before was not one of this kart
+            self._show_one(self._kart)  # the replaced line may not concern this kart
             return
         if replaces:
             self._list.takeItem(0)
@@ -273,21 +273,21 @@ class EventPanel(Panel):
             self._list.takeItem(EVENTS)
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
-        """Take the karts of the roster; if the kart that is shown is gone, all are shown."""
+        """Update the karts of the roster; if the shown kart is gone, show all karts."""
         teams = {row.number: row.team for row in rows}
         if teams != self._teams:
             self._teams = teams
             self._show_one(self._kart)
 
     def toggle(self, kart: int) -> bool:
-        """Show the events of one kart only, or of all again; return False without such a kart."""
+        """Switch between one kart's events and all; return False if there is no such kart."""
         if not self._kart and kart not in self._teams:
             return False
         self._show_one(0 if self._kart else kart)
         return True
 
     def restyle(self) -> None:
-        """Take another size or palette."""
+        """Apply another size or palette."""
         self._show_one(self._kart)
 
     def _show_one(self, kart: int) -> None:
@@ -302,10 +302,10 @@ class EventPanel(Panel):
 
 
 class Foot(QtWidgets.QWidget):
-    """The bottom line, a low battery, and in whose name this window sends commands."""
+    """The bottom line, the battery warning, and the name with which this window commands."""
 
     name_wanted = Signal()
-    """The official wants to say who they are."""
+    """The official wants to choose their name."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -319,11 +319,11 @@ class Foot(QtWidgets.QWidget):
         lay(self, (self.status, self._battery, self._official), gap=8, columns=(1, 0, 0))
 
     def show_battery(self, percent: int | None) -> None:
-        """Show that the battery is low, in percent; None: it is not."""
+        """Show the charge of a low battery, in percent; None: the battery is not low."""
         if percent is not None:
             self._battery.show_cell(Cell(texts.BATTERY.format(percent=percent), Tone.BAD))
         self._battery.setVisible(percent is not None)
 
     def show_name(self, name: str) -> None:
-        """Show the official's name; empty: it is not known."""
+        """Show the official's name; empty if unknown."""
         self._official.show_words(texts.NAME_IS.format(name=name) if name else texts.NAME_UNKNOWN)

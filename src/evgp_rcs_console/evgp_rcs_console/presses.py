@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a hand does to a stop button, as presses.
+Turns the key events of a stop button into presses.
 
-A key counts when it goes down, and again only once it was seen up.
+A key counts when it goes down, and again only after it was seen up.
 
 Pure: bytes and times go in.
 """
@@ -16,17 +16,17 @@ import math
 import struct
 
 EVENT = struct.Struct('@llHHi')
-"""An event of an input device (linux/input.h): two parts of its time, type, code, value."""
+"""Layout of an input event (linux/input.h): two parts of its time, type, code, value."""
 
 HELD = 2.0
-"""Time after which a key that is down is reported, in seconds: something may lie on it."""
+"""Time after which a key that stays down is reported, in seconds: something may lie on it."""
 
 _SYN, _DROPPED = 0, 3
 _KEY = 1
 
 
 def changes(data: bytes) -> Iterator[tuple[int, bool] | None]:
-    """Yield each key with whether it is down; None where the kernel has dropped events."""
+    """Yield each key and whether it is down; None where the kernel has dropped events."""
     whole = len(data) - len(data) % EVENT.size
     for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
         if kind == _KEY:
@@ -35,11 +35,11 @@ def changes(data: bytes) -> Iterator[tuple[int, bool] | None]:
             yield None
 
 
-class Presses:
+class PressCounter:
     """
     Counts the presses of one button.
 
-    Times are in seconds, never less than the one before.
+    Times are in seconds and never decrease.
 
     :param key: the code of the only key that counts; 0: every key.
     :ivar count: number of presses.
@@ -53,10 +53,10 @@ class Presses:
 
     def look(self, down: Set[int], now: float) -> bool:
         """
-        Take which keys are down as the device is opened; return whether that is a press.
+        Process the keys that are down when the device is opened; return whether one is a press.
 
-        A key that is down at the first look is none: something may lie on it since yesterday.
-        Later it is: a hand may have come while the device was gone.
+        A key that is down at the first look is no press: something may lie on it since yesterday.
+        At a later look it is one: someone may have pressed it while the device was gone.
         """
         known, self._known = self._known, True
         if not known:
@@ -67,20 +67,20 @@ class Presses:
         return any([self.take(key, True, now) for key in down])  # noqa: C419 - each is taken
 
     def take(self, key: int, down: bool, now: float) -> bool:
-        """Take that a key is down or up; return whether that is a press."""
+        """Process that a key is down or up; return whether that is a press."""
         if self._key not in (0, key):
             return False
         if not down:
             self._down.pop(key, None)
             return False
         if key in self._down:
-            return False  # it is held, and repeats
+            return False  # a held key that repeats
         self._down[key] = now
         self.count += 1
         return True
 
     def miss(self, down: Set[int], now: float) -> bool:
-        """Take that events were dropped, and what is down now: one of them may be a press."""
+        """Count a press, because events were dropped and one may have been a press."""
         if not self.look(down, now):
             self.count += 1
         return True

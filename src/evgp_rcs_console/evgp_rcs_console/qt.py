@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Qt for Python, whichever of its two bindings is there.
+Qt for Python, from whichever of its two bindings is installed.
 
-PySide6 comes with the project's own set-up. Ubuntu 24.04, and with it ROS 2 Jazzy, has PyQt6 and
-no PySide6. Both bind Qt 6 with the same names, but for the one of signals. QT_API (`pyside6` or
-`pyqt6`) chooses where both are there.
+The project's own set-up installs PySide6. Ubuntu 24.04, on which ROS 2 Jazzy runs, has PyQt6 but
+not PySide6. Both bind Qt 6 with the same names, except for signals. If both are installed, QT_API
+(`pyside6` or `pyqt6`) chooses.
 
-:raises ImportError: if there is neither.
+:raises ImportError: if neither is installed.
 """
 
 import os

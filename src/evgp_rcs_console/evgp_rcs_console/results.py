@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Results as texts: what a row shows of them, the tables, and the passings. Pure."""
+"""Results as texts: the part in a kart's row, the tables, and the passings. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evgp_rcs_console import texts
 
 
 def position(results: Standings, number: int) -> str:
-    """Return the position of a kart, if it has one, and its laps; empty: it did not start."""
+    """Return a kart's position, if any, and its laps; empty if it did not start."""
     kart = results.kart(number)
     if kart is None:
         return ''
@@ -23,11 +23,11 @@ def position(results: Standings, number: int) -> str:
 
 
 def on_last_lap(results: Standings, number: int) -> bool:
-    """Return whether a kart has no lap to drive but the one that it is in."""
+    """Return whether a kart is on its last lap."""
     kart = results.kart(number)
     if kart is None or results.laps_left(number) > 1:
         return False
-    return has_crossed(results, number)  # of a race of one lap, the first crossing begins it
+    return has_crossed(results, number)  # in a one-lap race, the first crossing begins the lap
 
 
 def has_crossed(results: Standings, number: int) -> bool:
@@ -46,7 +46,7 @@ def _row(kart: KartResult, team: str) -> tuple[str, ...]:
 
 
 def title(results: Standings) -> str:
-    """Return what the results are of."""
+    """Return the title of the results: heat, format and laps."""
     if not (results.karts or results.overall):
         return texts.NO_RESULTS
     laps = texts.RESULTS_LAPS.format(count=results.laps) * bool(results.laps)
@@ -56,9 +56,9 @@ def title(results: Standings) -> str:
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
     """
-    Return the table, a row for each kart, best first; then those of all heats of its format.
+    Return the table, one row per kart, best first; then the standings over all heats.
 
-    :param teams: the team of each kart of the roster.
+    :param teams: the team of each kart in the roster.
     """
 
     def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
@@ -73,7 +73,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
 
 
 def races(results: Standings) -> list[tuple[str, ...]]:
-    """Return the races of the event by their numbers, and which of them counts."""
+    """Return the races of the event by number, and whether each counts."""
     return [
         (
             str(each.number),
@@ -87,7 +87,7 @@ def races(results: Standings) -> list[tuple[str, ...]]:
 
 
 def passings(results: Standings) -> list[tuple[str, ...]]:
-    """Return when each passing was, whose it is, what names it, and what became of it."""
+    """Return each passing's time, kart, identity and outcome."""
     return [
         (
             lap_time(each.at),

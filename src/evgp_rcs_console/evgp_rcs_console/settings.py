@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What is kept on this machine for its officials: their name, and whether the window is dark.
+Settings saved on this machine for its officials: their name, and whether the window is dark.
 
-The name that commands carry was given at start, or kept from before, or is not known. It is asked
-for once and kept in a plain text file, for the window and `rcs_ctl`. No Qt, no ROS.
+The name in the commands was given at start, saved earlier, or is unknown. The programs ask for it
+once and save it in a plain text file, for the window and `rcs_ctl`. This module uses neither Qt
+nor ROS.
 """
 
 from __future__ import annotations
@@ -23,34 +24,34 @@ from evgp_node.official import claim, tidy
 from evgp_rcs_console import texts
 
 MOST_BYTES = 4096
-"""Maximum of the file that is read, in bytes."""
+"""Maximum number of bytes read from the file."""
 
 
 class Signature:
     """
-    Who commands from this program.
+    The signature under which this program sends commands.
 
-    :param name: the official's name, if it was given at start; empty: the one that is kept.
-    :param process: the number of this process, if another one may send in the same name.
+    :param name: the official's name, if given at start; empty: the saved name.
+    :param process: the number of this process, if another may send under the same name.
     """
 
     def __init__(self, name: str = '', process: int | None = None) -> None:
-        """Take the name that was given, or else the one that is kept."""
+        """Use the given name, or else the saved one."""
         self._name = tidy(name) or kept_name() or ''
         self._process = process
 
     @property
     def name(self) -> str:
-        """Return the official's name; empty: not known."""
+        """Return the official's name; empty if unknown."""
         return self._name
 
     @property
     def claim(self) -> str:
-        """Return what goes with a command."""
+        """Return the signature that goes with a command."""
         return claim(self._name, platform.node(), self._process)
 
     def sign(self, name: str) -> None:
-        """Take a name from now on, and keep it; a disk that hangs holds nobody up."""
+        """Use a name from now on and save it, in a thread in case the disk hangs."""
         self._name = tidy(name)
         threading.Thread(target=self._keep, args=(self._name,), daemon=True).start()
 
@@ -63,7 +64,7 @@ class Signature:
 
 def file_of_name() -> pathlib.Path:
     """
-    Return the file in which the name is kept.
+    Return the file that contains the name.
 
     :raises RuntimeError: if there is no home folder.
     """
@@ -71,9 +72,9 @@ def file_of_name() -> pathlib.Path:
 
 
 def kept_name() -> str | None:
-    """Return the name that is kept; None: nobody was asked yet, or it cannot be read."""
+    """Return the saved name; None if it was never asked for or cannot be read."""
     try:
-        # Whatever is there, such as a pipe: nothing here may wait for it.
+        # The path may be anything, even a pipe; this must not block.
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
         with os.fdopen(os.open(file_of_name(), flags), 'rb', buffering=0) as file:
             data = file.read(MOST_BYTES)
@@ -84,16 +85,16 @@ def kept_name() -> str | None:
 
 def keep_name(name: str) -> None:
     """
-    Keep a name for the next start; empty: the official wants none, and is not asked again.
+    Save a name for the next start; empty: the official wants none and is not asked again.
 
-    :raises OSError: if the disk does not take it.
+    :raises OSError: if it cannot be written.
     :raises RuntimeError: if there is no home folder.
     """
     _keep(file_of_name(), f'{tidy(name)}\n')
 
 
 def is_night() -> bool:
-    """Return whether the window was dark when it was used last."""
+    """Return whether the window was dark when last used."""
     try:
         return (rcs_folder() / 'night').exists()
     except (OSError, RuntimeError):
@@ -101,7 +102,7 @@ def is_night() -> bool:
 
 
 def keep_night(night: bool) -> None:
-    """Keep whether the window is dark; a disk that hangs holds nobody up."""
+    """Save whether the window is dark, in a thread in case the disk hangs."""
 
     def keep() -> None:
         with contextlib.suppress(OSError, RuntimeError):
@@ -115,7 +116,7 @@ def keep_night(night: bool) -> None:
 
 def _keep(path: pathlib.Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    # In one piece: another program may read it just now.
+    # Replaced in one step, because another program may be reading it.
     descriptor, other = tempfile.mkstemp(prefix=f'.{path.name}', dir=path.parent)
     try:
         with os.fdopen(descriptor, 'wb') as file:

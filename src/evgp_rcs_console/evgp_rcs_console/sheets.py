@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The sheets over the karts: a question, the heats, the officials, the keys.
+The sheets over the karts: the question, the heats, the officials, the keys.
 
-They end before the stops of the karts begin, so they cover no stop.
+They end to the left of the karts' stop buttons, so they never cover a stop.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class Sheet(Panel):
     """
     A sheet over the karts.
 
-    It is not a window of its own, so it blocks nothing beside it.
+    A sheet is not a separate window, so everything beside it still works.
 
-    :ivar parts: what is below each other in it.
+    :ivar parts: its parts, from top to bottom.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
@@ -58,14 +58,14 @@ class Sheet(Panel):
         self.add(self.title, 36)
 
     def add(self, part: QtWidgets.QWidget, height: int = 0) -> None:
-        """Put a part below those that there are; without a height it has that of its text."""
+        """Add a part at the bottom; without a height, it is as high as its text."""
         fixed(part, height=height)
         self._column.addWidget(part)
         self.parts.append(part)
 
     @property
     def whole(self) -> str:
-        """Return all that it says."""
+        """Return all of its text."""
         said = (getattr(part, 'whole', '') for part in self.parts if not part.isHidden())
         return '\n'.join(filter(None, said))
 
@@ -74,7 +74,7 @@ class Sheet(Panel):
         return widget is not None and (widget is self or self.isAncestorOf(widget))
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Take a room: as wide as that, and as high as the texts need, the type smaller for it."""
+        """Fill the width of a room, as high as the texts need; use smaller type if necessary."""
         rescale(self)
         for kind in ('sheet', 'sheet tight'):
             mark(self, kind=kind)
@@ -91,17 +91,17 @@ class Sheet(Panel):
         return button
 
     def close_sheet(self) -> None:
-        """Hide it; nothing that could be pressed by Enter gets the focus."""
+        """Hide it, and leave the focus on nothing that Enter could press."""
         if not self.isHidden():
             self.hide()
             self.window().setFocus()
 
 
 class Question(Sheet):
-    """Asks an official to confirm a command that loosens something, or the use of the MSR."""
+    """Asks an official to confirm a loosening command, or the use of the MSR."""
 
     answered = Signal(bool, bool)
-    """Whether the answer is YES, and whether to what is asked together with it, too."""
+    """Whether the answer is YES, and whether it includes the second command."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'question')
@@ -117,7 +117,7 @@ class Question(Sheet):
         self._caution = Text('question_caution', 'bold', wrap=True, fills=True, flows=True)
         self._statement = Text('question_statement', 'bold', TOP, wrap=True, flows=True)
         self._texts = (self._consequence, self._warning, self._caution, self._statement)
-        # It lies where they are, so that YES and NO never move.
+        # The problem covers these texts, so that YES and NO never move.
         self._problem = Text('question_problem', 'bold', wrap=True, fills=True)
         self._problem.setParent(self)
         self.yes, self.no = Push('yes', tall=True), Push('no', texts.ASK_NO, 'N')
@@ -133,9 +133,9 @@ class Question(Sheet):
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """
-        Take a room: at its end, so that the first karts stay in sight.
+        Fill the bottom of a room, so that the first karts stay in sight.
 
-        A problem lies over the texts that it makes untrue.
+        A problem covers the texts that it makes untrue.
         """
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
@@ -146,13 +146,13 @@ class Question(Sheet):
         self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
-        """Take the command that is to be confirmed; it is shown after that."""
+        """Prepare the question for a command; the caller shows the sheet afterwards."""
         self.button = button
         self.shown_at = clock.now()
         self._spoilt_at = self._problem_text = ''
         for yes in (self.yes, self.also):
-            yes.setDown(False)  # held down since another question
-        # A click on YES does not count at first: it may be the second one of a double click.
+            yes.setDown(False)  # may still be held down from an earlier question
+        # YES ignores clicks at first: the click may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
         self.title.show_text(texts.ASK_TITLE.format(command=command))
@@ -168,9 +168,9 @@ class Question(Sheet):
 
     def update_button(self, button: Button | None) -> None:
         """
-        Take the command as race control offers it now; None: it no longer does.
+        Update to the command as race control offers it now; None: it is no longer offered.
 
-        Once it differs from what was asked, YES stays off, also if it becomes the same again.
+        Once it differs from the question, YES stays off, even if the difference goes away.
         """
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
@@ -187,14 +187,14 @@ class Question(Sheet):
         warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
         self._caution.show_cell(Cell(button.caution, Tone.WAIT))
-        for text in self._texts:  # one that is hidden for a problem keeps its room
+        for text in self._texts:  # a text hidden by a problem keeps its room
             policy = text.sizePolicy()
             policy.setRetainSizeWhenHidden(bool(text.whole))
             text.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
-        """Return whether it has been there long enough for a click on YES to count."""
+        """Return whether it has been visible long enough for a click on YES to count."""
         return not self._settling.isActive()
 
     def _show_problem(self) -> None:
@@ -211,7 +211,7 @@ class Question(Sheet):
 
 
 class Choice(Sheet):
-    """Offers one button for each of some things, below what it is about."""
+    """Offers one button for each choice, below a sentence about the choice."""
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str, about: str) -> None:
         super().__init__(parent, name, title)
@@ -221,7 +221,7 @@ class Choice(Sheet):
         self.add(self._close, 36)
 
     def _offer(self, buttons: Sequence[Push]) -> None:
-        """Show these buttons instead of those that there are."""
+        """Replace the buttons by these."""
         for each in self._offered:
             each.deleteLater()
             self.parts.remove(each)
@@ -232,25 +232,25 @@ class Choice(Sheet):
 
     @property
     def first(self) -> QtWidgets.QWidget:
-        """Return the first button, or what closes the sheet if there is no other."""
+        """Return the first button, or the closing button if there is no other."""
         return self._offered[0] if self._offered else self._close
 
     def focus_on(self, number: str) -> None:
-        """Move the focus to the button of a number, if there is one; Enter presses it."""
+        """Move the focus to the button with a number, if any; Enter then presses it."""
         for each in self._offered:
             if each.isVisible() and each.key == number:
                 each.setFocus()
 
 
 class Heats(Choice):
-    """Offers the heats of the roster, and to read the roster again."""
+    """Offers the heats of the roster, and the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', texts.HEATS_TITLE, texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
     def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
-        """Show one button for each heat, and those of the roster; to read it closes nothing."""
+        """Show one button per heat, and those of the roster; reading keeps the sheet open."""
         buttons = *heats, *rosters
         if len(buttons) != len(self._offered):
             chosen = [CommandButton(self._choose) for _ in buttons[1:]]
@@ -268,10 +268,10 @@ class Heats(Choice):
 
 
 class Officials(Choice):
-    """Offers the event's officials: one click says who commands from this window."""
+    """Offers the event's officials; one click sets who commands from this window."""
 
     signed = Signal(str)
-    """An official has said who they are."""
+    """An official has chosen their name."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'officials', texts.NAME_TITLE, texts.NAME_ABOUT)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How the window looks: one palette for the day and one for the night, one unit, three sizes of type.
+The look of the window: a day and a night palette, one unit of spacing, and the sizes of type.
 
-All sizes are those of a 1366 by 768 screen, in pixels; ``look.px`` makes them those of this one.
-No Qt: a test computes contrasts from here.
+All sizes are in pixels on a 1366 by 768 screen; ``look.px`` converts them to this screen. The
+module does not use Qt, so a test can compute contrasts from it.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from evgp_rcs.words import Tone
 
 FAMILIES = ('Inter', 'Noto Sans', 'DejaVu Sans')
-"""Fonts, the preferred one first; the last one has every sign, and is wide."""
+"""Fonts, the preferred one first; the last one is wide but has every symbol."""
 
 UNIT = 4
-"""Margins and gaps are multiples of it."""
+"""Unit of margins and gaps, in pixels; they are multiples of it."""
 
 GAP = 2 * UNIT
 RADIUS = 6
@@ -27,7 +27,7 @@ TEXT = 14
 LARGE = 22
 NUMBER = 28
 HUGE = 35
-"""Sizes of type; the last one is for the state of the race, ALL KILL and what is as urgent."""
+"""Sizes of type, in pixels; the last one is for the state of the race and the like."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +35,15 @@ class Palette:
     """
     The colours of the window.
 
-    :param ground: behind the cards.
-    :param card: behind what is read.
-    :param raised: a card's part that is pressed or chosen; also the fill of IN GARAGE.
-    :param line: between rows, and around cards.
+    :param ground: background behind the cards.
+    :param card: background of the cards.
+    :param raised: pressed or chosen parts of a card, and the fill of IN GARAGE.
+    :param line: lines between rows and around cards.
     :param ink: text.
-    :param faint: text that matters less, and commands that are not possible.
-    :param good: text of what is as it should be.
-    :param bad: text of what is wrong, and of stops.
-    :param chosen: around what has the focus or is chosen.
+    :param faint: less important text, and commands that are not possible.
+    :param good: text about things that are right.
+    :param bad: text about things that are wrong, and the labels of stops.
+    :param chosen: frame of focused and chosen parts.
     """
 
     ground: str
@@ -91,14 +91,14 @@ FILLS = {
     Tone.RED: (WHITE, '#B3001B'),
     Tone.BANNER: (WHITE, '#6A1B9A'),
 }
-"""Text and ground of what a colour means: the same by day and by night."""
+"""Text and ground colours of each meaning, the same by day and by night."""
 
 
 class Look:
     """
-    What is in use now; a window draws by it.
+    The palette and scale in use, by which the window draws.
 
-    :ivar by: how much larger than on a 1366 by 768 screen everything is.
+    :ivar by: scale of everything, relative to a 1366 by 768 screen.
     """
 
     def __init__(self) -> None:
@@ -115,25 +115,25 @@ class Look:
         return {**by_name, Tone.BAD: self.palette.bad}.get(tone, self.palette.ink)
 
     def fill(self, tone: Tone) -> tuple[str, str]:
-        """Return the colours of a text and its own ground."""
+        """Return the colours of a text and its ground."""
         return FILLS.get(tone, (self.text(tone), self.palette.raised))
 
 
 look = Look()
-"""Of this process: it has one window."""
+"""The look of this process's only window."""
 
 
 def scale(width: int, height: int) -> float:
     """
-    Return how much larger than on a 1366 by 768 screen everything is.
+    Return the scale of everything, relative to a 1366 by 768 screen.
 
-    A screen whose desktop enlarges everything by 150 % is smaller for us, and its dots finer.
+    A desktop that enlarges everything by 150 % gives us a smaller screen with finer dots.
     """
     return max(0.6, min(width / 1366, height / 768))
 
 
 def sheet() -> str:
-    """Return the style sheet of the window: the type, and what each mark of a widget means."""
+    """Return the style sheet of the window: the type, and the look of each mark of a widget."""
     colours, px = look.palette, look.px
     line, strong = px(1), px(2)
     tones = {Tone.FAINT: colours.faint, Tone.GOOD: colours.good, Tone.BAD: colours.bad}

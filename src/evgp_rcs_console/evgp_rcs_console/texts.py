@@ -648,7 +648,7 @@ def held(kart: KartSnapshot) -> str:
     return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
 
 
-def now_so(given: Given, race: Snapshot) -> str:
+def present_state(given: Given, race: Snapshot) -> str:
     """Return the present state of what a command has changed; it replaces the command's answer."""
     if CATALOGUE[given.command].result.track_open is not None:
         return 'the track is open' if race.track.open else 'the track is closed'

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a snapshot of the race to what a screen shows: texts, tones, and buttons with their reasons.
+Turns a snapshot of the race into what a screen shows: texts, tones, buttons and their reasons.
 
-Pure, and without any rule of the race: a button is enabled if race control says that its command
-is available, and its reason is race control's own sentence. Nothing here knows Qt or ROS, so the
-terminal client shows the same.
+This module is pure and contains no rule of the race. A button is enabled if race control says
+that its command is available; otherwise it shows race control's own reason. It uses neither Qt
+nor ROS, so the terminal client shows the same.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from evgp_rcs.words import (
 from evgp_rcs_console import results as timed
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
-from evgp_rcs_console.commands import effects, Given, is_so
+from evgp_rcs_console.commands import effects, Given, shows_result
 from evgp_rcs_console.notices import Notice
 
 GONE_AFTER = 0.9
 """
 Time without a snapshot after which race control counts as gone, in seconds.
 
-It publishes one every 0.5 s at least, and an official must know within 1 s.
+Race control publishes at least one every 0.5 s, and an official must know within 1 s.
 """
 
 STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
@@ -57,7 +57,7 @@ NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
     RaceState.RED_FLAG: (CommandKind.IN_GARAGE, CommandKind.RACE_OVER),
     RaceState.RED_RED: (CommandKind.IN_GARAGE,),
 }
-"""What usually follows in each state of the race, the likeliest first."""
+"""The usual next commands in each state of the race, the likeliest first."""
 
 
 def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
@@ -70,33 +70,34 @@ RACE_COMMANDS = _placed(to_one_kart=False)
 """The commands to the karts of the race, in the order of a race (§4.B)."""
 
 KART_COMMANDS = _placed(to_one_kart=True)
-"""The buttons of a kart's row; while a command's result holds, its button offers to undo it."""
+"""The buttons of a kart's row. While a command's result holds, its button offers the undo."""
 
 UNDONE_BY = {
     entry.undoes: kind for kind, entry in OF_RACE_CONTROL.items() if entry.undoes is not None
 }
-"""For each command that can be undone, the command that undoes it."""
+"""The command that undoes each undoable command."""
 
 ANSWER_KEYS = ('Y', 'N')
-"""The letters that answer a question and do nothing else: typed too late, they do nothing."""
+"""The letters that answer a question. They do nothing else, so typing one late does no harm."""
 
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys of a kart that crosses the line, by its place in the roster: a kart keeps its key."""
+"""The keys for karts that cross the line, by place in the roster, so each kart keeps its key."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
-"""Number of bars, of ``MOST_BARS``, for how good a link is; 0: none is drawn."""
+"""Number of bars, out of ``MOST_BARS``, for each link grade; 0: no bars are drawn."""
 
 BEGINS_WITHIN = 30.0
-"""Time after GREEN_GREEN within which each kart must begin, in seconds (§3.A)."""
+"""Time after GREEN_GREEN within which each kart must begin to drive, in seconds (§3.A)."""
 
 REMINDS_FOR = 30.0
-"""Time for which the screen reminds of that, or until each has acknowledged, in seconds."""
+"""Minimum time to show the reminder of ``BEGINS_WITHIN``, in seconds. It stays until all karts
+have acknowledged."""
 
 Pending = Mapping[tuple[Kind, int], float]
-"""Time that each command to each kart (0: no kart) has waited for its answer, in seconds."""
+"""Time each command to each kart (0: no kart) has waited for its answer, in seconds."""
 
 
 @dataclass(frozen=True)
@@ -104,25 +105,25 @@ class Button:
     """
     A command as a button.
 
-    :param enabled: pressing it sends the command, or asks for its confirmation.
+    :param enabled: pressing it sends the command, or asks for confirmation.
     :param reason: why it is not enabled; empty if it is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
     :param consequence: what it would do to each kart of the roster.
     :param statement: what race control asks the official to state; empty if nothing.
     :param karts: the karts that race control says it would start or release, or those of its heat.
     :param hold: the hold that it would end; None if none.
-    :param warning: why not to confirm it; empty if nothing is known against it.
-    :param caution: what else to know before it is confirmed; the question stays the same without.
+    :param warning: why not to confirm it; empty if there is no known reason.
+    :param caution: what else to know before confirming; a change of it leaves the question valid.
     :param heat: the name of the heat that it puts into the race.
-    :param number: of the last opening of the track, or of the roster that was read, if the command
-        names it.
-    :param also: what an official can confirm together with it, as its second YES.
+    :param number: the number of the last opening of the track, or of the roster reading, if the
+        command names one.
+    :param also: what the official can confirm with its second YES.
     :param key: the key that presses it; empty if none does.
-    :param phrase: for a command to the race: since when its result holds, what it would do, or
-        what it waits for; for one to the track: to whom. In a few words.
-    :param current: for a command to the race: whether the race is in the state that it leads to;
+    :param phrase: a few words. For a command to the race: since when its result holds, what it
+        would do, or what it waits for; for one to the track: for whom.
+    :param current: for a command to the race: the race is in the state that it leads to;
         ``is_next``: it is the usual next step.
-    :param recedes: it is possible, but something else is to be done first.
+    :param recedes: it is possible, but something else should be done first.
     """
 
     command: Kind
@@ -148,11 +149,11 @@ class Button:
 
     def given(self, also: bool = False) -> Given:
         """
-        Return the command as given by an official who saw this button and confirmed its condition.
+        Return the command of an official who saw this button and confirmed its condition.
 
-        Race control gets a statement only if it asked for it and the question showed its words.
+        Race control gets a statement only if it asked for one and the question showed its words.
 
-        :param also: the official confirmed ``also`` together with it.
+        :param also: the official also confirmed ``also``.
         """
         return Given(
             self.command,
@@ -166,7 +167,7 @@ class Button:
         )
 
     def asks_the_same(self, other: Button) -> bool:
-        """Return whether both would do the same, so that one confirmation is valid for both."""
+        """Return whether both would do the same, so that one confirmation covers both."""
 
         def seen(button: Button) -> tuple[object, ...]:
             said = button.condition, button.consequence, button.warning
@@ -176,7 +177,7 @@ class Button:
         return seen(self) == seen(other)
 
     def differs_from(self, asked: Button) -> str:
-        """Return what is otherwise than when the official was asked."""
+        """Return what has changed since the official was asked."""
         if self.reason:
             return f'{self.reason[:1].upper()}{self.reason[1:]}.'
         now, before = self._said(), asked._said()
@@ -186,7 +187,7 @@ class Button:
         )
 
     def _said(self) -> list[str]:
-        """Return each sentence of its question."""
+        """Return the sentences of its question."""
         said = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
         return [
             texts.ASK_STATE.format(condition=self.condition),
@@ -201,7 +202,7 @@ class Button:
 
     @property
     def is_instant(self) -> bool:
-        """Return whether it is a stop without a question, which acts when the button goes down."""
+        """Return whether it is a stop without confirmation, which acts on the press."""
         return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
@@ -210,7 +211,7 @@ class Button:
 
     @property
     def explanation(self) -> str:
-        """Return why it is not possible; empty if it is."""
+        """Return why the command is not possible; empty if it is."""
         name = texts.command_name(self.command, self.kart)
         return texts.BARRED.format(command=name, reason=self.reason) if self.reason else ''
 
@@ -221,14 +222,14 @@ class Row:
     A kart as a row.
 
     :param use_msr: an alert about it asks for the Master Safety Remote.
-    :param link: how good its link is, in a word, or that it has none.
-    :param bars: the same in bars, of ``MOST_BARS``; 0: none is drawn.
-    :param link_time: how long the answers of its kernel take; empty if that is not known.
-    :param answer: what it answered, in a word or two; empty if no answer is expected.
-    :param waits: it is connected and has not yet done what it is sent.
+    :param link: the quality of its link in a word, or that it has no link.
+    :param bars: the same in bars, out of ``MOST_BARS``; 0: no bars are drawn.
+    :param link_time: response time of its kernel; empty if unknown.
+    :param answer: its answer in a word or two; empty if no answer is expected.
+    :param waits: it is connected and has not yet obeyed what it is sent.
     :param finish: FINISH, whatever the row's button offers; ``letter``: what its letter gives.
-    :param place: its position and laps, or without timing its place in the order of FINISH.
-    :param gap: how far it is behind the first one.
+    :param place: its position and laps; without timing, its place in the order of FINISH.
+    :param gap: its distance behind the first kart.
     """
 
     number: int
@@ -257,9 +258,9 @@ class Column:
     """
     A column of the karts, in the window and in the terminal.
 
-    :param width: in pixels on a 1366 by 768 screen; 0: the width that the others leave.
-    :param cell: what it shows for a row.
-    :param below: what it shows below that, in small type.
+    :param width: width in pixels on a 1366 by 768 screen; 0: the width that the others leave.
+    :param cell: returns its text for a row.
+    :param below: returns the small text below that.
     """
 
     heading: str
@@ -281,10 +282,10 @@ COLUMNS = (
 @dataclass(frozen=True)
 class Danger:
     """
-    What the screen says in the largest type, instead of the state of the race.
+    A warning in the largest type, shown instead of the state of the race.
 
-    :param detail: what is known, in a sentence or two.
-    :param barred: why only stops can be pressed; empty if race control says what is possible.
+    :param detail: the known facts, in a sentence or two.
+    :param barred: why only stops can be pressed; empty if race control decides what is possible.
     :param stale: the rest of the screen is out of date.
     """
 
@@ -298,28 +299,28 @@ class Danger:
 @dataclass(frozen=True)
 class Screen:
     """
-    Everything that a screen shows of the race itself.
+    Everything that a screen shows about the race itself.
 
-    :param banner: what it says at its top; empty if nothing.
-    :param state: the state of the race, in the largest type; if no kart is sent that state, what
-        is true of the karts.
-    :param since: for how long the race has been in that state, and who put it there.
-    :param clock: the time since GREEN GREEN while the race is in it; empty if it is not.
-    :param heat: the heat that is in the race, and the number of its karts.
-    :param order: in which order its karts start, and which heat of one kart is next.
-    :param tally: how many karts of the race are driving, stopped and so on; empty if there are
-        none.
-    :param missing: which karts of the race have not yet done what they are sent.
-    :param msr: every kart for which the MSR is to be used, or that it is in use; empty if neither.
-    :param reminder: who is to be given FINISH; or that each kart must have begun to drive by now;
-        empty if none must.
+    :param banner: the line at its top; empty if none.
+    :param state: the state of the race, in the largest type; if no kart is being sent that state,
+        what the karts do instead.
+    :param since: how long the race has been in that state, and who put it there.
+    :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
+    :param heat: the heat in the race, and its number of karts.
+    :param order: the starting order of its karts, and the next single-kart heat.
+    :param tally: how many karts of the race are driving, stopped and so on; empty if the race has
+        no karts.
+    :param missing: the karts of the race that have not yet obeyed what they are sent.
+    :param msr: every kart that needs the MSR, or that the MSR is in use; empty if neither.
+    :param reminder: the karts that are due FINISH, or that every kart should be driving by now;
+        empty if neither.
     :param heat_button: opens the choice of a heat.
     :param heats: one button for each heat of the roster.
-    :param rosters: to read its file again, and to take what was read.
-    :param places: the results of the race, or of the last one, or the order of FINISH where there
-        is no timing; empty if there are none.
-    :param timing: that there is no timing; empty if there is.
-    :param can_stop: how many programs there are from which officials can stop it, and which.
+    :param rosters: the buttons that read the roster file again and take what was read.
+    :param places: the results of this race or the last one, or the order of FINISH if there is no
+        timing; empty if there are none.
+    :param timing: the note that there is no timing; empty if there is timing.
+    :param can_stop: number and names of the programs from which officials can stop the race.
     """
 
     banner: str
@@ -356,13 +357,13 @@ class Screen:
         )
 
     def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
-        """Return the button of a command, or what the letter of its kart gives."""
+        """Return the button of a command, or what its kart's letter gives."""
         letters = (row.letter for row in self.rows if row.number == kart)
         return next(letters, None) if by_letter else self.button(command, kart)
 
 
 def is_gone(silent_for: float | None) -> bool:
-    """Return whether race control counts as gone; None: it was never heard."""
+    """Return whether race control counts as gone; ``silent_for`` is None if it was never heard."""
     return silent_for is None or silent_for >= GONE_AFTER
 
 
@@ -374,16 +375,16 @@ def silence(
     ended: bool,
 ) -> Danger | None:
     """
-    Return what to say about race control's silence; None while race control is heard.
+    Return the warning about race control's silence; None while race control is heard.
 
-    It asks for the MSR where nobody can know what the karts do: not before race control was heard
-    at all, nor if it has ended in order with no kart in doubt.
+    The warning asks for the MSR if what the karts do is unknown. It does not ask before race
+    control was first heard, nor after an orderly end with no kart in doubt.
 
     :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
-    :param looking: where the search looks, in the words of a sentence.
+    :param looking: where the search looks, as part of a sentence.
     :param race: the race when race control was last heard.
-    :param ended: it has said since that it ends in order.
+    :param ended: race control has announced an orderly end.
     """
     if not is_gone(silent_for):
         return None
@@ -401,7 +402,7 @@ def silence(
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
     """
-    Return what to say about a race control that is heard but must not be relied on.
+    Return the warning about a race control that is heard but unreliable; None if all is well.
 
     :param two: snapshots come from two race controls.
     """
@@ -421,11 +422,11 @@ STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
 
 def present(results: Standings | None, at: float) -> Standings | None:
     """
-    Return results; None: they are out of date, and there is no timing.
+    Return the results; None if they are out of date, which means that there is no timing.
 
-    :param at: the time by the clock of race control's machine, which the timekeeper goes by, in s.
+    :param at: the time by the clock of race control's machine, which the timekeeper uses, in s.
     """
-    # A stamp that is ahead is as wrong as one that is old.
+    # A stamp in the future is as wrong as an old one.
     is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
     return results if is_new else None
 
@@ -438,12 +439,12 @@ def show(
     results: Standings | None = None,
 ) -> Screen:
     """
-    Return what a screen shows of a snapshot.
+    Return what a screen shows for a snapshot.
 
     :param age: time since the snapshot came, in seconds.
     :param pending: the commands that wait for an answer.
-    :param danger: what to say if race control is gone or must not be relied on.
-    :param results: the timekeeper's newest; None: there are none.
+    :param danger: the warning if race control is gone or unreliable.
+    :param results: the timekeeper's newest results; None if there are none.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
     timing = present(results, now)
@@ -481,7 +482,7 @@ def show(
 
 
 def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
-    """Return the commands to the race; one at most is the next step, none while the MSR is due."""
+    """Return the commands to the race; at most one is the next step, none while the MSR is due."""
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
     is_done = race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing)
@@ -494,7 +495,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return for how long the race has been in its state, by whom."""
+    """Return how long the race has been in its state, and by whom."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
@@ -507,10 +508,10 @@ def _since(race: Snapshot, now: float) -> str:
 
 def _reminder(buttons: _Buttons) -> str:
     """
-    Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
+    Return the reminder that each kart must be driving by now (§3.A); empty if it does not apply.
 
-    Whether a kart drives, only an official can see: so it is said for a while in any case, but not
-    of a kart that was seen to cross the line.
+    Only an official can see whether a kart drives, so the reminder shows for a while in any case.
+    It leaves out karts that were seen to cross the line.
     """
     race = buttons.snapshot
     late = buttons.now - race.state_since - BEGINS_WITHIN
@@ -524,7 +525,7 @@ def _reminder(buttons: _Buttons) -> str:
 
 
 def _msr(race: Snapshot) -> Cell:
-    """Return for which karts the MSR is to be used, each of them; or that it is in use."""
+    """Return every kart that needs the MSR, or that the MSR is in use."""
     asked = [alert for alert in race.alerts if alert.use_msr]
     if asked:
         karts = numbered(sorted({alert.kart for alert in asked if alert.kart}))
@@ -538,11 +539,11 @@ def _msr(race: Snapshot) -> Cell:
 
 def _humans(race: Snapshot) -> tuple[Cell, str]:
     """
-    Return whether humans are allowed on the track, and why or why not.
+    Return whether humans are allowed on the track, and why.
 
-    They are not allowed while anything else on the screen speaks against it, and never before an
-    official has opened the track. Race control begins with an open track if it does not know
-    better, so that an open track does not say that anybody opened it.
+    They are not allowed while anything else on the screen contradicts it, and never before an
+    official has opened the track. Without better knowledge, race control starts with an open
+    track, so an open track does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -578,14 +579,14 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return which karts are to be given FINISH, with its letter in their rows."""
+    """Return the karts that are due FINISH, by the letter in their rows."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
 
 
 def _places(buttons: _Buttons) -> str:
-    """Return the results, or where there is no timing the order of FINISH; the first one first."""
+    """Return the results, or without timing the order of FINISH, first place first."""
     name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in buttons.finished]
     if buttons.shown is not None:
         name, placed = texts.RESULTS, [(each.place, each.kart) for each in buttons.shown.karts]
@@ -594,8 +595,8 @@ def _places(buttons: _Buttons) -> str:
 
 
 SAYS_NO_MORE = 5.0
-"""Time for which a kart is sent what was its last word, said to an earlier command, until its row
-says what to do, in seconds."""
+"""Time before a row says what to do about a kart whose last report matches its order but answered
+an earlier command, in seconds."""
 
 
 def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
@@ -619,9 +620,9 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
-    # The inspection is shown only where there is nothing that an official must read.
+    # The inspection is shown only if there is nothing that an official must read.
     note = ', '.join(notes) or texts.inspected(kart)
-    missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
+    missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still connect
     if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
@@ -644,7 +645,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         link=_link(kart, missing),
         bars=BARS[kart.link.grade] * kart.connected,
         link_time=_link_time(kart.link) * kart.connected,
-        # A kart without a link is sent nothing; this is what it would be sent.
+        # A kart without a link is sent nothing; the cell shows what it would be sent.
         sent=sent if kart.connected else sent._replace(tone=Tone.FAINT),
         since=clock(now - kart.sent_since),
         answer=_answer(kart, now, missing),
@@ -663,7 +664,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
 
 
 def _link(kart: KartSnapshot, missing: Tone) -> Cell:
-    """Return how good the link to a kart is, in a word."""
+    """Return the quality of the link to a kart, in a word."""
     if not kart.connected:
         return Cell(texts.NOT_LINKED, missing)
     poor = kart.link.grade is Grade.POOR and kart.in_race
@@ -671,7 +672,7 @@ def _link(kart: KartSnapshot, missing: Tone) -> Cell:
 
 
 def _link_time(link: LinkQuality) -> str:
-    """Return the round trip; of a link that is not good, what tells why: the longest answer."""
+    """Return the round trip; for a link that is not good, its longest delay instead."""
     if link.grade is Grade.UNKNOWN:
         return ''
     late = max(link.worst_answer or 0.0, link.behind)
@@ -679,7 +680,7 @@ def _link_time(link: LinkQuality) -> str:
 
 
 def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
-    """Return what a kart answered to what it is sent, in a word or two."""
+    """Return a kart's answer to its order, in a word or two."""
     if not kart.connected:
         return Cell(texts.NO_ANSWER_YET, missing) if missing is Tone.BAD else Cell('')
     if kart.sent is RaceState.IN_GARAGE:
@@ -698,9 +699,9 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
 
 
 def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) -> CommandKind:
-    """Return the command that a button offers: while its result holds, the one that undoes it."""
+    """Return the command that a button offers; while its result holds, its undo command."""
     undone_by = UNDONE_BY.get(command)
-    if undone_by is not None and is_so(CATALOGUE[command].result, race, kart):
+    if undone_by is not None and shows_result(CATALOGUE[command].result, race, kart):
         return undone_by
     return command
 
@@ -710,8 +711,8 @@ class _Buttons:
     """
     The buttons of one snapshot.
 
-    :param results: those that are not out of date; ``timing``: the same, if they are of the race
-        of the snapshot.
+    :param results: the results that are not out of date; ``timing``: the same if they belong to
+        the race of the snapshot, else None.
     """
 
     snapshot: Snapshot
@@ -729,9 +730,9 @@ class _Buttons:
     @property
     def shown(self) -> Standings | None:
         """
-        Return the results of this race, or of the last one while this one has no order.
+        Return the results of this race, or of the last one while this race has none.
 
-        None: there are none. A race in which no lap was timed has none.
+        None if there are none. A race without a timed lap has none.
         """
         has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
         shown = self.timing if has_begun else self.results
@@ -744,7 +745,7 @@ class _Buttons:
         return kart is not None and any(each.use_msr and each.kart == kart.number for each in alerts)
 
     def place(self, kart: KartSnapshot) -> str:
-        """Return its position and laps, or without timing its place in the order of FINISH."""
+        """Return a kart's position and laps; without timing, its place in the order of FINISH."""
         if self.shown is not None:
             return timed.position(self.shown, kart.number)
         return texts.FINISHED.format(place=kart.place) if kart.place else ''
@@ -758,7 +759,7 @@ class _Buttons:
         return self.timing is not None and timed.has_crossed(self.timing, kart.number)
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
-        """Return whether a kart that drives has all its laps: it is to be given FINISH."""
+        """Return whether a racing kart has driven all its laps, so that FINISH is due."""
         if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
             return False
         result = self.timing.kart(kart.number)
@@ -766,9 +767,9 @@ class _Buttons:
 
     def letter(self, kart: KartSnapshot, key: str) -> Button:
         """
-        Return what the letter of a kart gives: a lap, or FINISH once only the last one is left.
+        Return what the letter of a kart gives: a lap, or FINISH on its last lap.
 
-        In a heat nobody knows without timing which of the two, and it gives nothing.
+        In a heat without timing it is unknown which applies, so the letter gives nothing.
         """
         timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
         if not self._races(kart) or (timing is None and not self.snapshot.heat):
@@ -800,7 +801,7 @@ class _Buttons:
         if (command, 0) in self.pending and not button.enabled:
             return button.reason, current
         if current and command is CommandKind.RACE_OVER:
-            return texts.IS_OVER, True  # not since the race is in its state: it was before
+            return texts.IS_OVER, True  # the race may have been in that state before it was over
         if current:
             return texts.STEP_SINCE.format(clock=time_of_day(race.state_since)), True
         if button.enabled:
@@ -820,7 +821,7 @@ class _Buttons:
         return self._button(command, kart, kart.offered(command), key)
 
     def heats(self) -> Button:
-        """Return the button of the sheet where heats are chosen and the roster is read again."""
+        """Return the button that opens the sheet of heats, where the roster can be read again."""
         button = self.race(CommandKind.SET_HEAT)
         if self.snapshot.heats:
             return button
@@ -828,7 +829,7 @@ class _Buttons:
         return replace(button, enabled=read.enabled, reason=read.reason)
 
     def heat(self, number: int, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race; its number moves the focus there."""
+        """Return the button that puts a heat into the race; typing its number focuses it."""
         is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
@@ -843,7 +844,7 @@ class _Buttons:
         """
         Return what an official can confirm together with IN GARAGE.
 
-        After the MSR it is that the karts that it leaves held were made safe by hand; else that
+        After use of the MSR: that the karts left held were made safe by hand. Otherwise: that
         teams may go onto the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
@@ -868,7 +869,7 @@ class _Buttons:
         reason = offered.reason
         if reason and offered.available_from is not None:
             reason = texts.again_in(reason, offered.available_from - self.now)
-        # A stop can always be pressed, even while one waits or nobody answers: it does no harm.
+        # A stop can always be pressed, even while one waits or race control is silent.
         if not entry.stop and self.barred:
             reason = self.barred
         elif not entry.stop and waits is not None:
@@ -911,7 +912,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
-    """Return the race as lines: state, track, alerts, karts, and which commands are possible."""
+    """Return the race as lines: state, track, alerts, karts and possible commands."""
     lines = [
         *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the areas of the window are made of: texts, buttons, and the cells that they are in."""
+"""The parts of the window's areas: texts, buttons, and the cells that contain them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
 
 Pressed = Callable[[Button, Button], None]
-"""Takes the command that a button had when it went down, and the one it has when it is let go."""
+"""Called with the command a button had when it went down, and the one it has on release."""
 
 _FLAGS = QtCore.Qt.AlignmentFlag
 LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
@@ -31,24 +31,24 @@ _Policy = QtWidgets.QSizePolicy.Policy
 
 @functools.lru_cache(maxsize=200)
 def font(pixels: int, bold: bool = False) -> QtGui.QFont:
-    """Return a font of a size in pixels, with digits of one width."""
+    """Return a font of a size in pixels, with digits of equal width."""
     there = QtGui.QFontDatabase.families()
     family = next((each for each in FAMILIES if each in there), FAMILIES[-1])
     made = QtGui.QFont([family, FAMILIES[-1]])
     made.setPixelSize(max(1, pixels))
     made.setBold(bold)
     if family == FAMILIES[-1]:
-        made.setStretch(90)  # it is wide
+        made.setStretch(90)  # a wide font
     if hasattr(QtGui.QFont, 'Tag'):
         made.setFeature(QtGui.QFont.Tag('tnum'), 1)
     return made
 
 
 def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
-    """Return whether all of a text is seen in a room."""
+    """Return whether a text fits into a room."""
     metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
     needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
-    # Of the last line the room below its letters may be cut.
+    # The space below the letters of the last line may be cut.
     high = needed.height() - metrics.height() + metrics.ascent()
     return needed.width() <= room.width() and high <= room.height() + 1
 
@@ -62,7 +62,7 @@ def draw(
     align: QtCore.Qt.AlignmentFlag = LEFT,
     wrap: bool = False,
 ) -> None:
-    """Draw a text as Qt draws an item of a list: where it does not fit, it ends with dots."""
+    """Draw a text as Qt draws a list item; a text that does not fit ends with dots."""
     metrics = QtGui.QFontMetrics(of)
     if fits(text, room, of, wrap):
         painter.setFont(of)
@@ -90,7 +90,7 @@ def draw(
 
 
 def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
-    """Give a widget marks by which the style sheet draws it, and what is in it."""
+    """Give a widget marks from which the style sheet draws it and its content."""
     changed = [name for name, value in marks.items() if widget.property(name) != value]
     for name in changed:
         widget.setProperty(name, marks[name])
@@ -110,10 +110,10 @@ def lay(
     heights: Sequence[int] = (),
 ) -> QtWidgets.QGridLayout:
     """
-    Put parts into the cells of a grid.
+    Arrange parts in the cells of a grid.
 
-    :param margins: left, top, right, bottom; as ``gap`` in pixels on a 1366 by 768 screen.
-    :param columns: the share of each column, as ``heights`` of each row; 0: what it needs.
+    :param margins: left, top, right, bottom; like ``gap``, in pixels on a 1366 by 768 screen.
+    :param columns: the share of each column; ``heights``: of each row. 0: as much as it needs.
     """
     grid = QtWidgets.QGridLayout(owner)
     grid.setProperty('design', [gap, *margins])
@@ -129,7 +129,7 @@ def lay(
 
 
 def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
-    """Give a part a size, in pixels on a 1366 by 768 screen; 0: what there is."""
+    """Give a part a fixed size, in pixels on a 1366 by 768 screen; 0: the available room."""
     part.setProperty('design', [width, height])
     policy = part.sizePolicy()
     if width:
@@ -140,7 +140,7 @@ def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
 
 
 def rescale(owner: QtWidgets.QWidget) -> None:
-    """Have every cell and gap take the size of this screen."""
+    """Scale every cell and gap to this screen."""
     for layout in owner.findChildren(QtWidgets.QLayout):
         if layout.property('design'):
             gap, *margins = map(look.px, layout.property('design'))
@@ -155,7 +155,7 @@ def rescale(owner: QtWidgets.QWidget) -> None:
 
 
 def needed_height(part: QtWidgets.QWidget, width: int) -> int:
-    """Return how high what is in a part is if it gets a width, in pixels."""
+    """Return the height of a part's content at a width, in pixels."""
     layout = part.layout()
     layout.activate()
     if layout.hasHeightForWidth():
@@ -165,14 +165,14 @@ def needed_height(part: QtWidgets.QWidget, width: int) -> int:
 
 class Text(QtWidgets.QLabel):
     """
-    A text that takes the room it is given: no text moves what is beside it.
+    A text that stays within its room, so that no text moves what is beside it.
 
-    If it does not fit, it ends with dots, and the bottom line shows all of it when it is pointed
-    at.
+    If it does not fit, it ends with dots; when the pointer is on it, the bottom line shows the
+    full text.
 
-    :param kind: what the style sheet knows it by: its size, ``bold``, ``faint``.
-    :param fills: its tone colours its ground, too.
-    :param flows: it takes the room that it needs: the width of a line, or the height of several.
+    :param kind: its style names: size, ``bold``, ``faint``.
+    :param fills: its tone also colours its ground.
+    :param flows: it takes the room it needs: the width of one line, or the height of several.
     """
 
     def __init__(
@@ -202,17 +202,17 @@ class Text(QtWidgets.QLabel):
 
     @property
     def whole(self) -> str:
-        """Return the text that is not cut."""
+        """Return the full text."""
         return self.cell.text
 
     @property
     def cut(self) -> bool:
-        """Return whether not all of it is shown."""
+        """Return whether part of the text is cut off."""
         room, of = self.contentsRect(), self.font()
         return bool(self.whole) and not fits(self.whole, room, of, self.wordWrap())
 
     def hasHeightForWidth(self) -> bool:  # noqa: N802 - Qt's name
-        """Return whether it takes the height that it needs."""
+        """Return whether its height depends on its width."""
         return self._flows and self.wordWrap()
 
     def show_text(self, text: str) -> None:
@@ -220,7 +220,7 @@ class Text(QtWidgets.QLabel):
         self.show_cell(Cell(text))
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or greyed."""
+        """Show a text in its tone, or greyed out if it is stale."""
         self.cell = cell
         if cell.text != self.text():
             self.setText(cell.text)
@@ -239,7 +239,7 @@ class Text(QtWidgets.QLabel):
 
 
 class Panel(QtWidgets.QFrame):
-    """The ground of an area."""
+    """The background of an area."""
 
     def __init__(self, name: str = '', kind: str = 'card') -> None:
         super().__init__()
@@ -252,7 +252,7 @@ class Push(QtWidgets.QPushButton):
     """
     A button.
 
-    :param tall: it has its key at its right edge, and a phrase below its text.
+    :param tall: it shows its key at the right edge and a phrase below its text.
     """
 
     def __init__(
@@ -278,18 +278,18 @@ class Push(QtWidgets.QPushButton):
 
     @property
     def whole(self) -> str:
-        """Return all that it says."""
+        """Return all of its text."""
         return (
             '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
         )
 
     @property
     def barred(self) -> bool:
-        """Return whether it does nothing now."""
+        """Return whether it is barred: it looks disabled and does nothing."""
         return self.property('barred') == 'true'
 
     def bar(self, barred: bool) -> None:
-        """Take whether it does nothing now."""
+        """Set whether it is barred."""
         mark(self, barred='true' if barred else 'false')
 
     def show_words(self, text: str, key: str = '', phrase: str = '') -> None:
@@ -307,12 +307,13 @@ class Push(QtWidgets.QPushButton):
 
 class CommandButton(Push):
     """
-    A command. One that is not allowed looks and is disabled, but can still be focused and tapped.
+    A command's button.
 
-    Then it says why: a keyboard and a touch screen know no hovering.
+    If the command is not allowed, the button looks disabled but can still be focused or tapped. It
+    then says why, because a keyboard and a touch screen cannot hover.
 
-    A stop acts when the button goes down: whatever stands there when the hand goes up, or whether
-    the button is still there then, is no matter. Anything else acts when the button is let go.
+    A stop acts when the button goes down, whatever is there when it is released. Any other command
+    acts on the release.
     """
 
     def __init__(self, pressed: Pressed, tall: bool = False, kind: str = '') -> None:
@@ -336,7 +337,7 @@ class CommandButton(Push):
         self.show_words(label if button.kart else button.label, key, button.phrase)
         self.setToolTip(button.explanation)
         self.setAccessibleDescription(button.explanation)
-        # To record the use of the MSR is no stop to reach for.
+        # Recording the use of the MSR must not look like a stop to reach for.
         is_stop = button.is_stop and button.command is not CommandKind.RECORD_MSR
         is_flag = button.command in (CommandKind.RED_FLAG, CommandKind.KART_RED_FLAG)
         looks = ('flag' if is_flag else 'stop') if is_stop else ''

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The officials' window: its parts, and what connects them.
+The officials' window: its parts and their connections.
 
-Everything here runs in the Qt thread. What ROS hears comes in through the signals of ``Inbox``,
-which Qt queues; commands go out through ``give``, which returns at once.
+Everything here runs in the Qt thread. News from ROS arrives through the signals of ``Inbox``,
+which Qt queues. Commands go out through ``give``, which returns at once.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from evgp_protocol import clock
 from evgp_rcs.words import Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.display import Areas, Display, Inbox
-from evgp_rcs_console.input import Give, Keyboard, LateInput, Mouse, Presses
+from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import is_night, keep_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
 from evgp_rcs_console.widgets import CommandButton, Text
 
 LOOK = 100
-"""Time between two looks at what time has changed, in milliseconds."""
+"""Time between two updates of everything that changes with time, in milliseconds."""
 
 
 class ConsoleWindow(Areas):
     """
     The window of one official.
 
-    :param inbox: what is heard comes from it.
-    :param give: sends a command, and returns at once.
-    :param signature: in whose name.
-    :param looking: where race control is looked for, as a sentence says it.
+    :param inbox: delivers the news from race control.
+    :param give: sends a command and returns at once.
+    :param signature: the official's name for the commands.
+    :param looking: where the client looks for race control, as part of a sentence.
     """
 
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
@@ -42,13 +42,13 @@ class ConsoleWindow(Areas):
         look.palette = NIGHT if is_night() else DAY
         self._display = display = Display(self, looking)
         self._late = LateInput(LOOK / 1000, display)
-        presses = Presses(give, signature, display, self._late)
+        presses = CommandInput(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)
         self._keyboard = Keyboard(presses, self._late)
         chosen, alarm, bottom = display.chosen, display.alarm, display.bottom
 
         self.commanded.connect(presses.let_go)
-        # On the press, not on the release: a hand that slips off has pressed it all the same.
+        # On the press, not on the release: even a press that slips off the button counts.
         self.kill.button.pressed.connect(presses.kill)
         self.question.answered.connect(presses.answer)
         self.events.toggled.connect(presses.toggle_events)
@@ -60,7 +60,7 @@ class ConsoleWindow(Areas):
         self.alerts.seen.connect(alarm.see)
         self.alerts.mute.connect(alarm.toggle_sound)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
-        # Queued in any case: the signals come from other threads.
+        # Always queued, because the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(self._take_races, queued)
         inbox.event.connect(display.take_event, queued)
@@ -96,15 +96,15 @@ class ConsoleWindow(Areas):
 
     @property
     def unheard(self) -> str:
-        """Return why a stop may reach nobody; empty if race control is heard."""
+        """Return why a stop may not reach race control; empty if race control is heard."""
         return self._display.unheard
 
     def show_battery(self, percent: int | None) -> None:
-        """Show that the battery is low, in percent; None: it is not."""
+        """Show the charge of a low battery, in percent; None: the battery is not low."""
         self.foot.show_battery(percent)
 
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
-        """Take that this window has become the active one, or no longer is."""
+        """Handle that this window has become active or inactive."""
         super().changeEvent(event)
         if event.type() == QtCore.QEvent.Type.ActivationChange and hasattr(self, '_mouse'):
             self._mouse.take_activation(self.isActiveWindow())
@@ -113,10 +113,10 @@ class ConsoleWindow(Areas):
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
     ) -> bool:
-        """Take keys and clicks before any widget does, and see what is pointed at."""
+        """Handle keys and clicks before any widget does, and follow the pointer."""
         kind = event.type()
-        # Nothing may ever take a click or a key from a stop: a menu does, and so does a tip. What
-        # a tip would say is in the bottom line.
+        # Nothing may ever take a click or a key from a stop. A context menu or a tooltip would, so
+        # both are blocked; the bottom line shows the text of the tooltip instead.
         if kind in (QtCore.QEvent.Type.ContextMenu, QtCore.QEvent.Type.ToolTip):
             return True
         if isinstance(watched, QtGui.QWindow):

@@ -15,25 +15,25 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             DeclareLaunchArgument(
-                'namespace', default_value='', description='Where race control stands.'
+                'namespace', default_value='', description='Namespace of race control.'
             ),
-            # The same two as race control has (docs/security.md).
+            # The same two settings as race control's (docs/security.md).
             DeclareLaunchArgument(
                 'officials',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address, on this machine, of the interface to race control; '
+                description="IPv4 address of this machine's interface to race control; "
                 'empty: race control is on this machine.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
                 default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
-                description='The ROS domain, 0 to 101.',
+                description='ROS domain, 0 to 101.',
             ),
             DeclareLaunchArgument(
                 'official',
                 default_value='',
-                description='Your name, which goes with every command; empty: the one that is '
-                'kept, or that you type into the window.',
+                description='Your name, sent with every command; empty: the saved name, or '
+                'the one that you choose in the window.',
             ),
             Node(
                 package='evgp_rcs_console',

@@ -283,8 +283,8 @@ def test_a_change_names_who_brought_it_about() -> None:
     flagged = replace(RACE, state=RaceState.RED_FLAG, state_cause='RED_FLAG by Bob')
     kart = replace(KART, sent=RaceState.RED_FLAG)
 
-    assert by in texts.now_so(given, race)
+    assert by in texts.present_state(given, race)
     to_kart = replace(given, command=CommandKind.KART_FINISH, kart=7)
-    assert 'RED_FLAG by Bob' in texts.now_so(to_kart, replace(flagged, karts=(kart,)))
+    assert 'RED_FLAG by Bob' in texts.present_state(to_kart, replace(flagged, karts=(kart,)))
     held = replace(kart, hold=RaceState.RED_RED, sent=RaceState.RED_RED, hold_reason=by)
-    assert texts.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1
+    assert texts.present_state(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1

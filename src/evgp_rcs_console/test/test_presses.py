@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.presses import changes, EVENT, HELD, Presses
+from evgp_rcs_console.presses import changes, EVENT, HELD, PressCounter
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,7 +14,7 @@ SYN, KEY, ABS = 0, 1, 3
 
 @given(st.lists(st.tuples(st.integers(1, 3), st.booleans()), max_size=60))
 def test_each_key_that_goes_down_is_one_press(steps: list[tuple[int, bool]]) -> None:
-    presses, counted = Presses(), 0
+    presses, counted = PressCounter(), 0
     presses.look(frozenset(), 0.0)
     down: set[int] = set()
     for key, goes_down in steps:
@@ -43,7 +43,7 @@ def test_keys_are_read_as_the_kernel_writes_them(keys: list[tuple[int, int]]) ->
 
 
 def test_a_key_that_lies_down_at_the_start_is_told_and_is_no_press() -> None:
-    presses = Presses()
+    presses = PressCounter()
     assert not presses.look({30}, 5.0)
     assert presses.is_held(5.0)
     assert presses.take(31, True, 6.0)  # the other keys work
@@ -56,7 +56,7 @@ def test_a_key_that_lies_down_at_the_start_is_told_and_is_no_press() -> None:
 
 
 def test_a_key_that_went_down_while_the_device_was_gone_is_a_press() -> None:
-    presses = Presses()
+    presses = PressCounter()
     presses.look(frozenset(), 0.0)
     assert presses.look({30}, 2.0)
     assert not presses.look({30}, 3.0)
@@ -65,7 +65,7 @@ def test_a_key_that_went_down_while_the_device_was_gone_is_a_press() -> None:
 
 
 def test_a_key_that_is_held_is_told_until_it_is_up() -> None:
-    presses = Presses()
+    presses = PressCounter()
     presses.look(frozenset(), 0.0)
     presses.take(30, True, 1.0)
     assert not presses.is_held(1.0)
@@ -75,7 +75,7 @@ def test_a_key_that_is_held_is_told_until_it_is_up() -> None:
 
 
 def test_only_the_key_that_was_named_counts() -> None:
-    presses = Presses(key=28)
+    presses = PressCounter(key=28)
     assert not presses.look({30}, 0.0)
     assert not presses.is_held(9.0)
     assert not presses.take(30, True, 9.0)
@@ -83,7 +83,7 @@ def test_only_the_key_that_was_named_counts() -> None:
 
 
 def test_dropped_events_are_a_press() -> None:
-    presses = Presses()
+    presses = PressCounter()
     presses.look(frozenset(), 0.0)
     assert presses.miss(frozenset(), 1.0)
     assert presses.miss({30}, 2.0)
