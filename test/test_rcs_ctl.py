@@ -588,7 +588,7 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     ends(ACCEPTED, *strike)
     assert 'is struck out' in ends(REFUSED, *strike)
     ends(ACCEPTED, 'restore-passing', *shlex.split(which))
-    assert 'say why' in ends(REFUSED, 'penalise', '2', '--seconds', '5')
+    assert 'give a reason' in ends(REFUSED, 'penalise', '2', '--seconds', '5')
     ends(ACCEPTED, 'penalise', '2', '--seconds', '5', '--reason', 'a short cut')
     event.line.wait_for(lambda seen: any(each.penalties for each in seen.karts), 'the penalty')
     assert '+5 s: a short cut' in ends(ACCEPTED, 'results')

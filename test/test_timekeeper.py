@@ -445,9 +445,7 @@ def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_rest
     assert not line.wait_for_more(4).questions
     teller.tell(410, others[0])
     line.wait_for(
-        lambda seen: (
-            [*seen.questions] == ['7 events of race control did not come: check the laps']
-        ),
+        lambda seen: [*seen.questions] == ['7 events of race control were lost: check the laps'],
         'the question',
     )
 
@@ -459,7 +457,7 @@ def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None
     event.line.wait_for_more()
     second = event.start_timekeeper()
     assert second.wait() == IN_THE_WAY
-    assert 'is the file of another timekeeper that is running' in second.output
+    assert 'belongs to another timekeeper that is running' in second.output
     event.line.wait_for_more()
 
 

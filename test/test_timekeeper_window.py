@@ -326,9 +326,9 @@ def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, event: E
     assert racing.text('about').startswith('race to 3 laps · run of ')
     assert 'GREEN GREEN 4:1' in racing.text('about')
     assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
-    assert 'stops and starts nothing' in racing.text('stops')
+    assert 'cannot stop a race' in racing.text('stops')
     event.finish(7)
-    racing.until(lambda: 'Kart 7 was given FINISH, and 3 of its laps' in racing.text('warning'))
+    racing.until(lambda: 'Kart 7 has FINISH, but 3 of its laps' in racing.text('warning'))
 
 
 def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
@@ -336,10 +336,10 @@ def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
 ) -> None:
     freeze(timekeeper.pid)
     try:
-        racing.until(lambda: 'No word from the timekeeper for 4 s' in racing.text('warning'))
+        racing.until(lambda: 'The timekeeper has been silent for 4 s' in racing.text('warning'))
         assert not racing.find('PENALISE').isEnabled()
         racing.count('7')
-        racing.until_said('LAP was not sent: no word from the timekeeper for')
+        racing.until_said('LAP was not sent: the timekeeper has been silent for')
     finally:
         timekeeper.signal(signal.SIGCONT)
     racing.until(lambda: racing.find('PENALISE').isEnabled())
@@ -350,7 +350,7 @@ def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
 
 
 def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
-    seen.until(lambda: 'No word from the timekeeper' in seen.text('warning'))
+    seen.until(lambda: 'The timekeeper has been silent' in seen.text('warning'))
     assert seen.text('title') == 'No race yet'
     assert seen.text('about') == 'race control is not heard'
     event.state()
@@ -364,13 +364,13 @@ def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
 ) -> None:
     seen.until(
         lambda: 'line: p3 at 10.1.0.20:5403' in seen.text('about'),
-        lambda: event.line_says(DiagnosticStatus.OK, 'It is connected'),
+        lambda: event.line_says(DiagnosticStatus.OK, 'The device is connected'),
     )
     assert 'Timing line' not in seen.text('warning')
-    event.line_says(DiagnosticStatus.ERROR, 'It has said nothing for 10 s')
-    broken = 'Timing line line (p3 at 10.1.0.20:5403): It has said nothing for 10 s'
+    event.line_says(DiagnosticStatus.ERROR, 'The device has been silent for 10 s')
+    broken = 'Timing line line (p3 at 10.1.0.20:5403): The device has been silent for 10 s'
     seen.until(lambda: broken in seen.text('warning'))
-    seen.until(lambda: 'nothing is heard of it for 4 s' in seen.text('warning'))
+    seen.until(lambda: 'silent for 4 s' in seen.text('warning'))
 
 
 # ----- corrections ----------------------------------------------------------------------------
@@ -444,7 +444,7 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(racing
     racing.press('Undo penalty…')
     racing.choose('kart', '7  Purdue')
     racing.press('Undo penalty')
-    racing.until_said('the last penalty of kart 7 is taken back')
+    racing.until_said('the last penalty of kart 7 is undone')
     racing.until(lambda: racing.status('7') == 'lap 1')
     racing.press('Undo penalty…')
     racing.choose('kart', '7  Purdue')
@@ -493,7 +493,7 @@ def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(racing: Window, even
 def test_results_are_published_once_the_race_is_over(racing: Window, event: Event) -> None:
     racing.press('Publish results…')
     racing.press('Publish results')
-    racing.until_said('PUBLISH RESULTS refused: the race is under way')
+    racing.until_said('PUBLISH RESULTS refused: the race is still under way')
     event.stop()
     racing.until(lambda: racing.status('7') == 'no lap')
     racing.press('Publish results…')
@@ -518,7 +518,7 @@ def test_a_correction_that_is_not_answered_is_told_and_its_late_answer_too(
     seen.until(lambda: seen.rows(0), again)
     # What the two nodes know of each other is not known of the service at once.
     seen.until(lambda: event.asked or seen.count('7'), again)
-    seen.until_said('LAP: no answer for', 'Look at the results before', meanwhile=again)
+    seen.until_said('LAP: no answer for', 'Check the results before', meanwhile=again)
     may_answer.set()
     seen.until_said('LAP: kart 7 crossed the line: counted', meanwhile=again)
 
@@ -526,7 +526,7 @@ def test_a_correction_that_is_not_answered_is_told_and_its_late_answer_too(
 def test_where_the_service_is_not_there_nothing_is_sent(seen: Window, event: Event) -> None:
     seen.until(lambda: seen.rows(0), lambda: event.publish(RESULTS))
     seen.count('7')
-    seen.until_said('LAP refused: its service is not there: nothing was sent')
+    seen.until_said('LAP refused: the timekeeper was not found. Nothing was sent')
 
 
 # ----- without DDS ----------------------------------------------------------------------------
@@ -622,13 +622,13 @@ SCREENS = ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM')
 def test_without_qt_it_says_how_to_install_it() -> None:
     code, said = refusal('import sys\nsys.modules.update(PySide6=None, PyQt6=None)')
     assert (code, said.count('\n')) == (2, 1)
-    assert said.startswith('timekeeper_window: there is no Qt for Python here. Install it: ')
+    assert said.startswith('timekeeper_window: Qt for Python is not installed. Install it with ')
 
 
 def test_without_a_screen_it_says_so() -> None:
     code, said = refusal('')
     assert (code, said.count('\n')) == (2, 1)
-    assert 'there is no screen' in said
+    assert 'no screen' in said
 
 
 def test_an_interface_that_is_not_there_is_named() -> None:

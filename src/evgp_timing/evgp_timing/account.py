@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What becomes of the passings of one device: who they are, which are left out, what is wrong."""
+"""The passings of one device: their numbers, which are left out, and the device's faults."""
 
 from __future__ import annotations
 
@@ -12,42 +12,42 @@ import secrets
 from evgp_timing.passings import Event, Passing, Refused
 
 MAX_RATE = 200
-"""Maximum number of passings that are taken in one second; the rest are counted and left out."""
+"""Maximum number of passings accepted per second; the rest are counted and left out."""
 
 CLOCK_TOLERANCE = 0.5
-"""Maximum change between the device's clock and this computer's between two passings, seconds."""
+"""Maximum drift of the device's clock against this computer's between two passings, seconds."""
 
 RECENT = 60.0
-"""Time for which what was wrong is told, seconds."""
+"""Time for which a fault is reported, seconds."""
 
 REMEMBERED = 1000
-"""Number of passings by which a repeated one is known."""
+"""Number of passings remembered to recognise repeated ones."""
 
 _LAST = 2**32 - 1
 
 
 class Trouble(enum.Enum):
-    """What a device may do wrong, as officials read it; the worst first."""
+    """Faults of a device, worst first; the values are sentences for officials."""
 
-    TOO_MANY = f'It sends more than {MAX_RATE} passings a second. The rest are left out'
-    MISSED = 'Passings of it were not received: its count has gaps. Look at the laps'
-    RESTARTED = 'It began anew: switched off, or its clock was set back. Look at the laps'
-    CLOCK = 'Its clock jumped, or its passings came late. Look at the lap times'
-    UNCHECKED = 'It sends no checksums. What is changed on the way to here is not noticed'
-    REPEATED = 'It sends passings again. They count once'
-    REFUSED = 'Some of what it sends cannot be read. Look at its cable, its kind and the baud rate'
+    TOO_MANY = f'The device sends more than {MAX_RATE} passings a second. The rest are ignored'
+    MISSED = 'Some passings were not received: the device counts more. Check the laps'
+    RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
+    CLOCK = "The device's clock jumped, or its passings came late. Check the lap times"
+    UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
+    REPEATED = 'The device sends some passings again. Each counts once'
+    REFUSED = 'Some data of the device cannot be read. Check cable, kind and baud rate'
 
 
 class Account:
     """
-    The passings of one device, from the start of this program on.
+    The passings of one device since this program started.
 
-    :param gates: numbers and labels of transponders whose passings are left out: no kart's.
-    :ivar session: another each time the device begins to count anew.
-    :ivar counts: how often each trouble occurred.
-    :ivar taken: number of passings taken.
-    :ivar heard_at: when something whole was last heard, seconds.
-    :ivar last_refusal: why something could not be read.
+    :param gates: numbers and labels of transponders that belong to no kart and are left out.
+    :ivar session: a new value each time the device restarts its count.
+    :ivar counts: number of times each trouble occurred.
+    :ivar taken: number of passings accepted.
+    :ivar heard_at: when a complete message last came, seconds.
+    :ivar last_refusal: why a message could not be read.
     """
 
     def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:
@@ -59,15 +59,15 @@ class Account:
         self._noted_at: dict[Trouble, float | None] = dict.fromkeys(Trouble)
         self._gates = gates
         self._number = 0
-        self._by_one = False  # it has counted by one: a gap is what was not received
-        self._gaps = 0  # of its count before that
+        self._by_one = False  # the device counts by one, so a gap means a lost passing
+        self._gaps = 0  # gaps in the count before that was known
         self._recent: OrderedDict[tuple[int, str, int], None] = OrderedDict()
-        self._offset: float | None = None  # of this computer's clock to the device's
+        self._offset: float | None = None  # this computer's clock minus the device's
         self._second = 0
         self._in_second = 0
 
     def take(self, event: Event, now: float) -> int | None:
-        """Return the number of a passing within `session`; None: it is none, or is left out."""
+        """Return a passing's number within `session`; None if it is left out or is no passing."""
         if isinstance(event, Refused):
             self.last_refusal = event.reason
             self._note(Trouble.REFUSED, now)
@@ -75,7 +75,7 @@ class Account:
         self.heard_at = now
         if not isinstance(event, Passing):
             return None
-        # A number alone would not do: it comes again when the device begins to count anew.
+        # The number alone is not unique: a device that restarts counts from the beginning again.
         identity = event.number, event.transponder, event.time_us
         if identity in self._recent:
             self._note(Trouble.REPEATED, now)
@@ -100,7 +100,7 @@ class Account:
         return self._number
 
     def trouble(self, now: float) -> Trouble | None:
-        """Return the worst of what was wrong lately."""
+        """Return the worst recent trouble; None if there was none."""
         for trouble, at in self._noted_at.items():
             if at is not None and now - at < RECENT:
                 return trouble
@@ -112,7 +112,7 @@ class Account:
         if passing.number <= self._number:
             self._begin_session(now)
             return
-        # Some devices count more than passings, and a capture may keep each second one.
+        # Some devices also count other things, and a capture may lack every second passing.
         self._gaps += passing.number - self._number - 1
         self._by_one |= passing.number == self._number + 1
         if self._by_one and self._gaps:
@@ -123,7 +123,7 @@ class Account:
         offset = now - passing.time_us / 1_000_000
         if self._offset is not None and abs(offset - self._offset) > CLOCK_TOLERANCE:
             self._note(Trouble.CLOCK, now)
-            # A device that does not count shows a restart by its clock alone.
+            # Without a count, only the clock shows that the device restarted.
             if not passing.number and offset > self._offset:
                 self._begin_session(now)
             self._offset = None
@@ -138,5 +138,5 @@ class Account:
 
     def _note(self, trouble: Trouble, now: float, count: int = 1) -> None:
         self.counts[trouble] += count
-        if trouble is not Trouble.UNCHECKED or self.counts[trouble] == count:  # said once
+        if trouble is not Trouble.UNCHECKED or self.counts[trouble] == count:  # reported once
             self._noted_at[trouble] = now

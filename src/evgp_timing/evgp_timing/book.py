@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's book: a file with all that changed what it knows, in the form of the record.
+The timekeeper's book: a file of all the timekeeper's inputs, in the format of the record.
 
-Each start of the timekeeper, and each half day, begins a stream: `Began` with the id of the
-machine's start, then every input of the desk (``desk.Input``) in the order in which it came, and
-the results of a race when they change (``Standings``). Whoever reads the streams of an event one
-after the other knows what the timekeeper knew.
+Each start of the timekeeper, and each half day, begins a stream. A stream contains `Began` with
+the id of the machine's start, then every input of the desk (``desk.Input``) in the order of
+arrival, and the results of a race whenever they change (``Standings``). Reading an event's streams
+one after the other restores everything the timekeeper knew.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ from evgp_protocol import clock
 from evgp_timing import desk
 
 WRITER = 'timekeeper'
-"""Who writes these streams."""
+"""Name of the writer in these streams."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
-"""Time after which a race belongs to another event, whose heats may have the same names, in
+"""Time after which a stream belongs to an earlier event, whose heats may have the same names, in
 nanoseconds."""
 
 STREAM_LASTS_NS = 12 * 3_600 * 10**9
-"""Time after which the next entry begins a stream, in nanoseconds; a race is as old as that."""
+"""Time after which the next entry begins a new stream, in nanoseconds. A stream's start gives the
+age of its races."""
 
 BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
-"""Where Linux has the id of this start of the machine."""
+"""File in which Linux keeps the id of this start of the machine."""
 
 Entry = Began | desk.Input | Standings
 
@@ -43,8 +44,8 @@ STREAM: Stream[Entry] = Stream(get_args(Entry))
 
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the timekeeper
-    run INTEGER NOT NULL, -- counts them from 1
-    number INTEGER NOT NULL, -- counts the blocks of a stream from 1, without a gap
+    run INTEGER NOT NULL, -- number of the stream, from 1
+    number INTEGER NOT NULL, -- number of the block in its stream, from 1 without gaps
     data BLOB NOT NULL, -- stream.Block
     PRIMARY KEY (run, number)
 )
@@ -52,15 +53,15 @@ CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the tim
 
 
 class BookError(RuntimeError):
-    """The file cannot be used; the text says why, and what would be right."""
+    """The file cannot be used; the text says why, and what to do."""
 
 
 class Book:
     """
     The file, and the stream that this program writes into it.
 
-    :param path: made, with its folder, if there is none.
-    :raises BookError: if it cannot be written, or another timekeeper has it.
+    :param path: the file; it is created, with its folder, if it does not exist.
+    :raises BookError: if it cannot be written, or another timekeeper uses it.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -78,8 +79,8 @@ class Book:
         except BlockingIOError as error:
             self._claimed.close()
             raise BookError(
-                f'{path} is the file of another timekeeper that is running: end that one, or '
-                'choose another file with the parameter book'
+                f'{path} belongs to another timekeeper that is running. End that one, or choose '
+                'another file with the parameter book'
             ) from error
         except sqlite3.Error as error:
             self._claimed.close()
@@ -87,12 +88,12 @@ class Book:
 
     def _unusable(self, error: sqlite3.Error) -> BookError:
         return BookError(
-            f'{self._path} cannot be used as the file of a timekeeper ({error}): move it away, or '
-            'choose another one with the parameter book'
+            f'{self._path} cannot be used as a timekeeper file ({error}). Move it away, or choose '
+            'another file with the parameter book'
         )
 
     def _open(self) -> sqlite3.Connection:
-        # One thread opens it, another one writes, and they take turns.
+        # One thread opens the database and another writes; they take turns.
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
@@ -113,9 +114,9 @@ class Book:
 
     def known(self) -> Iterator[desk.Input | Gap]:
         """
-        Yield what the streams of this event have, the oldest first, by the clock of this start.
+        Yield the inputs of this event's streams, oldest first, with times by the present clock.
 
-        :raises BookError: if the file is damaged where SQLite notices it.
+        :raises BookError: if SQLite finds the file damaged.
         """
         try:
             runs = self._database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall()
@@ -136,16 +137,16 @@ class Book:
             elif isinstance(entry, Gap):
                 yield entry
             elif not isinstance(entry, Standings):
-                if began is not None:  # the machine was started again: its clock began at 0
+                if began is not None:  # the machine has restarted since, so its clock began at 0
                     moved = clock.now() - (now_ns - began.wall_ns) / 1e9 - entry.at
                     began = None
                 yield entry._replace(at=entry.at + moved)
 
     def write(self, *entries: Entry) -> None:
         """
-        Write entries, in one transaction.
+        Write entries in one transaction.
 
-        :raises OSError: if the disk does not take it; nothing of it is written then.
+        :raises OSError: if they cannot be written; then none of them is.
         """
         new: list[Entry] = list(entries)
         now_ns = time.time_ns()
@@ -160,11 +161,11 @@ class Book:
             row = self._run, self._blocks + 1, block
             self._database.execute('INSERT INTO block VALUES (?, ?, ?)', row)
         except sqlite3.Error as error:
-            raise OSError(f'{self._path} does not take it: {error}') from error
+            raise OSError(f'{self._path} cannot be written: {error}') from error
         self._entries += len(new)
         self._blocks += 1
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         self._database.close()
         self._claimed.close()

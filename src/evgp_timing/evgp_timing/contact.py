@@ -1,20 +1,20 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A light beam or a switch at the line: when a kart crosses, and not who."""
+"""A light beam or a switch at the line: it sees when a kart crosses, but not which one."""
 
 from __future__ import annotations
 
 STUCK = 10.0
-"""Time for which a beam is broken after which it is no kart, seconds."""
+"""Time after which a broken beam counts as stuck rather than as a kart, seconds."""
 
 
 class Contact:
     """
-    Makes one crossing of all that a kart does to a beam.
+    Turns all interruptions of a beam by one kart into one crossing.
 
-    :param debounce: time for which the beam must have been free before a crossing, seconds. So
-        long, wheels and gaps of one kart do not count again.
+    :param debounce: time the beam must have been free before a crossing, seconds, so that wheels
+        and gaps of one kart do not count again.
     """
 
     def __init__(self, debounce: float) -> None:
@@ -23,7 +23,7 @@ class Contact:
         self._free_at = 0.0
 
     def look(self, broken: bool, now: float) -> bool:
-        """Return whether a kart crosses now; `now` in seconds, never less than before."""
+        """Return whether a kart crosses now; `now` is in seconds and never decreases."""
         if self._broken_at is None:
             self._broken_at = self._free_at = now
         crosses = broken and now - self._broken_at >= self._debounce

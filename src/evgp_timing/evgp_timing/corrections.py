@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of the timekeeper's corrections: no kart sees any of them.
+The catalogue of the timekeeper's corrections. Karts receive none of them.
 
 Pure.
 """
@@ -15,14 +15,14 @@ from evgp_node.results import Act
 CORRECTIONS: dict[Act, Entry] = {
     Act.COUNT: Entry(
         'LAP',
-        'an official saw this kart cross the timing line',
+        'record that an official saw this kart cross the timing line',
         f'{OF_TIMEKEEPER}kart/count_passing',
         to_one_kart=True,
         word='count-passing',
     ),
     Act.STRIKE: Entry(
         'STRIKE PASSING',
-        'strike a passing of the timing line out: it does not count',
+        'strike out a passing of the timing line, so that it does not count',
         f'{OF_TIMEKEEPER}set_passing_struck',
         fixed={'struck': True},
         takes=('source', 'session', 'number', 'reason', 'race'),
@@ -30,7 +30,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.RESTORE: Entry(
         'RESTORE PASSING',
-        'put a passing back that was struck out',
+        'restore a passing that was struck out',
         f'{OF_TIMEKEEPER}set_passing_struck',
         fixed={'struck': False},
         takes=('source', 'session', 'number', 'reason', 'race'),
@@ -38,7 +38,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.GIVE: Entry(
         'GIVE TRANSPONDER',
-        'a transponder is of this kart; its passings in this race count for it',
+        'assign a transponder to this kart; its passings in this race count for the kart',
         f'{OF_TIMEKEEPER}kart/give_transponder',
         to_one_kart=True,
         takes=('transponder',),
@@ -46,7 +46,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.PENALISE: Entry(
         'PENALISE',
-        'add seconds to the result of a kart, take laps away, or disqualify it',
+        'penalise a kart: add seconds, take laps away, or disqualify it',
         f'{OF_TIMEKEEPER}kart/penalise',
         to_one_kart=True,
         takes=('seconds', 'laps', 'disqualified', 'reason', 'race'),
@@ -54,7 +54,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.UNDO_PENALTY: Entry(
         'UNDO PENALTY',
-        'take the last penalty of a kart back',
+        'undo the last penalty of a kart',
         f'{OF_TIMEKEEPER}kart/undo_penalty',
         to_one_kart=True,
         takes=('race',),
@@ -62,7 +62,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.CHOOSE: Entry(
         'COUNT THIS RACE',
-        'the results of this race are those of its heat',
+        'make the results of this race those of its heat',
         f'{OF_TIMEKEEPER}choose_race',
         takes=('race',),
         word='choose-race',

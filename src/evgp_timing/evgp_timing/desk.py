@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the timekeeper knows: every race of the event with its laps, and which race of a heat counts.
+The timekeeper's knowledge: all races of the event, their laps, and which race of a heat counts.
 
-Three things change it, in the order in which they came (`Input`): what race control says (`Told`),
-passings of the timing line (`Passed`), and the corrections of officials (`Corrected`). The
-timekeeper writes them into a stream of its own, so a program that was restarted feeds them again
-and knows everything again.
+Three kinds of input change it, in the order in which they came (`Input`): events of race control
+(`Told`), passings of the timing line (`Passed`), and officials' corrections (`Corrected`). The
+timekeeper writes them into its own stream. A restarted program feeds them in again and knows
+everything again.
 
-Nothing here sends a kart anything. With `auto_finish`, `Desk.finishes` says for which karts the
-node asks race control for FINISH.
+Nothing here sends a kart anything. With `auto_finish`, `Desk.finishes` names the karts for which
+the node asks race control for FINISH.
 
-Times are seconds since the machine was started, the clock of race control's events.
+Times are seconds since the machine started, by the clock of race control's events.
 
 Pure.
 """
@@ -43,17 +43,17 @@ from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
-"""Maximum number of passings that are recognised when a source sends them again."""
+"""Maximum number of passings remembered to recognise repeated ones."""
 
 MOST_GIVEN = 100
-"""Maximum number of transponders that officials give, and of penalties in a race."""
+"""Maximum number of transponders that officials assign, and of penalties in a race."""
 
 MOST_PASSINGS = 200
 """Maximum number of passings in the results."""
 
 
 class Roster(NamedTuple):
-    """The karts and heats, as timing goes by them; ``transponders``: whose each is."""
+    """The karts and heats used for timing; ``transponders``: the kart of each."""
 
     karts: tuple[int, ...]
     transponders: Mapping[str, int] = {}
@@ -64,7 +64,7 @@ class Roster(NamedTuple):
 
 
 class What(enum.Enum):
-    """What race control says of a race, or of a kart in it."""
+    """Reports of race control about a race, or about a kart in it."""
 
     GRID_ACTIVE = 'the grid forms'
     GREEN_GREEN = 'the race is started'
@@ -77,9 +77,9 @@ class What(enum.Enum):
 
 class Told(NamedTuple):
     """
-    Something that race control said.
+    A report of race control.
 
-    :param run: the id of its run; ``race``: the number of the race in it.
+    :param run: the id of race control's run; ``race``: the number of the race in that run.
     :param sequence: the number of the event.
     """
 
@@ -93,7 +93,7 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """All events of a run of race control have come, up to this number."""
+    """All events of a run of race control up to this number have arrived."""
 
     at: float
     run: str
@@ -101,7 +101,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """Events of race control did not come here; what they said is not known."""
+    """Some events of race control did not arrive, so their content is unknown."""
 
     at: float
     run: str
@@ -111,10 +111,10 @@ class Missed(NamedTuple):
 
 class Passed(NamedTuple):
     """
-    What sources saw.
+    Passings that sources saw.
 
-    :param dropped: so many more passings were too many to be taken.
-    :param away: time for which the timekeeper was away before, in s: so late they may come.
+    :param dropped: number of further passings dropped because there were too many.
+    :param away: time the timekeeper was away before, in s; passings may come this late.
     """
 
     at: float
@@ -127,7 +127,7 @@ Input = Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
-    """What became of a correction: whether it was accepted, and a sentence for the official."""
+    """The outcome of a correction: whether it was accepted, and a sentence for the official."""
 
     success: bool
     text: str
@@ -137,7 +137,7 @@ class Finish(NamedTuple):
     """
     A FINISH to ask race control for.
 
-    :param attempt: how often the finish of this kart was undone in this race.
+    :param attempt: number of times this kart's finish was undone in this race.
     """
 
     run: str
@@ -157,9 +157,9 @@ class Race:
     :param began: when its grid formed.
     :param started: GREEN_GREEN was sent.
     :param published: the timekeeper has published its results.
-    :param missed: how many events of race control did not come here.
-    :param by_finish: of each kart that crossed by its FINISH, the passing that was counted.
-    :param undone: how often the finish of each kart was undone.
+    :param missed: number of events of race control that did not arrive.
+    :param by_finish: for each kart whose FINISH counted as its crossing, that passing.
+    :param undone: number of times each kart's finish was undone.
     """
 
     run: str
@@ -174,13 +174,13 @@ class Race:
 
     @property
     def heat(self) -> str:
-        """Return the name of the heat that was in the race; empty: none was."""
+        """Return the name of the race's heat; empty if it had none."""
         return self.laps.heat
 
 
 class Desk:
     """
-    The timekeeper's desk; `feed` changes it, the rest shows what it knows.
+    The timekeeper's desk: `feed` changes it, everything else shows what it knows.
 
     :ivar races: every race of the event, oldest first.
     """
@@ -194,7 +194,7 @@ class Desk:
         self._seen: dict[Identity, None] = {}
 
     def feed(self, given: Input) -> Answer | None:
-        """Take what came; a correction is answered."""
+        """Process an input; return the answer if it is a correction."""
         match given:
             case Told():
                 self._told(given)
@@ -234,7 +234,7 @@ class Desk:
                 pass
 
     def _race_of(self, told: Told) -> Race | None:
-        """Return the race that race control means; None: its grid formed before what is known."""
+        """Return the race of a report; None if its grid formed before the known inputs begin."""
         newest = self.races[-1] if self.races else None
         if newest is not None and (newest.run, newest.number) == (told.run, told.race):
             return newest
@@ -247,7 +247,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that begins; the clocks of the sources go on as before."""
+        """Return the laps of a race that begins; the sources' clocks are carried over."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -261,7 +261,7 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """Have a kart finish; where only its last lap is left, it crosses the line by that."""
+        """Finish a kart; if only its last lap is missing, the FINISH counts as the crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
@@ -295,7 +295,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Have the crossing that a source saw be that of the FINISH, if it counts without it."""
+        """Replace the FINISH's crossing by the one a source saw, if that one would count."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)
@@ -303,24 +303,24 @@ class Desk:
             race.laps = laps
 
     def _by_hand(self, race: Race) -> int:
-        """Return the number of the next passing that officials count."""
+        """Return the number for the next passing that officials count."""
         return 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
 
     def finishes(self) -> Iterator[Finish]:
-        """Yield the karts of the newest race that have all their laps, and no FINISH yet."""
+        """Yield the karts of the newest race that have all their laps but no FINISH yet."""
         race = self.races[-1] if self.races else None
         if race is None or not self._heat(race.heat).auto_finish or race.laps.ended < math.inf:
             return
         for kart in race.laps.karts:
             out = kart in race.laps.finished or kart in race.laps.left
-            # What an official has undone, an official gives again.
+            # If an official has undone a finish, only an official gives it again.
             if race.laps.is_done(kart) and not out and not race.undone.get(kart):
                 yield Finish(race.run, race.number, kart, 0)
 
     # ----- corrections --------------------------------------------------------------------
 
     def about(self, given: Corrected) -> Corrected:
-        """Return a correction with the race that it is about."""
+        """Return a correction with its race filled in."""
         number = given.correction.race
         if not self.races or number > len(self.races):
             return given
@@ -353,7 +353,7 @@ class Desk:
 
     @staticmethod
     def _refusal(asked: Correction, laps: Laps) -> str:
-        """Return why a correction of a race is refused; empty: it is accepted."""
+        """Return why a correction of a race is refused; empty if it is accepted."""
         act = asked.act
         if act in (Act.STRIKE, Act.RESTORE):
             if not laps.knows(asked.passing):
@@ -365,28 +365,28 @@ class Desk:
         if act in (Act.COUNT, Act.PENALISE, Act.UNDO_PENALTY) and asked.kart not in laps.karts:
             return f'kart {asked.kart} did not start this race'
         if act in (Act.STRIKE, Act.PENALISE) and not asked.reason:
-            return 'say why'
+            return 'give a reason'
         if act is Act.PENALISE:
             if not (asked.seconds or asked.laps or asked.disqualified):
-                return 'say what it costs: seconds, laps, or the place'
+                return 'give the penalty: seconds, laps, or disqualification'
             if len(laps.penalties) >= MOST_GIVEN:
                 return f'there are {MOST_GIVEN} penalties already'
         if act is Act.UNDO_PENALTY and asked.kart not in {each.kart for each in laps.penalties}:
             return f'kart {asked.kart} has no penalty'
         if act is Act.PUBLISH and laps.ended == math.inf:
-            return 'the race is under way'
+            return 'the race is still under way'
         if act is Act.CHOOSE and not laps.is_result:
-            return 'that race has no heat, or no lap was counted in it'
+            return 'that race has no heat, or no counted lap'
         return ''
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
         laps, kart = race.laps, asked.kart
-        race.published = False  # what was published is no longer so
+        race.published = False  # the published results are out of date
         match asked.act:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
                 race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
-                became = taken[0].mark.value if taken else 'not taken, too many passings come'
+                became = taken[0].mark.value if taken else 'not accepted, too many passings come'
                 return f'kart {kart} crossed the line: {became}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
@@ -401,7 +401,7 @@ class Desk:
                 return f'kart {kart}: {penalty}'
             case Act.UNDO_PENALTY:
                 race.laps = laps.undo_penalty(kart)
-                return f'the last penalty of kart {kart} is taken back'
+                return f'the last penalty of kart {kart} is undone'
             case Act.PUBLISH:
                 race.published = True
                 return f'the results of race {self.races.index(race) + 1} are published'
@@ -416,22 +416,22 @@ class Desk:
 
     def counting(self) -> dict[str, Race]:
         """
-        Return of each heat the race that counts.
+        Return the race that counts for each heat.
 
-        It is the one that an official has chosen, else the last one with a lap.
+        It is the one that an official chose, otherwise the last one with a lap.
         """
         last = {each.heat: each for each in self.races if each.laps.is_result}
         return {heat: self._chosen.get(heat, race) for heat, race in last.items()}
 
     def best(self, format_: Format) -> tuple[KartResult, ...]:
-        """Return the best result of each kart in the heats of a format that count."""
+        """Return each kart's best result in the counting heats of a format."""
         races = (race.laps for race in self.counting().values())
         return overall(
             format_, (each for laps in races if laps.format is format_ for each in laps.results)
         )
 
     def _order(self, source: str) -> list[int]:
-        """Return the karts of a heat, or of the heats of a format, by their results."""
+        """Return the karts of a heat or of a format's heats, in the order of their results."""
         if any(heat.name == source for heat in self.roster.heats):
             race = self.counting().get(source)
             results = race.laps.results if race is not None else ()
@@ -448,11 +448,11 @@ class Desk:
         )
 
     def grids(self) -> dict[str, tuple[int, ...]]:
-        """Return the order of start of each heat; empty: nothing says one yet."""
+        """Return the starting order of each heat; empty if it is not known yet."""
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
     def standings(self, now: float = 0.0) -> Standings:
-        """Return what there is to see at this time, in seconds."""
+        """Return the published results as of this time, in seconds."""
         grids = self.grids()
         seen = Standings(
             stamp=now,
@@ -488,7 +488,7 @@ class Desk:
             yield RaceOfEvent(number, race.heat, race.began, classified, counts)
 
     def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
-        """Return whose turn is next of the heats of one kart that have no result, nor the race."""
+        """Return the next single-kart heat that has no result and is not in the race."""
         raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
         turns = [
             (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
@@ -498,24 +498,22 @@ class Desk:
         return min(turns, default=(0, ''))[1]
 
     def questions(self, now: float = 0.0) -> list[str]:
-        """Return what somebody should look at in the newest race, as sentences."""
+        """Return sentences about points in the newest race that an official should check."""
         if not self.races:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed
-        asked = [f'{missed} events of race control did not come: check the laps'] if missed else []
+        asked = [f'{missed} events of race control were lost: check the laps'] if missed else []
         others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
         others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
         if others:
             asked.append(
-                f'Race control has {", ".join(sorted(others))}, which are not in the roster here: '
+                f'Race control has {", ".join(sorted(others))}, which the roster here lacks: '
                 'start both with the same roster'
             )
         for kart in laps.karts:
             missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
             if laps.wanted and kart in laps.finished and missing > 0:
-                asked.append(
-                    f'Kart {kart} was given FINISH, and {missing} of its laps are missing'
-                )
+                asked.append(f'Kart {kart} has FINISH, but {missing} of its laps are missing')
         if trouble := laps.trouble(now):
             asked.append(trouble)
         placed = [each.kart for each in laps.results if each.kart in laps.finished]

@@ -15,7 +15,7 @@ from typing import Protocol
 import serial
 
 CONNECT_TIMEOUT = 2.0
-"""Maximum time to connect to a device by TCP, seconds."""
+"""Maximum time to connect to a device over TCP, seconds."""
 
 READ_BYTES = 4096
 
@@ -32,9 +32,9 @@ class Device(Protocol):
 
 def split(device: str) -> tuple[str, int] | None:
     """
-    Return host and port of a device at TCP; None: it is a serial port, by its path.
+    Return host and port of a TCP device; None if the text is the path of a serial port.
 
-    :raises ValueError: if it is neither.
+    :raises ValueError: if the text is neither.
     """
     if device.startswith('/'):
         return None
@@ -48,13 +48,13 @@ def connect(device: str, baud: int) -> Device:
     """
     Open a device.
 
-    :raises OSError: if that is not possible.
+    :raises OSError: if it cannot be opened.
     """
     at = split(device)
     if at is None:
         try:
             port: Device = serial.Serial(device, baud, exclusive=True)
-        except (ValueError, termios.error) as error:  # a baud rate; unplugged meanwhile
+        except (ValueError, termios.error) as error:  # wrong baud rate, or just unplugged
             raise OSError(str(error)) from error
         return port
     connection = socket.create_connection(at, CONNECT_TIMEOUT)
@@ -64,7 +64,7 @@ def connect(device: str, baud: int) -> Device:
 
 def read(device: Device, timeout: float) -> bytes:
     """
-    Return what comes within the timeout, in seconds; nothing may come.
+    Return the bytes that come within the timeout, in seconds; empty if none come.
 
     :raises OSError: if the device is gone.
     """
@@ -72,10 +72,10 @@ def read(device: Device, timeout: float) -> bytes:
         return b''
     data = os.read(device.fileno(), READ_BYTES)
     if not data:
-        raise ConnectionError('the device ended the connection')
+        raise ConnectionError('the device closed the connection')
     return data
 
 
 def control_line(device: Device, name: str) -> Callable[[], bool]:
-    """Return what says whether a control line of a serial port is active: cts, dsr, cd or ri."""
+    """Return a function that reads a control line of a serial port: cts, dsr, cd or ri."""
     return lambda: bool(getattr(device, name))

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What stands between two marks in a stream; and records, which P3 and LapRF have in common.
+Data between two marks in a stream, and the record format that P3 and LapRF share.
 
 A record is a mark, a header with length, checksum and type, fields (name, length, value), and a
-mark. Numbers are little-endian. The checksum is that of the record before it is escaped, with
-zeros in the place of the checksum. Inside, a mark or an escape is an escape and the byte, shifted.
+mark. Numbers are little-endian. The checksum covers the unescaped record, with zeros in the place
+of the checksum. Inside a record, a mark or escape byte is sent as an escape and the shifted byte.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ import re
 from evgp_timing.passings import Event, Refused
 
 MAX_RECORD_BYTES = 1024
-"""Maximum length between two marks; records known have less than two hundred bytes."""
+"""Maximum length between two marks, in bytes; known records have less than two hundred."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Record:
     """
-    A whole record; of a field that is in it several times, the last value.
+    A complete record; if a field occurs several times, the last value counts.
 
-    :ivar checked: its checksum is right; False: it came without one.
+    :ivar checked: its checksum is right; False: it has none.
     """
 
     kind: int
@@ -34,25 +34,25 @@ class Record:
     checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
-        """Return the number in a field of so many bytes; None: there is no such field."""
+        """Return the number in a field of this size in bytes; None if there is no such field."""
         value = self.fields.get(name, b'')
         return int.from_bytes(value, 'little') if len(value) == size else None
 
 
 def _two(at: int) -> slice:
-    """Return the place of two bytes."""
+    """Return the slice of two bytes at an index."""
     return slice(at, at + 2)
 
 
 @dataclasses.dataclass(frozen=True)
 class Framing:
     """
-    How one protocol makes a record.
+    The record format of one protocol.
 
-    :ivar head: what stands between the first mark and the type, with zeros for what is computed.
-    :ivar length_at: index of the two bytes of the length, in the record before it is escaped.
-    :ivar checksum_at: of the two bytes of the checksum.
-    :ivar may_lack_checksum: zeros in their place are no checksum, and the record counts.
+    :ivar head: the bytes between the first mark and the type, with zeros for computed values.
+    :ivar length_at: index of the two bytes of the length in the unescaped record.
+    :ivar checksum_at: index of the two bytes of the checksum.
+    :ivar may_lack_checksum: zeros as checksum mean that there is none, and the record is valid.
     """
 
     begin: int
@@ -66,7 +66,7 @@ class Framing:
     may_lack_checksum: bool = False
 
     def encode(self, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
-        """Return a record as it goes over the line."""
+        """Return a record as bytes for the line."""
         body = b''.join(bytes((name, len(value))) + value for name, value in fields)
         record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
         record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
@@ -80,7 +80,7 @@ class Framing:
         return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
     def unpack(self, inside: bytes) -> Record | Refused:
-        """Return the record that stands between two marks, escaped."""
+        """Return the record in the escaped bytes between two marks."""
         plain = re.sub(
             re.escape(bytes((self.escape,))) + rb'(.)',
             lambda pair: bytes(((pair[1][0] - self.shift) % 256,)),
@@ -94,7 +94,7 @@ class Framing:
         place = _two(self.checksum_at)
         checksum, record[place] = record[place], b'\0\0'
         checked = self.checksum(bytes(record)) == int.from_bytes(checksum, 'little')
-        # What is left of a record that was cut may have zeros there, too.
+        # The rest of a truncated record may also have zeros there.
         whole = int.from_bytes(record[_two(self.length_at)], 'little') == len(record)
         if not checked and (any(checksum) or not self.may_lack_checksum or not whole):
             return Refused('a checksum is wrong')
@@ -109,7 +109,7 @@ class Framing:
         return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
-        """Return a decoder for one connection; `read` says what a whole record means."""
+        """Return a decoder for one connection; `read` interprets a complete record."""
 
         def read_inside(inside: bytes) -> Event:
             record = self.unpack(inside)
@@ -120,9 +120,9 @@ class Framing:
 
 class MarkedDecoder:
     """
-    Finds what stands between two marks in a stream. Bytes outside of them are passed over.
+    Finds the data between two marks in a stream and skips all bytes outside them.
 
-    :param read: what the bytes between two marks say.
+    :param read: interprets the bytes between two marks.
     """
 
     def __init__(self, begin: int, end: int, read: Callable[[bytes], Event]) -> None:
@@ -132,7 +132,7 @@ class MarkedDecoder:
         self._inside: bytes | None = None
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return what these bytes complete."""
+        """Return the events that these bytes complete."""
         found: list[Event] = []
         for part in self._marks.split(data):
             if part.startswith(self._begin):

@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-I-Lap and AMBrc text: one line for each passing.
+I-Lap and AMBrc text: one line per passing.
 
     SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
 
-with a TAB before each but SOH, @ and CR. What is in brackets is not in every device's lines. From
-public descriptions: see docs/timing.md. They disagree on what the count counts and on what the
-checksum at the end covers: neither is used.
+with a TAB before each item except SOH, @ and CR. Not every device sends the items in brackets. The
+format comes from public descriptions (see docs/timing.md). They disagree about the meaning of the
+count and the range of the checksum at the end, so this decoder uses neither.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PASSING = re.compile(
 
 
 def read(line: bytes) -> Event:
-    """Return what a line says; the time is that since the device was started."""
+    """Return the event in a line; its time is the time since the device started."""
     if not line.startswith(b'@'):
         return Sign()
     match = _PASSING.fullmatch(line)

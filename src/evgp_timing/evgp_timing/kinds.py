@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The kinds of timing devices: a new one is a row here, and its decoder."""
+"""The kinds of timing devices; a new kind needs a row here and a decoder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evgp_timing import ilap, laprf, lines, p3
 from evgp_timing.passings import Decoder
 
 CONTACT = 'contact'
-"""The one kind that has no decoder: a control line of a serial port."""
+"""The only kind without a decoder: a control line of a serial port."""
 
 DECODERS: dict[str, Callable[[], Decoder]] = {
     'ilap': ilap.decoder,
@@ -19,4 +19,4 @@ DECODERS: dict[str, Callable[[], Decoder]] = {
     'lines': lines.decoder,
     'p3': p3.decoder,
 }
-"""What makes a decoder for one connection, by the kind of the device."""
+"""The function that makes a decoder for one connection, by kind of device."""

@@ -4,7 +4,7 @@
 """
 ImmersionRC LapRF, over USB or TCP: tells karts apart by the frequency of a video transmitter.
 
-From public descriptions and captures, not from ImmersionRC: see docs/timing.md.
+The format comes from public descriptions and captures, not from ImmersionRC (see docs/timing.md).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Field(enum.IntEnum):
 
 
 def checksum(record: bytes) -> int:
-    """Return the CRC of 16 bits known as ARC: polynomial 0x8005, reflected, begun with 0."""
+    """Return the 16-bit CRC known as ARC: polynomial 0x8005, reflected, initial value 0."""
     crc = 0
     for byte in record:
         crc ^= byte
@@ -53,7 +53,7 @@ LAPRF = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return what a record says; the time is in microseconds since the device was started."""
+    """Return the event in a record; its time is in microseconds since the device started."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)

@@ -4,29 +4,30 @@
 """
 Laps: from passings of the timing line to laps, results and places.
 
-A passing is evidence. It is kept as it came, and each is judged by the rule below (``Mark``).
-An official may strike one out and put it back, and give a transponder to a kart; then all are
-judged again. Nothing here knows what a kart is sent.
+A passing is evidence. It is kept as it came and judged by the rule below (``Mark``). Officials may
+strike out a passing, restore it, or give a transponder to a kart; each time, all passings are
+judged again. Nothing here depends on what a kart is sent.
 
-A beam sees that somebody crosses, and officials say who: a passing of officials gives the kart
-the oldest crossing of the last `BEAM_PRESS` seconds of which nobody has said who it was. An
-official may be quicker than the beam: what the beam sees within `clock_tolerance` after a passing
-of officials takes its place. Both happen only if the crossing counts for that kart.
+A beam sees that a kart crosses, and officials say which one. An official's passing gives the kart
+the oldest unidentified crossing of the last `BEAM_PRESS` seconds. If the official was quicker than
+the beam, a crossing that the beam sees within `clock_tolerance` after the official's passing
+replaces that passing. Both happen only if the crossing counts for that kart.
 
-A passing counts for a kart that started the race, if it comes after GREEN_GREEN and before the
-kart's finish, its leaving or the end of the race, before the kart has all its laps, and no nearer
-to the last one that counted than `min_lap_time`. What comes within `clock_tolerance` after the
-finish still counts: an official who sees the kart cross may be quicker than the source.
+A passing counts for a kart that started the race if it comes after GREEN_GREEN and before the
+kart's finish, its leaving or the end of the race, if the kart does not have all its laps yet, and
+if at least `min_lap_time` has passed since its last counted passing. A passing within
+`clock_tolerance` after the finish still counts, because an official who sees the kart cross may be
+quicker than the source.
 
-When it crossed: the first passing of a source and session crossed when it came. From there on
-the source's clock counts, as long as it agrees with the times of arrival to `clock_tolerance`.
-What waited while the timekeeper was away may be older by that time.
-A passing that does not agree crossed when it came, and its source is counted from it again. But if
-it is the first of its source in this race, and crossed before GREEN_GREEN by that clock, it is
-late and never counts. So the difference between two crossings of one source has its precision,
-and no clock that is set or runs away can make a lap that the times of arrival do not.
+Time of crossing: the first passing of a source and session crossed when it arrived. After that the
+source's clock counts, as long as it agrees with the arrival times to within `clock_tolerance`.
+Passings that waited while the timekeeper was away may be older by that time. If a passing does not
+agree, it crossed when it arrived, and its source's clock is taken from it anew. But if it is the
+first of its source in this race and that clock puts it before GREEN_GREEN, it is late and never
+counts. Differences between crossings of one source thus have the source's precision, and a clock
+that is set or drifts cannot produce a lap that the arrival times do not confirm.
 
-Pure, and immutable: each change is another ``Laps``.
+Pure and immutable: each change returns a new ``Laps``.
 """
 
 from __future__ import annotations
@@ -52,31 +53,31 @@ from evgp_node.results import (
 from evgp_node.roster import Format
 
 MOST_A_SECOND = 200
-"""Maximum number of passings taken of one source in a second."""
+"""Maximum number of passings accepted from one source per second."""
 
 MOST_A_RACE = 4_000
-"""Maximum number of passings taken of one source in a race."""
+"""Maximum number of passings accepted from one source per race."""
 
 MOST_SOURCES = 3
-"""Maximum number of sources of which passings are taken in a race, besides officials: a correction
-judges all of them again, for which a stop waits (some 2 ms for a thousand)."""
+"""Maximum number of sources per race, besides officials. A correction judges all their passings
+again, and a stop waits for that (about 2 ms per thousand)."""
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
-"""Of whom too many passings came, if it is not one source."""
+"""Names for surplus passings that do not come from one known source."""
 
 BEAM_PRESS = 3.0
-"""Time after a beam's crossing within which an official says whose it was, in seconds."""
+"""Time after a beam's crossing within which an official can say whose it was, in seconds."""
 
 MOST_SEEN = 100_000
-"""Number of identities that are known again, over all races."""
+"""Maximum number of passing identities remembered, over all races."""
 
 
 class Crossing(NamedTuple):
     """
-    A passing in its place in the race, in seconds since GREEN_GREEN.
+    A passing on the time scale of the race, in seconds since GREEN_GREEN.
 
-    :param came: when it came.
-    :param at: when it crossed.
+    :param came: when the passing arrived.
+    :param at: when the kart crossed.
     """
 
     passing: Passing
@@ -86,9 +87,9 @@ class Crossing(NamedTuple):
 
 class Taken(NamedTuple):
     """
-    What became of a passing that came.
+    The outcome of a passing.
 
-    :param lap: the number of the lap that it ended; 0: none.
+    :param lap: number of the lap that it completed; 0: none.
     :param seconds: the time of that lap.
     """
 
@@ -102,11 +103,11 @@ class Taken(NamedTuple):
 @dataclass(frozen=True)
 class LapSettings:
     """
-    How laps are counted.
+    The settings for counting laps.
 
-    :param min_lap_time: a passing nearer to the last one that counted is doubtful, s.
+    :param min_lap_time: minimum time between two passings that count, s; a sooner one is doubtful.
     :param first_crossing: the first crossing `starts` lap 1, or `ends` it.
-    :param clock_tolerance: how far a source's clock may be from the times of arrival, s.
+    :param clock_tolerance: maximum difference between a source's clock and arrival times, s.
     """
 
     min_lap_time: float = 5.0
@@ -115,7 +116,7 @@ class LapSettings:
 
 
 class _Rate(NamedTuple):
-    """How many passings of a source were taken: since the beginning of a second, and in all."""
+    """Number of passings accepted from a source: since the start of a second, and in all."""
 
     since: float = -math.inf
     lately: int = 0
@@ -127,20 +128,20 @@ class Laps:
     """
     The laps of one race.
 
-    :param wanted: how many laps each kart drives; 0: no number is set.
-    :param green: when GREEN_GREEN was given, on the clock of the rules (s).
-    :param karts: those that started.
-    :param transponders: whose each is.
-    :param heat: the name of the heat that was in the race; empty: none was.
-    :param grid: the order in which the karts were to start; empty: nothing says one.
+    :param wanted: number of laps that each kart drives; 0: no number is set.
+    :param green: when GREEN_GREEN was given, by the clock of the rules (s).
+    :param karts: the karts that started.
+    :param transponders: the kart of each transponder.
+    :param heat: the name of the race's heat; empty if it had none.
+    :param grid: the starting order of the karts; empty if unknown.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, likewise; ``left``: when it left the race.
     :param struck: the passings that were struck out, and why.
-    :param given: of passings that do not say who it was, the kart that officials gave them to.
-    :param counted: of each kart the times that counted, s since GREEN_GREEN.
-    :param marks: what became of each crossing.
-    :param unknown: the transponders that no kart has; ``clocks``: the sources whose clocks did
-        not agree; ``over``: how many passings were too many, by source.
+    :param given: the karts that officials assigned to unidentified passings.
+    :param counted: each kart's counted times, s since GREEN_GREEN.
+    :param marks: the judgement of each crossing.
+    :param unknown: transponders that belong to no kart; ``clocks``: sources whose clocks did not
+        agree; ``over``: number of surplus passings, by source.
     """
 
     settings: LapSettings
@@ -172,10 +173,10 @@ class Laps:
         self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
     ) -> tuple[Laps, list[Taken]]:
         """
-        Take passings that come now, each for the first time, and say what became of them.
+        Add passings that arrive now, each for the first time, and return their outcomes.
 
-        :param dropped: how many more came, of whatever sources.
-        :param away: time for which whoever takes them was away before: so late they may come, s.
+        :param dropped: number of further passings that were dropped, from any source.
+        :param away: time the timekeeper was away before, s; passings may come this late.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -204,8 +205,8 @@ class Laps:
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
             tolerance = self.settings.clock_tolerance
             agrees = -tolerance - away <= at - came <= tolerance
-            # Sources say what they see in its order: behind a crossing of this race, it is the
-            # clock that jumped.
+            # Sources report crossings in order. After a crossing of this race, an earlier stamp
+            # means that the clock jumped.
             is_late = at < 0.0 and not any(
                 each.at >= 0.0 and _is_before(each.passing, passing)
                 for each in (*reversed(crossings), *reversed(self.crossings))
@@ -230,16 +231,16 @@ class Laps:
                     press.passing.identity: f'seen by {each.passing.identity}',
                 }
                 laps, seen = laps._give(crossing, press.passing.kart, struck=struck)
-                taken[place] = seen._replace(lap=0)  # told with the press
+                taken[place] = seen._replace(lap=0)  # already reported by the official
         return laps, taken
 
     def _waiting(self, came: float) -> Crossing | None:
-        """Return the oldest crossing without a kart that an official may mean then."""
+        """Return the oldest unidentified crossing that an official's passing may mean."""
         lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing of officials whose place a crossing by a beam takes."""
+        """Return the oldest official's passing that a crossing by a beam replaces."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (
@@ -254,7 +255,7 @@ class Laps:
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
-        """Give a kart a crossing of which nobody has said who it was."""
+        """Assign an unidentified crossing to a kart."""
         identity = crossing.passing.identity
         laps = self.again(given={**self.given, identity: kart}, **changes)
         before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
@@ -298,7 +299,7 @@ class Laps:
             return Mark.UNKNOWN
         finish = self.finished.get(kart, math.inf) + self.settings.clock_tolerance
         if self.wanted and crossing.passing.source == BY_HAND:
-            finish = math.inf  # an official counts what was missed, or struck out
+            finish = math.inf  # an official may add a crossing that was missed or struck out
         until = min(self.ended, finish, self.left.get(kart, math.inf))
         too_late = crossing.came > until or (self.wanted and len(times) > self.wanted)
         if kart not in self.karts or too_late or crossing.at < 0.0:
@@ -308,21 +309,21 @@ class Laps:
         return Mark.COUNTED
 
     def kart_of(self, passing: Passing) -> int:
-        """Return whose passing it is; 0: nobody knows."""
+        """Return the kart of a passing; 0 if unknown."""
         if passing.kart:
             return passing.kart
         if passing.transponder:
-            # As it was said, or by the number or the label in it, if not two karts have them.
+            # By the whole name, or by the number or label in it unless two karts own these.
             names = passing.transponder.split(' ', 1)
             owners = {self.transponders.get(name, 0) for name in names} - {0}
             alone = owners.pop() if len(owners) == 1 else 0
             return self.transponders.get(passing.transponder, alone)
-        # A beam sees only that somebody crosses: where one kart races, it is that one.
+        # A beam cannot tell karts apart; if only one kart races, it is that one.
         alone = self.karts[0] if len(self.karts) == 1 else 0
         return self.given.get(passing.identity, alone)
 
     def again(self, **changes: Any) -> Laps:
-        """Return what comes of all passings if these fields are others; so each race begins."""
+        """Return new laps with these fields changed and all passings judged again."""
         ends = self.settings.first_crossing == 'ends'
         begun = dict.fromkeys(self.karts, (0.0,) * ends)
         fresh = dataclasses.replace(
@@ -331,27 +332,27 @@ class Laps:
         return fresh._judge(self.crossings)[0]
 
     def strike(self, identity: Identity, why: str) -> Laps:
-        """Strike a passing out."""
+        """Strike out a passing."""
         return self.again(struck={**self.struck, identity: why})
 
     def restore(self, identity: Identity) -> Laps:
-        """Put a passing back."""
+        """Restore a passing."""
         return self.again(struck={key: why for key, why in self.struck.items() if key != identity})
 
     def finish(self, kart: int, now: float) -> Laps:
-        """Take note that a kart has finished."""
+        """Record that a kart has finished."""
         return dataclasses.replace(self, finished={**self.finished, kart: now - self.green})
 
     def undo_finish(self, kart: int) -> Laps:
-        """Take note that it has not: what came since counts."""
+        """Undo a kart's finish, so that passings since then count."""
         return self.again(finished={key: at for key, at in self.finished.items() if key != kart})
 
     def leave(self, kart: int, now: float) -> Laps:
-        """Take note that a kart is out of the race."""
+        """Record that a kart has left the race."""
         return dataclasses.replace(self, left={**self.left, kart: now - self.green})
 
     def end(self, now: float) -> Laps:
-        """Take note that the race was stopped, or is over; what comes now does not count."""
+        """Record that the race was stopped or is over; later passings do not count."""
         return dataclasses.replace(self, ended=min(self.ended, now - self.green))
 
     def penalise(self, penalty: Penalty) -> Laps:
@@ -359,7 +360,7 @@ class Laps:
         return dataclasses.replace(self, penalties=(*self.penalties, penalty))
 
     def undo_penalty(self, kart: int) -> Laps:
-        """Take the last penalty of a kart back."""
+        """Remove the last penalty of a kart."""
         last = max(number for number, each in enumerate(self.penalties) if each.kart == kart)
         kept = (each for number, each in enumerate(self.penalties) if number != last)
         return dataclasses.replace(self, penalties=tuple(kept))
@@ -367,7 +368,7 @@ class Laps:
     # ----- what there is to see -----------------------------------------------------------
 
     def knows(self, identity: Identity) -> bool:
-        """Return whether the passing is of this race."""
+        """Return whether a passing belongs to this race."""
         return any(each.passing.identity == identity for each in self.crossings)
 
     def is_done(self, kart: int) -> bool:
@@ -376,25 +377,25 @@ class Laps:
 
     @functools.cached_property
     def _nobody(self) -> tuple[Crossing, ...]:
-        """Return the crossings of which nobody has said who it was, the first one first."""
+        """Return the unidentified crossings, oldest first."""
         marked = zip(self.crossings, self.marks, strict=True)
         return tuple(
             each for each, mark in marked if mark is Mark.UNKNOWN and not each.passing.transponder
         )
 
     def trouble(self, now: float) -> str:
-        """Return what an official should know of the sources, as a sentence; empty: nothing."""
+        """Return a sentence about trouble with the sources; empty if there is none."""
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
-            phrases.append(f'the clock of {who} jumps, or its passings come late')
+            phrases.append(f'the clock of {who} jumped, or its passings came late')
         for source, count in sorted(self.over.items()):
             phrases.append(f'{count} passings of {source} were too many and are not counted')
         if self.unknown:
             phrases.append(f'no kart has the transponder {_some(self.unknown)}')
         if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
-            phrases.append('somebody crossed the line, and nothing says who')
-        return f'Look at the laps: {"; ".join(phrases)}' if phrases else ''
+            phrases.append('a kart crossed the line, but it is unknown which one')
+        return f'Check the laps: {"; ".join(phrases)}' if phrases else ''
 
     @functools.cached_property
     def results(self) -> tuple[KartResult, ...]:
@@ -403,7 +404,7 @@ class Laps:
 
     @property
     def is_result(self) -> bool:
-        """Return whether it is the result of a heat: a kart has a lap."""
+        """Return whether this is a result of a heat: at least one kart has a lap."""
         return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
 
     def last_passings(self, most: int) -> list[Judged]:
@@ -421,7 +422,7 @@ class Laps:
         ]
 
     def lap_times(self, kart: int) -> tuple[float, ...]:
-        """Return the times of the laps of a kart, in s."""
+        """Return the lap times of a kart, in s."""
         times = self.counted.get(kart, ())
         return tuple(after - before for before, after in itertools.pairwise(times))
 
@@ -450,7 +451,7 @@ class Laps:
 
 
 def _is_before(one: Passing, other: Passing) -> bool:
-    """Return whether a source said one before the other."""
+    """Return whether a source reported one passing before the other."""
     return one.identity[:2] == other.identity[:2] and one.number < other.number
 
 
@@ -461,10 +462,10 @@ _GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
 
 def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
     """
-    Return results in their order, with places; to the millisecond equal ones share a place.
+    Return results in order, with places; results equal to the millisecond share a place.
 
-    Race: by laps, then by total time. Time trial: the same, then by the best lap. Practice: by
-    the best lap. Whoever did not finish, was not classified or is disqualified comes last.
+    Race: by laps, then by total time. Time trial: the same, then by best lap. Practice: by best
+    lap. Karts that did not finish, were not classified or are disqualified come last.
     """
     key = functools.partial(_key, format_)
     placed: list[KartResult] = []
@@ -477,7 +478,7 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
 
 
 def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
-    """Return the key to sort results by: that of a better one is less."""
+    """Return the key to sort results by; a better result has a smaller key."""
     group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
     if format_ is Format.PRACTICE:
         return group, best
@@ -485,10 +486,10 @@ def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
 
 
 def overall(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
-    """Return the best result that each kart has in several races, in their order, with places."""
+    """Return each kart's best result over several races, in order, with places."""
     best: dict[int, tuple[tuple[float, ...], KartResult]] = {}
     for result in results:
-        # Of equals the one with more laps, whatever the order in which they come.
+        # Of equal results, take the one with more laps, whatever their order.
         key = (*_key(format_, result), -result.laps, _ms(result.total))
         if result.kart not in best or key < best[result.kart][0]:
             best[result.kart] = key, result
@@ -500,7 +501,7 @@ def _ms(seconds: float | None) -> float:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Return a few names."""
+    """Return up to three names, and the number of the others."""
     shown = sorted(names)
     more = f' and {len(shown) - 3} more' if len(shown) > 3 else ''
     return ', '.join(shown[:3]) + more

@@ -6,9 +6,9 @@ Lines of plain text, for home-made timers: a microcontroller, a telephone, a scr
 
     $transponder,seconds LF
 
-The transponder is up to 32 printable characters of ASCII, without ``$``, comma and space, or
-nothing if the timer does not know who it was. The seconds are those of the timer's own clock, with
-up to six decimals. A line ``$`` with nothing behind it is a sign of life.
+The transponder is up to 32 printable ASCII characters without ``$``, comma and space, or empty if
+the timer does not know who crossed. The seconds come from the timer's own clock, with up to six
+decimals. A line with only ``$`` is a sign of life.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _PASSING = re.compile(
 
 
 def read(line: bytes) -> Event:
-    """Return what a line says; the time is by the timer's clock."""
+    """Return the event in a line; its time is by the timer's clock."""
     if line in (b'', b'\r'):
         return Sign()
     match = _PASSING.fullmatch(line)

@@ -5,7 +5,7 @@
 The ``timing_source`` node: the passings of one timing device, as a ROS topic.
 
 One thread owns the device: it connects, reads, decodes and publishes. The executor's thread only
-tells how the device is, once a second.
+reports the device's condition, once a second.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
 
 PASSINGS_QOS = latched(200)
-"""Of ``passings``: whoever comes later gets the last ones too. Each has a number, so that a
-passing that is heard twice counts once."""
+"""QoS of ``passings``: late subscribers also get the last ones. Each passing has a number, so that
+one heard twice counts once."""
 
 LINES = ('cts', 'dsr', 'cd', 'ri')
 """Control lines of a serial port that a contact can be wired to."""
 
 DEVICE_LOOK = 0.2
-"""Maximum time until the node's thread sees that the node ends, seconds."""
+"""Maximum time until the device's thread notices that the node ends, seconds."""
 
 CONTACT_LOOK = 0.001
 """Time between two looks at a contact, seconds."""
 
 RECONNECT_DELAYS = (0.5, 1.0, 2.0, 5.0)
-"""Time before each further attempt to connect; the last for all that follow, seconds."""
+"""Times before further attempts to connect, seconds; the last one repeats."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,19 +71,19 @@ class TimingSource(StrictNode):
     """
     The node of one timing device.
 
-    :param on_failure: is called, in another thread, when the node cannot go on.
+    :param on_failure: called in another thread if the node cannot continue.
     :raises ParameterError: if a parameter is wrong.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters and begin to connect."""
+        """Read the parameters and start to connect."""
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
         self._settings = read_settings(Parameters(self))
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         gates = frozenset(each.strip() for each in self._settings.gates.split(','))
         self._account = Account(clock.now(), gates - {''})
-        self._gone = 'It is not connected yet'  # empty: it is connected
+        self._gone = 'The device is not connected yet'  # empty: it is connected
         self._stuck = False
         self._connections = 0
         self._told = ''
@@ -99,7 +99,7 @@ class TimingSource(StrictNode):
         self._thread.start()
 
     def close(self) -> None:
-        """Let go of the device, and wait until what was published is heard."""
+        """Release the device, and wait until everything published is heard."""
         self._ending.set()
         self._thread.join()
         wait_until_heard(self._passings)
@@ -119,14 +119,14 @@ class TimingSource(StrictNode):
                         self._connections += 1
                         self._follow(device)
                 except OSError as error:
-                    self._gone = f'It is not connected: {error}'
+                    self._gone = f'The device is not connected: {error}'
                 attempts = 0 if self._account.heard_at != heard else attempts + 1
                 self._ending.wait(RECONNECT_DELAYS[min(attempts, len(RECONNECT_DELAYS) - 1)])
         except BaseException as error:  # noqa: BLE001 - handed on
             self._on_failure(error)
 
     def _follow(self, device: Device) -> None:
-        """Publish what the device says until this node ends, or the device is gone."""
+        """Publish the device's passings until this node ends or the device is gone."""
         if self._settings.kind == CONTACT:
             self._follow_contact(control_line(device, self._settings.line))
             return
@@ -137,7 +137,7 @@ class TimingSource(StrictNode):
             now = clock.now()
             for event in decoder.feed(data):
                 self._take(event, now)
-            # A device whose plug is pulled does not end the connection.
+            # A device whose plug is pulled does not close the connection.
             if at_tcp and self._is_silent(now, since):
                 return
 
@@ -176,13 +176,14 @@ class TimingSource(StrictNode):
         if self._gone:
             said = self._gone
         elif self._is_silent(now):
-            said = f'It has said nothing for {self._settings.silent_after:g} s: no laps come of it'
+            after = self._settings.silent_after
+            said = f'The device has been silent for {after:g} s, so no laps come from it'
         elif self._stuck:
-            said = f'Its beam has been broken for {STUCK:g} s: no laps come of it'
+            said = f'The beam has been broken for {STUCK:g} s, so no laps come from it'
         elif trouble is not None:
             level, said = DiagnosticStatus.WARN, trouble.value
         else:
-            level, said = DiagnosticStatus.OK, 'It is connected'
+            level, said = DiagnosticStatus.OK, 'The device is connected'
         if said != self._told:
             self._told = said
             if level == DiagnosticStatus.OK:
@@ -209,7 +210,7 @@ class TimingSource(StrictNode):
         self._diagnostics.publish(array)
 
     def _is_silent(self, now: float, since: float = 0.0) -> bool:
-        """Return whether the device should have said something, since then or at all."""
+        """Return whether the device has been silent for too long."""
         after = self._settings.silent_after
         if self._settings.kind == CONTACT or not after:
             return False
@@ -225,28 +226,28 @@ def read_settings(parameters: Parameters) -> TimingSettings:
     declare, default = parameters.declare, TimingSettings
     kinds = (CONTACT, *DECODERS)
     settings = TimingSettings(
-        kind=declare('kind', '', f'What device it is: {", ".join(kinds)}.'),
-        device=declare('device', '', 'Where it is: the path of a serial port, or host:port.'),
-        source=declare('source', default.source, 'What the source is called; it stays the same.'),
+        kind=declare('kind', '', f'Kind of the device: {", ".join(kinds)}.'),
+        device=declare('device', '', 'Its address: path of a serial port, or host:port.'),
+        source=declare('source', default.source, 'Name of the source; it must not change.'),
         baud=declare('baud', default.baud, 'Baud rate of a serial port.', (300, 3_000_000)),
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'Time without anything from the device until it is told, s; 0: it may be silent.',
+            'Time of silence until it is reported, s; 0: the device may be silent.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
-        inverted=declare('inverted', default.inverted, 'The line is active while nobody crosses.'),
+        inverted=declare('inverted', default.inverted, 'Active while no kart crosses.'),
         debounce=declare(
             'debounce',
             default.debounce,
-            'Time for which a contact must have been free before a crossing, s.',
+            'Time the contact must have been free before a crossing, s.',
             (0.01, 10.0),
         ),
         gates=declare(
             'gates',
             default.gates,
-            "Transponders that are no kart's, as those of gates, by number or label: 9992, 9995.",
+            'Transponders that belong to no kart, such as gates, by number or label: 9992, 9995.',
         ),
     )
     parameters.refuse_unknown()
@@ -259,15 +260,15 @@ def read_settings(parameters: Parameters) -> TimingSettings:
                 f'parameter {name}: {value!r} is not possible. Give {" or ".join(possible)}'
             )
     if not settings.source:
-        raise ParameterError('parameter source is empty. Give a name, as line')
+        raise ParameterError('parameter source is empty. Give a name such as line')
     try:
         at = split(settings.device)
     except ValueError as error:
         raise ParameterError(
-            f'parameter device: {error}. Give one as /dev/ttyUSB0 or 10.1.0.20:5403'
+            f'parameter device: {error}. Give one such as /dev/ttyUSB0 or 10.1.0.20:5403'
         ) from error
     if settings.kind == CONTACT and at is not None:
-        raise ParameterError('parameter device: a contact is at a serial port, as /dev/ttyUSB0')
+        raise ParameterError('parameter device: give a contact a port such as /dev/ttyUSB0')
     return settings
 
 

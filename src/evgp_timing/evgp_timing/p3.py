@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-MYLAPS P3, as its decoders speak it over TCP. The decoder is the server; nothing is sent to it.
+MYLAPS P3, as its decoders send it over TCP. The decoder is the server; we send it nothing.
 
-From public descriptions and captures, not from MYLAPS: see docs/timing.md.
+The format comes from public descriptions and captures, not from MYLAPS (see docs/timing.md).
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ class Field(enum.IntEnum):
 
 def checksum(record: bytes) -> int:
     """
-    Return the CRC of 16 bits: polynomial 0x1021, begun with 0xFFFF, each byte added at the end.
+    Return the 16-bit CRC: polynomial 0x1021, initial value 0xFFFF, each byte added at the low end.
 
-    CCITT's usual one adds each byte at the beginning, and so is two bytes ahead of it.
+    The usual CCITT variant adds each byte at the high end, so it is two bytes ahead.
     """
     return binascii.crc_hqx(b'\xff\xff' + record[:-2], 0) ^ int.from_bytes(record[-2:], 'big')
 
@@ -60,7 +60,7 @@ P3 = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return what a record says; the time is in microseconds since 1970, by its own clock."""
+    """Return the event in a record; its time is in microseconds since 1970, by its own clock."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)
@@ -78,7 +78,7 @@ def read(record: Record) -> Event:
 
 
 def _named(number: str, label: bytes) -> str:
-    """Return the number of a transponder, with the label that is printed on it if it has one."""
+    """Return the number of a transponder, followed by its printed label if it has one."""
     printed = label.decode('latin-1').strip('\0 ')
     says_more = printed.isascii() and printed.isprintable() and printed not in ('', number)
     return f'{number} {printed}' if says_more else number

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A MYLAPS P3 decoder without hardware: karts that go round, for rehearsals and tests.
+A MYLAPS P3 decoder without hardware: it simulates karts driving laps, for rehearsals and tests.
 
-It speaks what the public descriptions say, so it cannot show that they are right.
+It follows the public descriptions, so it cannot prove that they are right.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ import time
 from evgp_timing import p3
 
 STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
-"""A sign of life: noise and temperature."""
+"""A sign of life, with noise and temperature."""
 
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
-    """Return the record of a passing; the time in microseconds since 1970."""
+    """Return the record of a passing; the time is in microseconds since 1970."""
     fields = (
         (p3.Field.NUMBER, number, 4),
         (p3.Field.TRANSPONDER, transponder, 4),
@@ -41,7 +41,7 @@ def passing(number: int, transponder: int, time_us: int) -> bytes:
 def serve(
     server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
 ) -> None:
-    """Let the karts go round until the process ends, for whoever listens by then."""
+    """Let the karts drive laps until the process ends, and send them to all listeners."""
     listeners: list[socket.socket] = []
     numbers, chance = itertools.count(1), random.Random()  # noqa: S311 - lap times
     start = time.monotonic()
@@ -69,19 +69,19 @@ def serve(
             after = lap * chance.uniform(1 - spread, 1 + spread)
         due[0] = at + after, transponder
         for each in listeners:
-            with contextlib.suppress(OSError):  # it is gone, which `recv` shows
+            with contextlib.suppress(OSError):  # the listener is gone; `recv` will notice
                 each.send(data, socket.MSG_DONTWAIT)
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the emulator until Ctrl-C."""
     parser = argparse.ArgumentParser(description='A MYLAPS P3 decoder without hardware.')
-    parser.add_argument('--address', default='127.0.0.1', help='where it listens')
-    parser.add_argument('--port', type=int, default=p3.PORT, help='0: any')
+    parser.add_argument('--address', default='127.0.0.1', help='address to listen on')
+    parser.add_argument('--port', type=int, default=p3.PORT, help='port to listen on; 0: any')
     parser.add_argument('--transponders', type=int, nargs='+', default=[1001, 1002])
-    parser.add_argument('--lap', type=float, default=20.0, help='mean time of a lap, s')
-    parser.add_argument('--spread', type=float, default=0.1, help='of lap times, as a share')
-    parser.add_argument('--status', type=float, default=4.0, help='between signs of life, s')
+    parser.add_argument('--lap', type=float, default=20.0, help='mean lap time, s')
+    parser.add_argument('--spread', type=float, default=0.1, help='their spread, as a fraction')
+    parser.add_argument('--status', type=float, default=4.0, help='time between signs of life, s')
     given = parser.parse_args(args)
     with socket.create_server((given.address, given.port)) as server:
         host, port = server.getsockname()

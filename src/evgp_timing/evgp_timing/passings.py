@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a timing device says: passings, signs of life, and what cannot be read."""
+"""The messages of a timing device: passings, signs of life, and unreadable data."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Protocol, TypeAlias
 @dataclasses.dataclass(frozen=True)
 class Passing:
     """
-    A transponder, or whoever broke the beam, crossed the line.
+    A crossing of the line, by a transponder or by something that broke the beam.
 
-    :ivar time_us: when, by the clock that the device has, in microseconds.
-    :ivar number: how the device counts it, up to 2**32 - 1; 0: it does not count.
-    :ivar transponder: its number or name, as the device has it, or its number, a space, and the
-        label that is printed on it; empty: nobody knows who it was.
-    :ivar hits: how often the device saw it, up to 65535; 0: it does not say.
-    :ivar strength: of the signal, in the device's own measure; None: it does not say.
-    :ivar checked: False: the device sends no checksum, so it may have been changed on the way.
+    :ivar time_us: when, by the device's clock, in microseconds.
+    :ivar number: the device's count of it, up to 2**32 - 1; 0: the device does not count.
+    :ivar transponder: the transponder's number or name on the device, or its number, a space and
+        the label printed on it; empty if unknown.
+    :ivar hits: number of times the device saw it, up to 65535; 0 if not given.
+    :ivar strength: strength of the signal, in the device's own unit; None if not given.
+    :ivar checked: False: the device sends no checksum, so transmission errors are possible.
     """
 
     time_us: int
@@ -33,21 +33,21 @@ class Passing:
 
 @dataclasses.dataclass(frozen=True)
 class Refused:
-    """Something that cannot be read, and why not."""
+    """Data that cannot be read, and the reason."""
 
     reason: str
 
 
 @dataclasses.dataclass(frozen=True)
 class Sign:
-    """Something whole that is no passing: the device is there."""
+    """A complete message that is no passing; it shows that the device is alive."""
 
 
 Event: TypeAlias = Passing | Refused | Sign
 
 
 class Decoder(Protocol):
-    """Takes the bytes of one connection, however they are cut, and never raises."""
+    """Decodes the bytes of one connection, however they are split, and never raises."""
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return what these bytes complete."""
+        """Return the events that these bytes complete."""

@@ -4,15 +4,15 @@
 """
 The ``timekeeper`` node: laps and results, from race control's events and the timing line.
 
-It runs on race control's machine, whose clock both go by. No kart depends on it: if it ends, hangs
-or is wrong, the race goes on, and screens say that there is no timing. Its one word to race
-control is FINISH, for a heat with `auto_finish`.
+It runs on race control's machine, and both use that machine's clock. No kart depends on it: if it
+ends, hangs or is wrong, the race goes on, and screens show that there is no timing. The only
+command it gives race control is FINISH, for a heat with `auto_finish`.
 
-The executor's thread does all of it, and the main thread closes it. Whatever comes is written into
-the book before the timekeeper goes by it.
+The executor's thread does all the work; the main thread closes the node. The timekeeper writes
+every input into the book before it acts on it.
 
 Passings wait for a moment, so that a flood of them costs few writes. After a start or a hang they
-wait until race control's events are here too: a passing belongs to the race of its time.
+also wait for race control's events, because a passing belongs to the race of its time.
 """
 
 from __future__ import annotations
@@ -51,40 +51,40 @@ from rclpy.task import Future
 _P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
-"""Of ``~/results``: a late subscriber gets the present ones at once."""
+"""QoS of ``~/results``: a late subscriber gets the current results at once."""
 
 EVENTS_QOS = latched(200)
-"""Of race control's events, as it publishes them."""
+"""QoS of race control's events, the same as their publisher's."""
 
 ARRIVING_QOS = latched(1000)
-"""Of ``passings``: what a source said before it was found comes too."""
+"""QoS of ``passings``: passings published before the source was found arrive too."""
 
 DUE_EVERY = 0.2
-"""Time between two looks at what is due, in seconds."""
+"""Time between two checks for due work, in seconds."""
 
 GATHERED = 0.05
-"""Maximum time for which passings wait to be taken together, in seconds."""
+"""Maximum time that passings wait to be processed together, in seconds."""
 
 MOST_WAITING = 1000
-"""Maximum number of passings that wait; what more come is counted."""
+"""Maximum number of waiting passings; further ones are only counted."""
 
 HANG = 1.0
-"""Time without a look after which the timekeeper counts as having been away, in seconds."""
+"""Time without activity after which the timekeeper counts as having been away, in seconds."""
 
 CATCH_UP = 3.0
-"""Time after that in which it hears what it has missed, in seconds."""
+"""Time after an absence in which missed messages may still arrive, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
 
 KEPT_EVERY = 10.0
-"""Maximum time until results that changed, and which events have come, are in the book, in s."""
+"""Maximum time until changed results, and the last event number, are in the book, in seconds."""
 
 FINISH_EVERY = 2.0
-"""Time until FINISH is asked for again where nothing says that the kart has finished, in s."""
+"""Time until FINISH is requested again if the kart still counts as not finished, in seconds."""
 
 MOST_STRENGTH = 1e9
-"""The strength of a passing is below this, in the device's own measure."""
+"""Upper limit for the strength of a passing, in the device's own unit."""
 
 _COMMANDS = {
     msg.CommandAvailability.GRID_ACTIVE: What.GRID_ACTIVE,
@@ -93,11 +93,11 @@ _COMMANDS = {
     msg.CommandAvailability.KART_IN_GARAGE: What.LEFT,
     msg.CommandAvailability.LEAVE_RACE: What.LEFT,
 }
-"""What a command that was accepted says of a race."""
+"""What an accepted command means for a race's laps."""
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event of race control says of laps; None: nothing."""
+    """Return the meaning of race control's event for the laps; None if it has none."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
@@ -105,7 +105,7 @@ def told_of(event: msg.RaceEvent, run: str) -> Told | None:
         green = event.state.state == msg.RaceState.GREEN_GREEN
         what = What.GREEN_GREEN if green else What.OVER
         if event.state.state == msg.RaceState.GRID_ACTIVE:
-            what = None  # its command says it
+            what = None  # the command's event already means this
     elif (event.kind, event.state.state) == (
         msg.RaceEvent.KART_STATE,
         msg.RaceState.GREEN_GREEN,
@@ -119,11 +119,10 @@ def told_of(event: msg.RaceEvent, run: str) -> Told | None:
 
 def passing_of(message: msg.Passing) -> Passing:
     """
-    Return a passing of a message, whatever is in it.
+    Return the passing in a message, whatever the message contains.
 
-    What a message can say and the book cannot keep is what says nothing: a strength that is no
-    number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
-    but officials is called as they are.
+    Values that the book cannot keep are dropped: a strength that is no number or too large, and a
+    time before 1970. Names become one printable line. No source may use the officials' name.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength
@@ -147,9 +146,9 @@ class Settings:
 
 def read_roster(path: pathlib.Path) -> Roster:
     """
-    Return what the desk knows of the roster in a file.
+    Return the part of a roster file that the desk needs.
 
-    :raises RosterError: if it cannot be read, or is none.
+    :raises RosterError: if the file cannot be read or is no roster.
     """
     roster = load_roster(path)
     owners = {name: each.number for each in roster.entries for name in each.transponders}
@@ -160,14 +159,14 @@ class Timekeeper(StrictNode):
     """
     The node.
 
-    :param on_failure: is called when it cannot go on.
+    :param on_failure: called if the node cannot continue.
     :raises ParameterError: if a parameter is wrong.
-    :raises RosterError: if the roster is.
-    :raises BookError: if its file cannot be used.
+    :raises RosterError: if the roster is wrong.
+    :raises BookError: if the book cannot be used.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read what is known of this event, and begin to hear."""
+        """Restore what is known of this event, and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
@@ -209,14 +208,14 @@ class Timekeeper(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """Write the results as they are, and let the file go."""
+        """Write the current results and close the book."""
         with self._turn:
             self._ended = True
             self._keep(clock.now(), at_once=True)
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that runs while nothing else does, and not after the end."""
+        """Return a callback that runs while no other does, and never after the end."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:
@@ -232,7 +231,7 @@ class Timekeeper(StrictNode):
     # ----- what comes ---------------------------------------------------------------------
 
     def _take(self, *given: Input) -> Answer | None:
-        """Write what came into the book, and go by it; return the answer to the last of it."""
+        """Write inputs into the book and process them; return the answer to the last one."""
         self._write(*given)
         return [self._feed(each) for each in given][-1]
 
@@ -240,7 +239,7 @@ class Timekeeper(StrictNode):
         try:
             self._book.write(*given)
         except OSError as error:
-            self.get_logger().error(f'{error}: a restart would not know it')
+            self.get_logger().error(f'{error}. After a restart this input would be missing')
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, (Told, Heard)):
@@ -271,9 +270,9 @@ class Timekeeper(StrictNode):
     def _read_roster(self) -> None:
         try:
             self._desk.roster = read_roster(self._roster)
-            self.get_logger().info(f'{self._roster} was read again, as race control took it')
+            self.get_logger().info(f'Read {self._roster} again, because race control took it')
         except RosterError as error:
-            self.get_logger().error(f'The roster stays as it was: {error}')
+            self.get_logger().error(f'The old roster stays in use: {error}')
 
     def _see(self, message: msg.Passing) -> None:
         if sum(len(each.passings) for each in self._waiting) >= MOST_WAITING:
@@ -288,11 +287,11 @@ class Timekeeper(StrictNode):
 
     @property
     def _catches_up(self) -> bool:
-        """Return whether what it missed while it was away may still come."""
+        """Return whether messages missed during an absence may still arrive."""
         return self._awake - self._back < CATCH_UP
 
     def _take_waiting(self) -> None:
-        """Take the passings that wait."""
+        """Process the waiting passings."""
         if not self._waiting or self._catches_up:
             return
         waiting, self._waiting = self._waiting, []
@@ -320,7 +319,7 @@ class Timekeeper(StrictNode):
         alone = self._alone(serve)
 
         def answered(request: Any, response: Any) -> Any:
-            response.message = 'the timekeeper ends'
+            response.message = 'the timekeeper is shutting down'
             alone(request, response)
             return response
 
@@ -350,7 +349,7 @@ class Timekeeper(StrictNode):
                 self._asked[wanted] = now, self._ask_for(wanted)
 
     def _keep(self, now: float, at_once: bool = False) -> None:
-        """Have the results in the book once they have changed."""
+        """Write the results into the book if they have changed."""
         if self._shown is None or not self._shown.race:
             return
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]
@@ -359,7 +358,7 @@ class Timekeeper(StrictNode):
             try:
                 self._book.write(self._shown)
             except OSError as error:
-                self.get_logger().error(f'{error}: the report would not have it')
+                self.get_logger().error(f'{error}. The report would lack these results')
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))
@@ -389,24 +388,24 @@ def read_settings(parameters: Parameters) -> Settings:
     :raises ParameterError: if a parameter is wrong.
     """
     declare, default = parameters.declare, LapSettings
-    roster = declare('roster', '', 'The file that lists the karts: the one of race control.')
-    book = declare('book', '', 'Its file (SQLite); empty: evgp_rcs/timing.sqlite3 below ROS_HOME.')
+    roster = declare('roster', '', "The file that lists the karts: race control's roster.")
+    book = declare('book', '', 'Its file (SQLite); empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
         min_lap_time=declare(
             'min_lap_time',
             default.min_lap_time,
-            'A passing nearer to the last one that counted is doubtful, s.',
+            'Minimum time between two passings that count, s; a sooner one is doubtful.',
             (0.1, 3600),
         ),
         first_crossing=declare(
             'first_crossing',
             default.first_crossing,
-            'The first crossing of a kart starts lap 1, or ends it: starts, or ends.',
+            'Whether the first crossing of a kart starts lap 1 or ends it: starts or ends.',
         ),
         clock_tolerance=declare(
             'clock_tolerance',
             default.clock_tolerance,
-            "How far a source's clock may be from the times of arrival, s.",
+            "Maximum difference between a source's clock and the times of arrival, s.",
             (0.01, 10),
         ),
     )
@@ -418,8 +417,8 @@ def read_settings(parameters: Parameters) -> Settings:
         )
     if not roster:
         raise ParameterError(
-            'parameter roster is missing. Name the file that lists the karts, '
-            'as in: --ros-args -p roster:=config/karts.yaml'
+            'parameter roster is missing. Give the file that lists the karts, '
+            'such as: --ros-args -p roster:=config/karts.yaml'
         )
     path = pathlib.Path(book).expanduser() if book else rcs_folder() / BOOK
     return Settings(pathlib.Path(roster), path, settings)
@@ -429,8 +428,8 @@ def main(args: list[str] | None = None) -> int:
     """
     Run the node until SIGINT or SIGTERM.
 
-    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if another
-        timekeeper is in the way.
+    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the book
+        cannot be used.
     """
     refusals = (ParameterError, RosterError)
     return run_node('timekeeper', Timekeeper, refusals, args, obstacles=(BookError,))

@@ -4,8 +4,8 @@
 """
 The timekeeper's window as a process: `ros2 run evgp_timing timekeeper_window`.
 
-It may run on any machine of the officials' network. It stops and starts nothing: it shows what the
-timekeeper publishes, and calls the timekeeper's services.
+It may run on any machine of the officials' network. It shows what the timekeeper publishes and
+calls the timekeeper's services. It cannot stop or start anything.
 """
 
 from __future__ import annotations
@@ -41,31 +41,31 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 NO_QT = (
-    'there is no Qt for Python here. Install it: '
+    'Qt for Python is not installed. Install it with '
     "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
 )
-NO_DISPLAY = 'there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
+NO_DISPLAY = 'no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
 NOT_ALLOWED = (
     'ROS does not allow this program to correct results. With SROS2, use the enclave /officials.'
 )
 
 TIMING = 'timing: '
-"""The beginning of a timing line's name in diagnostics."""
+"""Prefix of a timing line's name in diagnostics."""
 
 END_TIMEOUT = 5.0
-"""Maximum time the process takes to end after its window was closed, in seconds."""
+"""Maximum time the process takes to end after its window is closed, in seconds."""
 
 
 class Client:
     """
-    Hears the timekeeper and race control in a thread of its own, and calls the timekeeper.
+    Listens to the timekeeper and race control in its own thread, and calls the timekeeper.
 
-    :param node_options: of its node.
-    :raises RCLError: if ROS does not let it be that client.
+    :param node_options: options of its node.
+    :raises RCLError: if ROS does not allow this client.
     """
 
     def __init__(self, **node_options: Any) -> None:
-        """Join the domain and begin to hear."""
+        """Join the domain and start to listen."""
         self._inbox: queue.SimpleQueue[Callable[[Any], object]] = queue.SimpleQueue()
         self.node = Node('timekeeper_window', **node_options)
         fence_graph()
@@ -81,11 +81,11 @@ class Client:
         subscribe(DiagnosticArray, '/diagnostics', self._hear_lines, DIAGNOSTICS_QOS)
         log = self.node.get_logger()
         self._spinning = Spinning(
-            self.node, lambda error: log.error(f'{error!r}: nothing is heard')
+            self.node, lambda error: log.error(f'This window receives nothing more: {error!r}')
         )
 
     def take(self, window: Any) -> None:
-        """Tell a window what was heard, in the thread that calls this."""
+        """Pass what was heard to a window, in the calling thread."""
         while not self._inbox.empty():
             self._inbox.get()(window)
 
@@ -96,10 +96,10 @@ class Client:
         fields: Mapping[str, Any],
         answered: Callable[[Answer], None],
     ) -> None:
-        """Send a correction; the answer is handed over by `take`."""
+        """Send a correction; `take` delivers the answer."""
         service = self._services[entry.service]
         if not service.service_is_ready():
-            answered(Answer(False, 'its service is not there: nothing was sent'))
+            answered(Answer(False, 'the timekeeper was not found. Nothing was sent'))
             return
         signed = claim(official, platform.node(), os.getpid())
         request = service_class(entry.service_type).Request(official=signed, **fields)
@@ -122,7 +122,7 @@ class Client:
         try:
             results = value_of(message, Standings)
         except ValueError as error:
-            said = f'Results are left out that are not of this timekeeper: {error}'
+            said = f'Ignored results that do not fit this timekeeper: {error}'
             self.node.get_logger().warning(said, throttle_duration_sec=10.0)
             return
         self._inbox.put(lambda window: window.on_results(results))
@@ -150,9 +150,9 @@ def _seconds(time: Any) -> float:
 
 def main(arguments: list[str] | None = None) -> int:
     """
-    Open the window, and run until it is closed.
+    Open the window and run until it is closed.
 
-    :return: 0 after an orderly end, 2 if there is no Qt or no screen, or if a setting is wrong.
+    :return: 0 after an orderly end, 2 if Qt or a screen is missing or a setting is wrong.
     """
     program, *given = ['timekeeper_window', *arguments] if arguments is not None else sys.argv
     try:
@@ -172,12 +172,12 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(str(error))
     application = QtWidgets.QApplication(remove_ros_args([program, *given]))
     application.setStyle('Fusion')
-    # Python runs these when a timer gives it the chance.
+    # Python runs these handlers when a timer lets it.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
-    # A name such as 7 or yes, unquoted, is a number or a truth to ROS.
+    # ROS reads an unquoted name such as 7 or yes as a number or a truth value.
     descriptor = ParameterDescriptor(
-        description='Who corrects from this window.', read_only=True, dynamic_typing=True
+        description='Name of the timekeeper at this window.', read_only=True, dynamic_typing=True
     )
     official = client.node.declare_parameter('official', '', descriptor).value
     window = TimekeeperWindow(client.give, client.take, str(official or ''))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the timekeeper's window shows, as texts: it works out no result.
+The texts that the timekeeper's window shows. This module computes no results.
 
 Pure.
 """
@@ -32,10 +32,10 @@ _STATUS = {
     Status.CLASSIFIED: 'finished',
     Status.DNF: 'did not finish',
     Status.NOT_CLASSIFIED: 'no lap',
-    Status.DISQUALIFIED: '',  # its penalty says it
+    Status.DISQUALIFIED: '',  # the penalty shows it
 }
 _MARKS = {
-    Mark.DOUBTFUL: 'doubtful: too soon after the crossing before',
+    Mark.DOUBTFUL: 'doubtful: too soon after the last crossing',
     Mark.NOT_COUNTED: 'not counted',
 }
 _BUTTONS = {Act.STRIKE: 'Strike', Act.RESTORE: 'Restore', Act.GIVE: 'Whose?'}
@@ -45,8 +45,8 @@ class Row(NamedTuple):
     """
     The result of one kart.
 
-    :param cells: the text of each of ``HEADINGS``.
-    :param penalised: an official took something from its result.
+    :param cells: one text per heading of ``HEADINGS``.
+    :param penalised: an official has penalised it.
     """
 
     kart: int
@@ -58,10 +58,10 @@ class Crossing(NamedTuple):
     """
     One passing of the timing line.
 
-    :param at: when it crossed, since GREEN_GREEN.
-    :param kart: its number; ``?``: nobody knows.
-    :param text: what became of it.
-    :param act: what its button does, and ``button`` what it says.
+    :param at: time of the crossing since GREEN_GREEN.
+    :param kart: the kart's number; ``?`` if unknown.
+    :param text: the outcome of the passing.
+    :param act: what its button does; ``button``: the label of that button.
     """
 
     passing: Passing
@@ -72,24 +72,24 @@ class Crossing(NamedTuple):
 
     @property
     def button(self) -> str:
-        """Return what its button says."""
+        """Return the label of its button."""
         return _BUTTONS[self.act]
 
     def __str__(self) -> str:
-        """Return which one it is, as a dialog names it."""
+        """Return its name in a dialog."""
         return f'Kart {self.kart} at {self.at}: {self.text} ({self.passing.identity})'
 
 
 def title(results: Standings) -> str:
-    """Return which race is shown."""
+    """Return the name of the shown race."""
     return results.heat or ('Race' if results.races else 'No race yet')
 
 
 def about(results: Standings, state: str) -> str:
     """
-    Return what there is to say of the race that is shown.
+    Return the facts about the shown race.
 
-    :param state: the state of the race, and for how long.
+    :param state: the state of the race, with its duration.
     """
     words = [
         results.format.value.replace('_', ' ') + f' to {results.laps} laps' * bool(results.laps)
@@ -117,13 +117,13 @@ def races(results: Standings) -> list[tuple[str, int]]:
 
 
 def newest_with_results(results: Standings) -> int:
-    """Return the number of the race that a correction is probably of; 0: there was none."""
+    """Return the number of the race that a correction probably means; 0: there was none."""
     began = results.races[: len(results.races) - (not results.karts)]
     return began[-1].number if began else 0
 
 
 def karts(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, int]]:
-    """Return every kart with its number, as an official chooses one."""
+    """Return every kart with its number, for an official to choose from."""
     known = {**{each.kart: '' for each in results.karts}, **teams}
     return [(f'{number}  {team}'.rstrip(), number) for number, team in sorted(known.items())]
 
@@ -132,7 +132,7 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
     """
     Return the results, best first.
 
-    :param teams: the team of each kart of the roster.
+    :param teams: the team of each kart in the roster.
     """
     return [
         Row(
@@ -166,7 +166,7 @@ def crossings(results: Standings) -> list[Crossing]:
 
 
 def _crossings(results: Standings) -> Iterator[Crossing]:
-    # The newest crossing of a kart that counted ended its last lap, and so on.
+    # A kart's newest counted crossing ended its last lap, the one before it the lap before.
     laps = {each.kart: [*each.lap_times] for each in results.karts}
     for judged in reversed(results.passings):
         passing = judged.passing
@@ -182,14 +182,14 @@ def _crossings(results: Standings) -> Iterator[Crossing]:
 
 
 def _became(judged: Judged, laps: list[float], wanted: int) -> str:
-    """Return what became of a passing; the laps are those that were driven until then."""
+    """Return the outcome of a passing; ``laps`` are those completed until then."""
     match judged.mark:
         case Mark.STRUCK:
             return f'struck: {judged.struck}'
         case Mark.UNKNOWN if judged.passing.transponder:
             return f'transponder {judged.passing.transponder}'
         case Mark.UNKNOWN:
-            return 'nobody has said who'
+            return 'kart unknown'
         case Mark.COUNTED if laps:
             number = len(laps)
             return f'lap {number}, {lap_time(laps.pop())}' + ': finish' * (number == wanted)

@@ -30,22 +30,22 @@ QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
 NO_ANSWER = 5.0
-"""Time without an answer to a correction after which the window says so, in seconds."""
+"""Time without an answer to a correction after which the window shows this, in seconds."""
 
-STOPS_NOTHING = 'This window stops and starts nothing. Stops: the race window, the stop button.'
-NO_WORD = 'No word from the timekeeper for {age}: what is shown is out of date'
-NOT_SENT = '{label} was not sent: no word from the timekeeper for {age}'
-NOT_ANSWERED = '{label}: no answer for {age}. Look at the results before you press it again'
-LINE_SILENT = 'nothing is heard of it for {age}'
+STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button.'
+NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
+NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
+NOT_ANSWERED = '{label}: no answer for {age}. Check the results before you press it again'
+LINE_SILENT = 'silent for {age}'
 NO_RACE_CONTROL = 'race control is not heard'
 NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
 
 Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
 """Sends a correction in an official's name, with the fields of its request, and returns at once.
-The function is called with the answer, in the window's thread."""
+Its last argument is called with the answer, in the window's thread."""
 
 REFRESH = 50
-"""Time between two looks at what was heard, in milliseconds."""
+"""Time between two updates of the window, in milliseconds."""
 
 ROW = 39
 """Minimum height of a row, in pixels."""
@@ -57,7 +57,7 @@ _BUTTONS = {
     Act.PUBLISH: 'Publish results…',
 }
 _MOST = {'seconds': 3600, 'laps': 100}
-_WIDE = ('about', 'said', 'warning', 'text')  # labels that take what room there is
+_WIDE = ('about', 'said', 'warning', 'text')  # labels that take all available room
 _WIDTHS = {'KART': 66, '': 94}
 _NUMBERS = ('LAPS', 'TIME', 'GAP', 'BEST', 'LAST')
 _LEFT = QtCore.Qt.AlignmentFlag.AlignLeft | QtCore.Qt.AlignmentFlag.AlignVCenter
@@ -93,17 +93,17 @@ class TimekeeperWindow:
     """
     The window.
 
-    The functions `on_...` take what was heard, in the window's thread.
+    Its functions `on_...` receive the news in the window's thread.
 
     :param give: sends a correction.
-    :param take: tells it what was heard since the last time.
-    :param official: who corrects, as far as that is known at start.
+    :param take: passes on what was heard since the last call.
+    :param official: name of the official, if known at start.
     """
 
     def __init__(
         self, give: Give, take: Callable[[TimekeeperWindow], None], official: str
     ) -> None:
-        """Make the window; it is not shown yet."""
+        """Create the window without showing it."""
         self._give, self._take = give, take
         self._results = Standings()
         self._heard = self._race_heard = clock.now()
@@ -145,13 +145,13 @@ class TimekeeperWindow:
     # ----- what is heard ------------------------------------------------------------------
 
     def on_results(self, results: Standings) -> None:
-        """Take the results as they stand."""
+        """Show the current results."""
         self._results, self._heard = results, clock.now()
         self._show_results()
         self._show_crossings(view.crossings(results))
 
     def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
-        """Take the state of the race, for how long it has been in it, and the teams."""
+        """Update the state of the race, its duration and the teams."""
         self._race_heard, self._state = clock.now(), state
         self._since = self._race_heard - seconds
         if teams != self._teams:
@@ -159,13 +159,13 @@ class TimekeeperWindow:
             self._show_results()
 
     def on_line(self, name: str, where: str, trouble: str) -> None:
-        """Take what a timing line says of itself; it is well if that is no trouble."""
+        """Update a timing line's condition; an empty ``trouble`` means that it works."""
         self._lines[name] = where, trouble, clock.now()
 
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Take what was heard, and show how old everything is, and what was not answered."""
+        """Process the news, and show the age of everything and unanswered corrections."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
@@ -216,7 +216,7 @@ class TimekeeperWindow:
                     _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
 
     def _show_crossings(self, seen: list[view.Crossing]) -> None:
-        """Show the crossings; a row stays that of its passing while others come above it."""
+        """Show the crossings; each row keeps its passing while new rows appear above."""
         if seen == self._crossings:
             return
         table, new = self._passings, [each.passing for each in seen]
@@ -240,7 +240,7 @@ class TimekeeperWindow:
     # ----- what is corrected --------------------------------------------------------------
 
     def _count(self) -> None:
-        """Count a lap of the kart whose number was typed."""
+        """Count a lap for the kart whose number was typed."""
         typed = self._lap.text().strip()
         self._lap.clear()
         self._lap.setFocus()
@@ -251,7 +251,7 @@ class TimekeeperWindow:
             self._say(said, bad=True)
 
     def _correct(self, passing: Passing) -> None:
-        """Strike a passing out, put it back, or give its transponder to a kart."""
+        """Strike out a passing, restore it, or give its transponder to a kart."""
         seen = next(each for each in self._crossings if each.passing == passing)
         this = {**passing.identity._asdict(), 'race': self._results.races[-1].number}
         if seen.act is Act.GIVE:
@@ -265,8 +265,8 @@ class TimekeeperWindow:
         """
         Open a dialog for a correction, and send it once it is confirmed.
 
-        :param text: what it is about.
-        :param given: the fields of the request that are known.
+        :param text: the subject of the correction.
+        :param given: the known fields of the request.
         """
         entry = CORRECTIONS[act]
         dialog = QtWidgets.QDialog(self.widget, objectName='dialog', windowTitle=entry.label)
@@ -288,7 +288,7 @@ class TimekeeperWindow:
         def check() -> None:
             told = {name: _value(widget) for name, widget in fields.items()}
             costs = act is not Act.PENALISE or any(told[each] for each in (*_MOST, 'disqualified'))
-            # None: nothing is chosen.
+            # None means that nothing is chosen.
             box.button(yes).setEnabled(bool(costs and not {None, ''} & {*told.values()}))
 
         for each in fields.values():
@@ -437,7 +437,7 @@ _READ = {
     'textChanged': 'text',
     'toggled': 'isChecked',
 }
-"""The signal of each kind of field, and what reads it; a number has a text, too."""
+"""Change signal of each kind of field, and its getter; a number also has a text."""
 
 
 def _changed(field: Any) -> Any:

@@ -181,9 +181,9 @@ def test_what_does_not_count_ends_no_lap_and_says_why() -> None:
     assert [(each.kart, each.text, each.act) for each in view.crossings(results)] == [
         ('7', 'by hand, lap 1, 0:40.000', Act.STRIKE),
         ('7', 'not counted', Act.STRIKE),
-        ('?', 'nobody has said who', Act.STRIKE),
+        ('?', 'kart unknown', Act.STRIKE),
         ('?', 'transponder 4711', Act.GIVE),
-        ('7', 'doubtful: too soon after the crossing before', Act.STRIKE),
+        ('7', 'doubtful: too soon after the last crossing', Act.STRIKE),
         ('7', 'struck: seen twice (Ben)', Act.RESTORE),
         ('7', 'starts lap 1', Act.STRIKE),
     ]
