@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``board`` node: the race, heard as any screen hears it, on web pages.
+The ``board`` node: the race on web pages, received as any screen receives it.
 
-It subscribes, and has no way back: no client of a service, no publisher but those of every node.
-A thread of its own runs the web server; ROS's only keeps what came last.
+It only subscribes and has no way back: no service clients, and only the publishers that every node
+has. The web server runs in its own thread; ROS's thread only keeps the newest messages.
 """
 
 from __future__ import annotations
@@ -38,30 +38,30 @@ GONE_AFTER = 0.9
 """Time without a snapshot after which race control counts as gone, as in the window, seconds."""
 
 MOST_LOGGED = 8
-"""Number of lines about one kart, the newest ones."""
+"""Maximum number of lines kept about one kart; the newest stay."""
 
 BOARD_NICENESS = 5
-"""Niceness of the board: it comes after all that commands or sees to karts."""
+"""Niceness of the board; programs that command or serve karts run first."""
 
 ACCEPT_QUEUE = 128
-"""Maximum number of connections that wait to be taken."""
+"""Maximum number of connections that wait to be accepted."""
 
 
 class PlaceError(RuntimeError):
-    """The board may not listen where it was told to; the text says why, and what to do."""
+    """The board may not listen at the given address; the text says why, and what to do."""
 
 
 class InTheWayError(PlaceError):
-    """It cannot listen there now, and may be able to later."""
+    """The board cannot listen there now, but perhaps later."""
 
 
 class BoardNode(StrictNode):
     """
     The node of a board.
 
-    :param on_failure: is called, in another thread, when the board cannot go on.
+    :param on_failure: called in another thread if the board cannot continue.
     :raises ParameterError: if a parameter is wrong.
-    :raises PlaceError: if it may or can not listen at that address.
+    :raises PlaceError: if the board may not or cannot listen at that address.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -70,20 +70,19 @@ class BoardNode(StrictNode):
         self._address = parameters.declare(
             'address',
             '127.0.0.1',
-            'The address of this machine at which viewers reach the board; never one on the '
-            "karts' network.",
+            "This machine's address for viewers; never one on the karts' network.",
         )
         port = parameters.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
         parameters.refuse_unknown()
         check_address('address', self._address)
         if self._address == EVERY:
             raise ParameterError(
-                f"parameter address: {EVERY} is every network of this machine, also the karts'. "
-                'Give the one address at which viewers are to reach the board'
+                f'parameter address: {EVERY} includes every network of this machine, even the '
+                "karts'. Give the one address at which viewers reach the board"
             )
         self._listening = listen(self._address, port)
         self._on_failure = on_failure
-        # Each is replaced as a whole, in ROS's thread, and read in the server's.
+        # ROS's thread replaces each of these as a whole; the server's thread reads them.
         self._race: tuple[bytes, float] | None = None
         self._results = Standings(), -math.inf
         self._log: dict[int, tuple[Line, ...]] = {}
@@ -100,18 +99,18 @@ class BoardNode(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """End the server; every viewer is dropped."""
+        """End the server and drop every viewer."""
         self._ending.set()
         self._thread.join()
 
     # ----- in ROS's thread ----------------------------------------------------------------
 
     def _hear_race(self, message: bytes) -> None:
-        # Read only when it is looked at: there may be many in a second.
+        # Decoded only when needed, because many may come in a second.
         self._race = message, clock.now()
 
     def _hear_results(self, message: msg.Results) -> None:
-        with contextlib.suppress(ValueError):  # it is not of this race control
+        with contextlib.suppress(ValueError):  # it does not fit this race control
             self._results = value_of(message, Standings), clock.now()
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
@@ -120,10 +119,10 @@ class BoardNode(StrictNode):
             try:
                 stamped = event_of(each)
             except ValueError:
-                continue  # it is not of this race control
+                continue  # it does not fit this race control
             last, this = self._last_event, (stamped.sequence, stamped.wall_ns)
             line, kart = line_of(stamped), stamped.event.kart
-            # The last ones come again after the network was away.
+            # After a network failure, the last events come again.
             if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
                 self._last_event = this
                 log[kart] = (*log.get(kart, ()), line)[-MOST_LOGGED:]
@@ -141,11 +140,11 @@ class BoardNode(StrictNode):
 
     def _look(self, at: float) -> Now:
         """
-        Return what there is to show.
+        Return the data to show.
 
-        :raises PlaceError: if the board is where karts are.
+        :raises PlaceError: if the board is on the karts' network.
         """
-        keep_to_interface(self._listening, self._address)  # it has a new number once replugged
+        keep_to_interface(self._listening, self._address)  # a replugged one has a new number
         if self._race is None:
             return Now(self._heard, None)
         (message, came), (results, timed), log = self._race, self._results, self._log
@@ -153,7 +152,7 @@ class BoardNode(StrictNode):
         shown = message, results, log, gone, no_timing
         if [*map(id, shown)] != [*map(id, self._shown)]:
             race = None
-            with contextlib.suppress(ValueError):  # it is not of this race control
+            with contextlib.suppress(ValueError):  # it does not fit this race control
                 race = race_of(deserialize_message(message, msg.Race))
                 refuse_karts_network(self._address, race)
             self._shown, self._heard = shown, Heard(race, results, gone, no_timing, log)
@@ -162,7 +161,7 @@ class BoardNode(StrictNode):
 
 def listen(address: str, port: int) -> socket.socket:
     """
-    Return a socket that listens at an address, for what comes through the interface that has it.
+    Return a socket that listens at an address, only through the interface that has it.
 
     :raises InTheWayError: if this machine does not have the address, or the port is taken.
     :raises PlaceError: if the port may not be used.
@@ -178,12 +177,12 @@ def listen(address: str, port: int) -> socket.socket:
         if error.errno == errno.EADDRNOTAVAIL:
             raise InTheWayError(
                 f'this machine does not have the address {address}. Plug its network in, or give '
-                'another (make board AT=...)'
+                'another address (make board AT=...)'
             ) from error
         if error.errno == errno.EADDRINUSE:
             raise InTheWayError(
-                f'another program listens at port {port} of {address}, perhaps another board. End '
-                f"it, or give another port (ARGS='-p port:={port + 1}')"
+                f'another program, perhaps another board, listens at port {port} of {address}. '
+                f"End it, or give another port (ARGS='-p port:={port + 1}')"
             ) from error
         raise PlaceError(f'the board cannot listen at {address}, port {port}: {error}') from error
     return listening
@@ -191,7 +190,7 @@ def listen(address: str, port: int) -> socket.socket:
 
 def refuse_karts_network(address: str, race: Snapshot) -> None:
     """
-    Refuse to be where karts are.
+    Refuse to listen on the karts' network.
 
     :raises PlaceError: if a kart of the roster is on the network of this address.
     """
@@ -204,7 +203,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
         if network is not None and at in network and not at.is_loopback:
             raise PlaceError(
                 f"{address} is on the karts' network ({network}): kart {kart.number} is {at}. "
-                'Viewers must not be there: give the board an address on another network'
+                'Viewers must not share it. Give the board an address on another network'
             )
 
 
@@ -213,7 +212,7 @@ def main(args: list[str] | None = None) -> int:
     Run the node until SIGINT or SIGTERM.
 
     :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the address
-        is not there or taken.
+        is missing or taken.
     """
     os.nice(BOARD_NICENESS)
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)

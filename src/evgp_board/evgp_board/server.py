@@ -4,12 +4,12 @@
 """
 The board's web server: pages, and for each viewer a stream of what its page shows.
 
-A stream is server-sent events; each message is all that the page shows, so a viewer who missed
-some lacks nothing. One message at a time is on its way to a viewer: while it has not arrived, the
-viewer waits for whatever is newest by then. Nothing grows with a viewer who does not read, and
-who takes nothing for `SLOW_VIEWER` is dropped.
+A stream consists of server-sent events. Each message contains everything the page shows, so a
+viewer can miss messages without harm. Only one message at a time is on its way to a viewer; once
+it has arrived, the viewer gets the newest one. A viewer who does not read costs no growing memory,
+and a viewer who accepts nothing for `SLOW_VIEWER` is dropped.
 
-There is no other way in: GET and HEAD only, and nothing that a viewer sends goes anywhere.
+There is no other way in: the server accepts only GET and HEAD, and forwards nothing from viewers.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from evgp_protocol import clock
 from evgp_protocol.link import unanswered
 
 NEWS_LOOK = 0.2
-"""Time between two looks for something new to show, in seconds."""
+"""Time between two checks for news to show, in seconds."""
 
 SAY_AGAIN = 0.7
-"""Time after which a page is sent what it shows although nothing changed, in seconds: at the next
-look after that, so once a second at least. After 2 s without, a page says that it is stale."""
+"""Time after which an unchanged page is sent again at the next check, in seconds. A page thus gets
+a message at least once a second; after 2 s without one, it shows that it is stale."""
 
 SLOW_VIEWER = 5.0
 """Time without any progress after which a viewer is dropped, in seconds."""
 
 MOST_VIEWERS = 300
-"""Maximum number of viewers; whoever comes then is told so (503)."""
+"""Maximum number of viewers; further ones get the answer 503."""
 
 MOST_VISITS = 300
-"""Maximum number of other connections, which ask for pages; the newest beyond it are dropped."""
+"""Maximum number of other connections, which request pages; newer ones are dropped."""
 
 VISIT = 10.0
-"""Maximum time that such a connection lasts, in seconds."""
+"""Maximum duration of such a connection, in seconds."""
 
 PAGES = pathlib.Path(__file__).parent / 'pages'
 
@@ -64,18 +64,18 @@ HEADERS = {
     'Cache-Control': 'no-store',
     'Server': 'board',
 }
-"""Of every answer: a page runs and loads nothing but what is ours."""
+"""Headers of every answer: a page runs and loads only our own files."""
 
 OF_A_STREAM = {'Content-Type': 'text/event-stream', 'X-Accel-Buffering': 'no'}
-"""Of a stream: nginx hands each message on at once."""
+"""Headers of a stream; nginx then forwards each message at once."""
 
 
 @dataclass(frozen=True)
 class Now:
     """
-    What there is to show at one moment.
+    The data to show at one moment.
 
-    :param heard: the same object as long as nothing changed.
+    :param heard: the same object as long as nothing changes.
     :param age: time since race control was last heard, in seconds; None: it never was.
     """
 
@@ -86,11 +86,11 @@ class Now:
 @dataclass(eq=False)
 class _Viewer:
     """
-    Who looks at a page.
+    A viewer of a page.
 
-    :ivar chunks: what it is sent goes in chunks; HTTP/1.0, as some proxies ask, knows none.
-    :ivar waits: there is something that it was not sent yet.
-    :ivar moved: when it had last taken all that it was sent, in seconds.
+    :ivar chunks: messages go out in chunks; HTTP/1.0, which some proxies use, has none.
+    :ivar waits: there is news that the viewer was not sent yet.
+    :ivar moved: when the viewer had last received everything sent, in seconds.
     """
 
     transport: asyncio.Transport
@@ -101,7 +101,7 @@ class _Viewer:
     gone: asyncio.Event = field(default_factory=asyncio.Event)
 
     def has_all(self) -> bool:
-        """Return whether all that it was sent has arrived."""
+        """Return whether everything sent to the viewer has arrived."""
         if self.transport.get_write_buffer_size():
             return False
         with contextlib.suppress(OSError):
@@ -110,7 +110,7 @@ class _Viewer:
 
 
 class _Stream:
-    """What one page shows, encoded once for all who look at it."""
+    """The content of one page, encoded once for all its viewers."""
 
     def __init__(self, show: Callable[[Heard], Shown]) -> None:
         self._show = show
@@ -121,7 +121,7 @@ class _Stream:
         self.viewers: set[_Viewer] = set()
 
     def is_due(self, now: Now, at: float) -> bool:
-        """Return whether all viewers are to be sent something, and take it that they are."""
+        """Return whether a message is due for all viewers, and count it as sent."""
         if now.heard is not self._heard:
             self._heard, self._body = now.heard, json.dumps(self._show(now.heard))
         if self._body == self._sent_body and at - self._sent_at < SAY_AGAIN:
@@ -130,7 +130,7 @@ class _Stream:
         return True
 
     def message(self, now: Now, at: float) -> bytes:
-        """Return what the page shows now, as an event of a stream."""
+        """Return the page's current content, as an event of a stream."""
         self.is_due(now, at)
         race, age = now.heard.race, now.age or 0.0
         of_day, green = view.time_of_today(race), view.green_for(race)
@@ -148,7 +148,7 @@ class Server:
     """
     The server.
 
-    :param look: returns what there is to show.
+    :param look: returns the data to show.
     """
 
     def __init__(self, look: Callable[[float], Now]) -> None:
@@ -171,14 +171,14 @@ class Server:
             made = (PAGES / name).read_bytes()
             app.router.add_get(f'/{name}', functools.partial(_answer, made, kind))
         app.router.add_get('/live/{what}', self._watch, allow_head=False)
-        # What hostile requests look like is no news.
+        # Hostile requests are not worth logging.
         self._runner = web.AppRunner(
             app, access_log=None, lingering_time=1.0, logger=logging.getLogger('board.requests')
         )
         logging.getLogger('board.requests').setLevel(logging.CRITICAL)
 
     async def run(self, listening: socket.socket, ending: threading.Event) -> None:
-        """Serve at a socket until this is to end."""
+        """Serve at a socket until ``ending`` is set."""
         await self._runner.setup()
         await web.SockSite(self._runner, listening).start()
         try:
@@ -194,7 +194,7 @@ class Server:
         return [viewer for stream in self._streams.values() for viewer in stream.viewers]
 
     def _step(self, at: float) -> None:
-        """Send viewers what is new, and drop who takes too long."""
+        """Send viewers the news, and drop those that are too slow."""
         self._now = self._look(at)
         for name, stream in [*self._streams.items()]:
             due, message = stream.is_due(self._now, at), b''
@@ -215,7 +215,7 @@ class Server:
         self._end_visits(at)
 
     def _end_visits(self, at: float) -> None:
-        """Drop the connections that are no viewer's and last too long, or are too many."""
+        """Drop connections other than viewers' that last too long or are too many."""
         server, watching = self._runner.server, {each.protocol for each in self._viewers()}
         there = [each for each in (server.connections if server else ()) if each not in watching]
         self._visits = {each: self._visits.get(each, at) for each in there}
@@ -226,7 +226,7 @@ class Server:
                 _reset(visit.transport)
 
     async def _watch(self, request: web.Request) -> web.StreamResponse:
-        """Send a viewer a stream, for as long as it takes it."""
+        """Send a viewer a stream for as long as the viewer accepts it."""
         what = request.match_info['what']
         shows = {'board': view.board, 'results': view.results}.get(what)
         if shows is None and re.fullmatch(r'[1-9]\d{0,4}', what):
@@ -235,7 +235,7 @@ class Server:
             raise web.HTTPNotFound
         if len(self._viewers()) >= MOST_VIEWERS:
             raise web.HTTPServiceUnavailable(
-                text=f'The board has {MOST_VIEWERS} viewers, and room for no more. Try again later'
+                text=f'The board already has {MOST_VIEWERS} viewers. Try again later'
             )
         transport = request.transport
         if transport is None:
@@ -246,7 +246,7 @@ class Server:
         response = web.StreamResponse(headers=OF_A_STREAM)
         await response.prepare(request)
         await response.write(stream.message(self._now, at))
-        transport.pause_reading()  # whoever writes on is not heard, and takes no memory
+        transport.pause_reading()  # further input is not read, so it uses no memory
         stream = self._streams.setdefault(what, stream)
         stream.viewers.add(viewer)
         try:
@@ -257,7 +257,7 @@ class Server:
 
 
 def _reset(transport: asyncio.Transport) -> None:
-    """End a connection at once; what is on its way is not kept, in the kernel either."""
+    """Close a connection at once; unsent data is dropped, even in the kernel."""
     with contextlib.suppress(OSError):
         connection = transport.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
@@ -270,7 +270,7 @@ def _drop(viewer: _Viewer) -> None:
 
 
 def _chunk(data: bytes) -> bytes:
-    """Return bytes as a chunk of an answer of HTTP/1.1 (RFC 9112, section 7.1)."""
+    """Return bytes as a chunk of an HTTP/1.1 answer (RFC 9112, section 7.1)."""
     return b'%x\r\n%b\r\n' % (len(data), data)
 
 
@@ -279,7 +279,7 @@ async def _answer(body: bytes, kind: str, request: web.Request) -> web.Response:
 
 
 async def _finish(request: web.Request, response: web.StreamResponse) -> None:
-    """Give every answer its headers; a connection carries one answer."""
+    """Add the headers to an answer; each connection carries one answer."""
     response.headers.update(HEADERS)
     response.force_close()
     response.headers[hdrs.CONNECTION] = 'close'

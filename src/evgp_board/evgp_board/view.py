@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-From a snapshot of the race to what pages show: words, tones and rows, as plain data.
+Turns a snapshot of the race into what pages show: words, tones and rows, as plain data.
 
-Pure, and without any rule of the race. The words are the window's (docs/console.md). A board may
-be wrong in one way only: too careful. So it never says that humans may enter, and a kart has
-stopped only if race control counts it as standing. It shows no official's name and no address.
+This module is pure and contains no rule of the race. It uses the window's words (docs/console.md).
+A board may only be wrong by being too careful, so it never says that humans may enter, and it
+shows a kart as stopped only if race control counts it as standing. It shows no official's name and
+no address.
 """
 
 from __future__ import annotations
@@ -37,13 +38,13 @@ from evgp_rcs.words import (
 )
 
 Shown = dict[str, Any]
-"""What a page shows, ready for JSON."""
+"""The content of a page, ready for JSON."""
 
 DANGERS = {
     AlertKind.PART_FAILED: 'RACE CONTROL HAS FAILED',
     AlertKind.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
 }
-"""Alerts that are said instead of the state: what race control says must not be relied on."""
+"""Alerts shown instead of the state, because race control is unreliable."""
 
 FORMATS = {each: each.value.replace('_', ' ') for each in Format}
 
@@ -55,7 +56,7 @@ MOST_KARTS_NAMED = 8
 
 
 class Line(NamedTuple):
-    """Something that happened to a kart: what, and when by race control's wall clock."""
+    """An event of a kart: its text, and its time by race control's wall clock."""
 
     text: str
     clock: str
@@ -64,11 +65,11 @@ class Line(NamedTuple):
 @dataclass(frozen=True)
 class Heard:
     """
-    What race control said last.
+    The last messages of race control and the timekeeper.
 
     :param gone: race control is silent.
-    :param no_timing: the timekeeper is.
-    :param log: of each kart what happened to it, the newest last.
+    :param no_timing: the timekeeper is silent.
+    :param log: the events of each kart, newest last.
     """
 
     race: Snapshot | None = None
@@ -79,13 +80,13 @@ class Heard:
 
 
 def board(heard: Heard) -> Shown:
-    """Return the state of the race and the order of its karts, of ``/`` and ``/overlay``."""
+    """Return the state of the race and the order of its karts, for ``/`` and ``/overlay``."""
     race, results = heard.race or NOTHING, _of_this_race(heard)
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
     counted = any(each.place for each in results.karts)
-    if not counted:  # nobody counts laps
+    if not counted:  # no laps are counted
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
     for number in order:
@@ -125,7 +126,7 @@ def board(heard: Heard) -> Shown:
 
 
 def results(heard: Heard) -> Shown:
-    """Return the results of the race that was started last, of ``/results``."""
+    """Return the results of the race that was started last, for ``/results``."""
     results, race = heard.results, heard.race or NOTHING
     teams = {each.number: each.team for each in race.karts}
     laps = f'{results.laps} laps' if results.laps else ''
@@ -152,12 +153,12 @@ def results(heard: Heard) -> Shown:
 
 
 def kart(heard: Heard, number: int) -> Shown:
-    """Return what a team wants to know of its kart, of ``/kart/7``."""
+    """Return what a team wants to know about its kart, for ``/kart/7``."""
     race = heard.race or NOTHING
     shown = {**_frame(heard), 'number': str(number), 'title': '', 'sub': ''}
     found = race.kart(number)
     if found is None:
-        return {**shown, 'sub': 'Race control knows no such kart' if heard.race else ''}
+        return {**shown, 'sub': 'Race control does not have this kart' if heard.race else ''}
     if not heard.gone and shown['head'] not in DANGERS.values():
         shown['race'] = f'Race: {shown["head"]}'
         sent = STATE_CELLS[found.sent]
@@ -188,12 +189,12 @@ def kart(heard: Heard, number: int) -> Shown:
 
 
 def line_of(stamped: StampedEvent) -> Line | None:
-    """Return what a team sees of an event; None: nothing."""
+    """Return the line that a team sees for an event; None if there is none."""
     event = stamped.event
     said = {
         EventKind.KART_STATE: f'{STATES[event.state]} sent',
         EventKind.ACKNOWLEDGED: f'{STATES[event.state]} answered',
-        EventKind.WITHDRAWN: 'Answer taken back',
+        EventKind.WITHDRAWN: 'Answer withdrawn',
         EventKind.CONNECTED: 'Connected',
         EventKind.DISCONNECTED: 'Connection lost',
     }.get(event.kind)
@@ -201,14 +202,14 @@ def line_of(stamped: StampedEvent) -> Line | None:
 
 
 def green_for(race: Snapshot | None) -> float | None:
-    """Return for how long the race had been GREEN GREEN at its snapshot, s; None: it was not."""
+    """Return how long the race had been in GREEN GREEN at its snapshot, s; None if it was not."""
     if race is None or race.state is not RaceState.GREEN_GREEN:
         return None
     return max(0.0, race.stamp - race.state_since)
 
 
 def time_of_today(race: Snapshot | None) -> float | None:
-    """Return the wall time of a snapshot, in seconds since midnight; None: it is not known."""
+    """Return the wall time of a snapshot, in seconds since midnight; None if unknown."""
     if race is None:
         return None
     local = time.localtime(race.stamp)
@@ -216,13 +217,13 @@ def time_of_today(race: Snapshot | None) -> float | None:
 
 
 def _frame(heard: Heard) -> Shown:
-    """Return what all pages have: the state of the race in the largest type, and about it."""
+    """Return what all pages share: the state of the race in the largest type, and its details."""
     race, tone, detail = heard.race, 'faint', ''
     if race is None:
         head, detail = 'NO RACE CONTROL YET', 'Waiting for race control: obey the marshals'
     elif heard.gone:
         head = 'RACE CONTROL IS GONE'
-        detail = f'Last heard {{age}} ago, in {STATES[race.state]}: obey the marshals'
+        detail = f'Last update {{age}} ago, in {STATES[race.state]}: obey the marshals'
     else:
         danger = next((DANGERS[each.kind] for each in race.alerts if each.kind in DANGERS), '')
         cell = Cell(danger, Tone.BAD) if danger else headline(race)
@@ -240,7 +241,7 @@ def _frame(heard: Heard) -> Shown:
 
 
 def _of_this_race(heard: Heard) -> Standings:
-    """Return the results; none without timing, or if another race has begun since."""
+    """Return the results; empty without timing, or if another race has begun since."""
     race = heard.race or NOTHING
     results = heard.results
     is_own = (race.run, race.heat) == (results.run, results.heat)
@@ -249,7 +250,7 @@ def _of_this_race(heard: Heard) -> Standings:
 
 
 def _gap(result: KartResult, results: Standings) -> str:
-    """Return the time of a kart, or how far it is behind the leader."""
+    """Return a kart's time, or its distance behind the leader."""
     if not result.laps and not result.place:
         return ''
     if results.format is Format.PRACTICE:
@@ -263,7 +264,7 @@ def _gap(result: KartResult, results: Standings) -> str:
 
 
 def _taken(result: KartResult) -> list[str]:
-    """Return what officials took from a result, without their names."""
+    """Return the penalties in a result, without the officials' names."""
     taken = []
     for each in result.penalties:
         taken += [f'+{each.seconds} s'] if each.seconds else []
@@ -275,9 +276,9 @@ def _taken(result: KartResult) -> list[str]:
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
-    """Return what a kart does, in a word or two; nothing of one that simply drives."""
+    """Return what a kart does, in a word or two; empty for one that simply drives."""
     if not kart.connected:
-        return 'no link'  # to spectators, lost is who did not win
+        return 'no link'  # spectators would read "lost" as "did not win"
     if not kart.sent.is_red:
         if kart.place:
             return 'finished'
@@ -303,7 +304,7 @@ def _answered(kart: KartSnapshot) -> str:
 
 
 def _karts(karts: Iterable[int]) -> str:
-    """Return karts by their numbers, not more than a line takes."""
+    """Return karts by number, at most as many as fit a line."""
     named = [*karts]
     more = len(named) - MOST_KARTS_NAMED
     return numbered(named[:MOST_KARTS_NAMED]) + (f', {more} more' if more > 0 else '')

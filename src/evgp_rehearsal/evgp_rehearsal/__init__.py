@@ -4,7 +4,8 @@
 """
 The rehearsal: a race with simulated karts and incidents, for officials and for teams.
 
-``plan`` is what the YAML file says, ``field`` the karts on the track, ``incidents`` what can
-happen and the rule book's order, ``debrief`` what came of it. These are pure. ``event`` plays them
-with the real race control over TCP. ``demo`` is a rehearsal that runs by itself.
+``plan`` reads the YAML file, ``field`` simulates the karts on the track, ``incidents`` lists what
+can happen and the rule book's order, and ``debrief`` reports what happened. These are pure.
+``event`` plays them with the real race control over TCP. ``demo`` is a rehearsal that runs
+automatically.
 """

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The debrief of an incident: what happened when, what officials pressed when, what karts then did.
+The debrief of an incident: what happened, what officials pressed, and what the karts then did.
 
 Pure: the events of the record, the corrections that officials asked the timekeeper for, and the
-truth of the field go in, lines come out. It says what was
-so, beside the rule book's order, and passes and fails nobody.
+truth of the field go in, lines come out. The debrief states the facts beside the rule book's
+order; it does not grade anyone.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
 LOSS = 'the loss of its connection'
-"""By what a kart must stop that race control does not reach (§3.E)."""
+"""The reason to stop for a kart that race control does not reach (§3.E)."""
 
 TOGETHER = 1.0
-"""Time within which several karts that are lost, or back, make one line, in seconds."""
+"""Time within which several lost or returning karts share one line, in seconds."""
 
 NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
-"""The commands before which all humans must be off the track (§3.A)."""
+"""Commands that require all humans to be off the track (§3.A)."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Occurrence:
     """
     An incident that took place.
 
-    :param kart: to whom; 0: to no single kart.
-    :param began: the tick; ``ended``: the last one that its debrief is about.
+    :param kart: the kart concerned; 0: no single kart.
+    :param began: the first tick; ``ended``: the last tick that its debrief covers.
     """
 
     incident: str
@@ -52,12 +52,12 @@ class Occurrence:
 @dataclass(frozen=True)
 class Truth:
     """
-    What was so in the field; times are ticks.
+    The facts in the field; times are ticks.
 
-    :param moving: every change of whether a kart moves: tick, kart, whether.
-    :param people: every change of whether a person is on the track: tick, whether.
-    :param seen: what was heard on the radio, seen or done, in words: tick, words.
-    :param passings: what the timing line told: which passing, of which kart, whether it crossed.
+    :param moving: each time a kart starts or stops moving: tick, kart, whether it moves.
+    :param people: each time a person enters or leaves the track: tick, whether on the track.
+    :param seen: what was heard on the radio, seen or done: tick, words.
+    :param passings: the timing line's reports: passing, kart, whether the kart really crossed.
     """
 
     moving: tuple[tuple[int, int, bool], ...] = ()
@@ -70,7 +70,7 @@ class Truth:
     def of(cls, field: Field, passings: Iterable[tuple[str, int, bool]]) -> Truth:
         """Return the truth of a field and its timing line up to now."""
         radio = [(each.tick, f'radio: {each.text}') for each in field.messages]
-        last_laps = [(at, f'kart {kart} ends its last lap') for at, kart in field.crossed]
+        last_laps = [(at, f'kart {kart} completes its last lap') for at, kart in field.crossed]
         return cls(
             tuple(field.moving),
             tuple(field.people),
@@ -80,7 +80,7 @@ class Truth:
         )
 
     def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
-        """Return for how long a kart moved between two times (s), and whether at the later one."""
+        """Return how long a kart moved between two times (s), and whether it moved at the end."""
         moved, since = 0.0, None
         for tick, number, moves in self.moving:
             at = min(max(tick * TICK_LENGTH, start), end)
@@ -92,7 +92,7 @@ class Truth:
         return moved if since is None else moved + end - since, since is not None
 
     def has_person(self, at: float) -> bool:
-        """Return whether a person is on the track at a time (s), or was in that tick."""
+        """Return whether a person is on the track at a time (s), or was during that tick."""
         tick = round(at / TICK_LENGTH)
         before = [there for when, there in self.people if when < tick]
         return (tick, True) in self.people or before[-1:] == [True]
@@ -104,7 +104,7 @@ class Truth:
 
 
 class _Line(NamedTuple):
-    """A line of the account: when (s), what, and of what kind that several karts may share."""
+    """A line of the account: time (s), text, and an event kind if several karts may share it."""
 
     at: float
     text: str
@@ -119,10 +119,10 @@ def debrief(
     corrections: Iterable[Corrected] = (),
 ) -> list[str]:
     """
-    Return the debrief of an incident, line by line; times count from its beginning.
+    Return the debrief of an incident, line by line; times count from its start.
 
-    :param events: of the record, in order; their times are the field's, in seconds.
-    :param corrections: of the timekeeper's book, by the same clock.
+    :param events: the events of the record, in order; their times are the field's, in seconds.
+    :param corrections: the corrections in the timekeeper's book, by the same clock.
     """
     row = INCIDENTS[took.incident]
     began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
@@ -141,12 +141,12 @@ def debrief(
 
 
 def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
-    """Yield what the record tells of officials, connections, alerts, and race control itself."""
+    """Yield the record's lines about officials, connections, alerts and race control itself."""
     for stamped in events:
         at, event = stamped.monotonic, stamped.event
         if event.kind is EventKind.COMMAND:
             assert event.command is not None
-            name, command = event.official or 'somebody', event.command.value
+            name, command = event.official or 'someone', event.command.value
             text = event.text.rstrip('.')
             if not event.success:
                 text = text.removeprefix(f'{command} ')
@@ -162,7 +162,7 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
 
 
 def _asked(given: Corrected, truth: Truth) -> _Line:
-    """Return what an official asked the timekeeper for, and whether the kart was at the line."""
+    """Return an official's correction, and whether the kart really crossed the line."""
     asked, remark = given.correction, ''
     about = f' of kart {asked.kart}' if asked.kart else ''
     if asked.act in (Act.STRIKE, Act.RESTORE):
@@ -171,13 +171,13 @@ def _asked(given: Corrected, truth: Truth) -> _Line:
             if name == str(asked.passing):
                 word = 'crossed' if crossed else 'did not cross'
                 remark = f' - kart {kart} {word} the line there'
-    name = asked.official or 'somebody'
+    name = asked.official or 'someone'
     text = f'{name} asked the timekeeper for {CORRECTIONS[asked.act].label}{about}{remark}'
     return _Line(given.at, text)
 
 
 def _seen(truth: Truth) -> Iterator[_Line]:
-    """Yield what only the field knows."""
+    """Yield the lines that only the field knows."""
     for tick, there in truth.people:
         yield _Line(tick * TICK_LENGTH, f'a person is {"on" if there else "off"} the track')
     for tick in truth.msr:
@@ -187,7 +187,7 @@ def _seen(truth: Truth) -> Iterator[_Line]:
 
 
 def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
-    """Yield what was so in the field when a command was accepted, if it matters to it."""
+    """Yield remarks on the field at the time of an accepted command, where they matter."""
     at, event = stamped.monotonic, stamped.event
     if event.command is None or not event.success:
         return
@@ -198,11 +198,11 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
         yield f'WHILE {_karts(movers).upper()} MOVED'
     used = any(tick * TICK_LENGTH <= at for tick in truth.msr)
     if event.command is CommandKind.RECORD_MSR and not used:
-        yield 'the MSR was not used until then'
+        yield 'the MSR had not been used yet'
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
-    """Yield lines with one for all karts to which the same happened together."""
+    """Yield the lines, with one for all karts to which the same happened together."""
     group: list[_Line] = []
     for line in (*lines, None):
         first = group[0] if group else None
@@ -219,7 +219,7 @@ def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
 def _motion(
     events: Sequence[StampedEvent], truth: Truth, began: float, ended: float
 ) -> Iterator[str]:
-    """Yield for each order to stand how long which karts moved under it."""
+    """Yield, for each order to stop, which karts moved under it and for how long."""
     karts = sorted({kart for _, kart, _ in truth.moving})
     found: list[tuple[float, str, str]] = []
     for kart in karts:

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``demo``, or ``make demo``: a rehearsal that runs by itself, and judges itself.
+``demo``, or ``make demo``: a rehearsal that runs and judges itself automatically.
 
-Two races: one from the garage over the finish to the garage, and one that ALL_KILL ends when a
-kart spins. Half of the karts are simulated, with TCP alone; half have the real bridge and the
-example stack.
+It runs two races: one from the garage to the finish and back to the garage, and one that ALL_KILL
+ends when a kart spins. Half of the karts are simulated and use TCP alone; half have the real
+bridge and the example stack.
 """
 
 from __future__ import annotations
@@ -44,40 +44,40 @@ PLAN = Plan(
     Ability(acceleration=4.0, flag_braking=3.0),
     laps=3,
 )
-"""Three short laps."""
+"""A plan of three short laps."""
 
 LEAST_LAP = 1.0
-"""`min_lap_time` of so short a lap, in seconds."""
+"""`min_lap_time` for such short laps, in seconds."""
 
 BRIDGED = (4, 5, 6)
 """The karts with the real bridge and the example stack; the others are simulated."""
 
 OUTSIDE, LATE = 3, 2
-"""The kart that is not in the race, and the one for whose team GREEN_GREEN must wait."""
+"""The kart outside the race, and the kart whose team is late for GREEN_GREEN."""
 
 STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
 
 FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
-"""From FINISH to RED_FLAG by place, in seconds."""
+"""Times from FINISH to RED_FLAG by place, in seconds."""
 
 GAP = 0.4
-"""Time between two karts with a bridge that cross the line, in seconds."""
+"""Time between the finishes of two karts with a bridge, in seconds."""
 
 TIMEOUT = 60.0
-"""How long anything is awaited, in seconds: far more than it takes on a machine that is busy."""
+"""Maximum wait for anything, in seconds: far more than a busy machine needs."""
 
 MUTE_TIMEOUT = 15.0
-"""The same where one kart never acknowledges, and whoever looks waits to see it named."""
+"""The same if one kart never acknowledges and the user waits to see it named, in seconds."""
 
 LAST = 8
-"""How many of its last lines are printed of a process that failed."""
+"""Number of last lines printed of a process that failed."""
 
 WIDTH = 100
-"""Maximum width of what is printed."""
+"""Maximum width of the output, in characters."""
 
 
 class Finding(NamedTuple):
-    """Whether something is as it must be, in one sentence."""
+    """A check: whether something is as it must be, in one sentence."""
 
     good: bool
     text: str
@@ -85,9 +85,10 @@ class Finding(NamedTuple):
 
 class Show:
     """
-    The rehearsal, its official, and what is printed of it.
+    The rehearsal, its official, and the printed output.
 
-    What must happen in a race is awaited; ``found`` says what did, and what was awaited in vain.
+    The show waits for everything that must happen in a race. ``found`` lists what happened and
+    what did not.
 
     :param mute: the kart that never acknowledges; 0: none.
     """
@@ -102,9 +103,9 @@ class Show:
 
     def gather(self) -> None:
         """
-        Wait until every kart is connected and has its stack; bring all of them to IN_GARAGE.
+        Wait until every kart is connected and has its stack, then bring the race to IN_GARAGE.
 
-        :raises AssertionError: if one does not in time.
+        :raises AssertionError: if any kart fails to do so in time.
         """
         self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
@@ -115,7 +116,7 @@ class Show:
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def race(self) -> None:
-        """Drive a race from the garage over the finish to the garage."""
+        """Drive a race from the garage to the finish and back to the garage."""
         official, rehearsal = self.official, self.rehearsal
         late = self._mute or LATE
         with rehearsal.lock:
@@ -125,24 +126,24 @@ class Show:
         self._wait_for(RaceState.GRID_ACTIVE, ready)
         refused = official.call('green_green')
         assert not refused.success, f'GREEN_GREEN does not wait for kart {late}'
-        self.found.append(Finding(True, f'the official was told: {refused.message}'))
+        self.found.append(Finding(True, f'race control answered: {refused.message}'))
         if not self._mute:
             rehearsal.mend()
         self._green()
-        # Where the simulated karts are, the field knows; then those that have no place in it.
+        # The field knows where the simulated karts are. The karts with a bridge follow after them.
         for place in range(len(STARTERS) - len(BRIDGED)):
             with rehearsal.lock:
                 crossed = rehearsal.lock.wait_for(
                     lambda place=place: rehearsal.field.crossed[place:], TIMEOUT
                 )
-            assert crossed, 'no kart crosses the line'
+            assert crossed, 'no kart crossed the line'
             official.command('kart/finish', kart=crossed[0][1])
         self._laps()
         for kart in BRIDGED:
             official.command('kart/finish', kart=kart)
             time.sleep(GAP)
-        official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
-        self.found.append(Finding(True, 'the race went over by itself'))
+        official.wait_for_race(lambda race: race.over, 'the race ends automatically')
+        self.found.append(Finding(True, 'the race ended automatically'))
         self._to_garage(STARTERS)
 
     def _laps(self) -> None:
@@ -167,34 +168,34 @@ class Show:
         rehearsal.inject('spin')
         called = time.monotonic()
         self.official.command('all_kill', official='demo')
-        assert not self.official.call('green_green').success, 'GREEN_GREEN is accepted after it'
+        assert not self.official.call('green_green').success, 'GREEN_GREEN came after ALL_KILL'
         self._wait_for(RaceState.RED_RED, PLAN.numbers)
         sides = [side for kart in PLAN.numbers if (side := self._side(kart)) is not None]
         took = (max(side.changes[-1][0] for side in sides) - called) * 1000
-        text = f'ALL_KILL: from the call to the last kart that saw RED_RED {took:.0f} ms'
+        text = f'ALL_KILL: the last kart saw RED_RED {took:.0f} ms after the call'
         self.found.append(Finding(True, text))
         self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
-        """Show a race, and return whether it went to its end."""
+        """Show a race; return whether it reached its end."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
         try:
             drive()
         except AssertionError as error:
-            # What was awaited in vain; behind the first semicolon stands what came instead.
-            why = f'{title.split(",")[0]} went no further: {str(error).split(";")[0]}'
+            # The error names what did not happen; after a semicolon it says what came instead.
+            why = f'{title.split(",")[0]} stopped early: {str(error).split(";")[0]}'
             self.found.append(Finding(False, why))
             return False
         return True
 
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
-        """Print what was found, and what is missing, and return it."""
+        """Print the findings, with everything missing, and return them."""
         lines = [line for each in self.rehearsal.debriefs() for line in each]
         self.console.rule('debrief', style='bold')
         text = '\n'.join(lines)
         self.console.print(Text(text))
         stood = 'gave ALL_KILL' in text and 'still moves' not in text
-        ends = Finding(stood, 'the debrief has ALL_KILL, and every kart standing after it')
+        ends = Finding(stood, 'the debrief shows ALL_KILL, and every kart stopped after it')
         found = [*self.found, ends, *around]
         grid = Table.grid(padding=(0, 2))
         for each in found:
@@ -208,7 +209,7 @@ class Show:
         return self.teams.get(kart) or self.rehearsal.links.get(kart)
 
     def _wait_for(self, state: RaceState, karts: Sequence[int]) -> None:
-        """Wait until race control has these karts' acknowledgements, and each sees the state."""
+        """Wait until these karts have acknowledged to race control and each sees the state."""
         garage = state is RaceState.IN_GARAGE
         self.official.wait_for_acks(state, *karts, needs_ack=not garage)
         for kart in karts:
@@ -221,7 +222,7 @@ class Show:
         self._wait_for(RaceState.GREEN_GREEN, STARTERS)
 
     def _to_garage(self, stopped: Sequence[int]) -> None:
-        """Wait until these karts have stopped, and send everybody to the garage."""
+        """Wait until these karts have stopped, then send all karts to the garage."""
         self._wait_for(RaceState.RED_RED, stopped)
         self.rehearsal.mend()
         self.official.command('in_garage', track_safe=True)
@@ -238,12 +239,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Show two races.
 
-    :return: 0 if all that must happen did, 1 if anything is missing, 130 after Ctrl-C.
+    :return: 0 if everything happened as it must, 1 if anything is missing, 130 after Ctrl-C.
     """
     parser = argparse.ArgumentParser(
         prog='demo',
-        description='Show a race from the garage to the garage, and one that ALL_KILL ends. '
-        'Exit code 1 if anything is missing.',
+        description='Show a complete race, and one that ALL_KILL ends. Exit code 1 if anything is '
+        'missing.',
     )
     parser.add_argument(
         '--mute',
@@ -251,14 +252,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         choices=[kart for kart in STARTERS if kart not in BRIDGED],
         default=0,
         metavar='KART',
-        help='this kart never acknowledges: see that the race does not start, and why',
+        help='this kart never acknowledges, so you see that the race does not start, and why',
     )
     parser.add_argument(
-        '--record', type=pathlib.Path, metavar='FILE', help='keep the record of the races here'
+        '--record', type=pathlib.Path, metavar='FILE', help='save the record of the races here'
     )
     given = parser.parse_args(arguments)
-    # What ends the demonstration ends its processes too. A shell that puts it into the background
-    # has SIGINT ignored, which Python would leave so.
+    # Signals must also end the demonstration's processes. A shell that starts a program in the
+    # background makes it ignore SIGINT; Python would keep that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console(highlight=False)
@@ -318,7 +319,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
 
 
 def judge_wire(judge: Judge) -> Finding:
-    """Return whether the simulated karts were sent what they had to be, to the last frame."""
+    """Return whether race control sent the simulated karts the right frames, to the last one."""
     judge.finish()
     for each in judge.violations:
         return Finding(False, f'on the wire, {each.rule}: {each.text}')
@@ -326,24 +327,24 @@ def judge_wire(judge: Judge) -> Finding:
     return Finding(
         True,
         f'{judged["frame"]} frames to the karts without ROS and {judged["call_ended"]} commands '
-        'judged: none was against the rules',
+        'checked: all follow the rules',
     )
 
 
 def judge_events(heard: Sequence[int], recorded: Sequence[StampedEvent]) -> Finding:
     """Return whether officials heard every event of the record, up to the last one they heard."""
     if not heard or list(heard) != [each.sequence for each in recorded[: len(heard)]]:
-        return Finding(False, f'/rcs/events has gaps, or nothing at all: {len(heard)} events')
-    return Finding(True, f'/rcs/events told what the record has: {len(heard)} events, no gap')
+        return Finding(False, f'/rcs/events has gaps or is empty: {len(heard)} events')
+    return Finding(True, f'/rcs/events matches the record: {len(heard)} events without a gap')
 
 
 def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:
-    """Return whether every process ended in an orderly way, and none is left."""
+    """Return whether every process ended in order and none is left."""
     wrong = [f'{name} ended with {code}' for name, code in codes.items() if code]
     wrong += [f'process {pid} is still there' for pid in left]
     if wrong:
         return Finding(False, f'not every process ended well: {"; ".join(wrong)}')
-    return Finding(True, f'all {len(codes)} processes ended in good order; none is left')
+    return Finding(True, f'all {len(codes)} processes ended in order; none is left')
 
 
 if __name__ == '__main__':

@@ -4,9 +4,9 @@
 """
 A rehearsal with the real race control and timekeeper: simulated karts, incidents, the debrief.
 
-It cannot reach a real kart or race. Race control listens on loopback with a roster of loopback
-addresses, written here; the ROS domain is its own, on this machine only; and no command goes to a
-race whose karts are not those of this roster.
+It cannot reach a real kart or race. Race control listens on loopback, with a roster of loopback
+addresses written here. The ROS domain is its own, on this machine only. The rehearsal commands
+only a race whose karts are those of this roster.
 """
 
 from __future__ import annotations
@@ -53,35 +53,34 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import yaml
 
 BANNER = 'REHEARSAL'
-"""What every screen of a rehearsal says."""
+"""Banner on every screen of a rehearsal."""
 
 AWAY = 1.0
-"""Time from the death of race control to its new start, in seconds."""
+"""Time from the death of race control to its restart, in seconds."""
 
 HEAT = 'rehearsal'
 """The heat of the roster, with the plan's laps."""
 
 STEWARD = 'rehearsal'
-"""Official's name of the rehearsal itself."""
+"""Name of the rehearsal itself as an official."""
 
 ON_DISK = 20
-"""Ticks after which the record has what happened."""
+"""Number of ticks after which events are in the record."""
 
 CONNECT_AGAIN = 10
-"""Ticks between two tries of a kart to connect."""
+"""Number of ticks between a kart's attempts to connect."""
 
 
 class RefusedError(RuntimeError):
-    """The rehearsal does not do this; the text says why."""
+    """The rehearsal refuses a request; the text says why."""
 
 
 class DrivenKart(WireKart):
     """
     The connection of a simulated kart.
 
-    :param hear: takes its number, and each state that it is sent and was not sent before, in the
-        thread that reads.
-    :param judge: is told what is seen on this connection.
+    :param hear: called with the kart's number and each new state, in the thread that reads.
+    :param judge: receives everything seen on this connection.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -96,32 +95,32 @@ class DrivenKart(WireKart):
         super().__init__(address_of(number), port, Acknowledges.NEVER, judge=judge, kart=number)
 
     def answer(self, state: RaceState, change: bool) -> None:
-        """Hand on what is new; the simulated kart answers once it has carried it out."""
+        """Pass on a new state; the simulated kart answers once it has carried it out."""
         if change:
             self._hear(self.kart, state)
 
     def acknowledge(self, state: RaceState) -> None:
-        """Say what the simulated kart has reached."""
-        with contextlib.suppress(OSError):  # it is gone: the reader is told next
+        """Report the state that the simulated kart has reached."""
+        with contextlib.suppress(OSError):  # the connection is gone; the reader notices
             self.say(state)
 
 
 class Rehearsal(Part):
     """
-    A field, its race control, and what happens there.
+    A field, its race control, and the incidents.
 
-    ``field`` may be read and changed inside ``with rehearsal.lock:`` only. ``links`` are the
-    connections of the simulated karts, ``domains`` the ROS domains of those with a bridge, and
-    race control's at number 0. ``present`` is the incident that is under way, ``dead`` is set once
-    race control's laptop has died.
+    Read and change ``field`` only inside ``with rehearsal.lock:``. ``links`` are the connections
+    of the simulated karts. ``domains`` are the ROS domains of the karts with a bridge, and race
+    control's at number 0. ``present`` is the incident under way. ``dead`` is set once race
+    control's laptop has died.
 
-    :param folder: where roster and record are written.
-    :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
-        are in the race, but no incident happens to them.
+    :param folder: the folder for roster and record.
+    :param bridged: number of karts, counted from the last, with the real bridge and the example
+        stack; they are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
-    :param judge: is told what the simulated karts hear and say, and every command.
+    :param judge: receives what the simulated karts hear and say, and every command.
     :param parameters: more parameters of race control; ``timing``: of the timekeeper.
-    :param heat: the karts of its heat; None: all.
+    :param heat: the karts of the heat; None: all.
     """
 
     def __init__(
@@ -136,7 +135,7 @@ class Rehearsal(Part):
         timing: Mapping[str, object] | None = None,
     ) -> None:
         """Start race control and the timekeeper, and let the karts connect."""
-        # Also of the nodes in this process: nobody else's race is seen or commanded.
+        # Also for the nodes in this process: they must not see or command another race.
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['EVGP_GRAPH_INTERFACE'] = ''
         self.plan = plan
@@ -148,9 +147,9 @@ class Rehearsal(Part):
         self.cues = list(plan.script)
         self.window: Process | None = None
         self.folder = folder
-        self._times: list[float] = []  # of each tick, on race control's clock
+        self._times: list[float] = []  # when each tick was, by race control's clock
         self.present: Occurrence | None = None
-        self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
+        self._first: dict[RaceState, int] = {}  # the tick at which the race reached it
         self._ended = False
         self._again: Future[None] | None = None
         self.dead = threading.Event()
@@ -192,9 +191,9 @@ class Rehearsal(Part):
 
     def inject(self, name: str, kart: int = 0) -> Occurrence:
         """
-        Let an incident begin now; the one before it ends.
+        Begin an incident now; the previous one ends.
 
-        :raises RefusedError: if there is none of this name or kart, or it cannot begin now.
+        :raises RefusedError: if there is no such incident or kart, or it cannot begin now.
         """
         row = INCIDENTS.get(name)
         if row is None:
@@ -219,17 +218,17 @@ class Rehearsal(Part):
             return can_begin(INCIDENTS[name], self.field, state)
 
     def mend(self) -> None:
-        """End the incident, and have marshals and teams put everything right."""
+        """End the incident; marshals and teams repair everything."""
         with self.lock:
             self._end_incident()
 
     def use_msr(self) -> None:
-        """Take the power from every kart; the official must record it."""
+        """Cut the power of every kart; the official must record that."""
         with self.lock:
             self.field.use_msr()
 
     def pause(self, paused: bool) -> None:
-        """Hold the karts where they are, or let them go on; connections stay."""
+        """Pause the karts or let them continue; connections stay."""
         self.paused = paused
 
     def open_window(self) -> None:
@@ -244,7 +243,7 @@ class Rehearsal(Part):
 
     @property
     def drill(self) -> str:
-        """Return by what line race control is taken over here, once its laptop has died."""
+        """Return the command line that takes race control over here, once its laptop has died."""
         called = os.environ.get('EVGP_TAKEOVER', "make takeover %s ARGS='%s'")
         words = 'ADDRESS=127.0.0.1 INTERFACE=lo', f'--port {self.control.port}'
         return f'ROS_HOME={self.folder} ROS_DOMAIN_ID={self.domain} {called % words}'
@@ -253,22 +252,22 @@ class Rehearsal(Part):
 
     @property
     def state(self) -> RaceState:
-        """Return the race's state, as it was heard last."""
-        # Each tick asks for it: of the whole race only this is read.
+        """Return the last received state of the race."""
+        # Every tick asks for it, so only this part of the message is read.
         race = self.official.race
         return (state_of(race.state) if race else None) or RaceState.RED_RED
 
     @property
     def race(self) -> Snapshot | None:
-        """Return the race, as it was heard last; None: it was not."""
+        """Return the last received race; None if none was received."""
         race = self.official.race
         return None if race is None else race_of(race)
 
     def gather(self) -> None:
         """
-        Bring the race to IN_GARAGE with the track closed, however race control has begun.
+        Bring the race to IN_GARAGE with the track closed, whatever state race control started in.
 
-        :raises AssertionError: if it does not get there in time.
+        :raises AssertionError: if the race does not get there in time.
         """
         official = self.official
         official.wait_for_connected(*self.plan.numbers)
@@ -280,7 +279,7 @@ class Rehearsal(Part):
     # ----- the debrief --------------------------------------------------------------------
 
     def debriefs(self) -> list[list[str]]:
-        """Return the debrief of each incident so far, from the record as it is on the disk."""
+        """Return the debrief of each incident so far, from the record on the disk."""
         with self.lock:
             took = list(self.took)
             if self.present is not None:
@@ -294,7 +293,7 @@ class Rehearsal(Part):
         return [debrief(each, happened, truth, asked) for each in took]
 
     def wait_for_end(self, number: int) -> None:
-        """Return once more than this number of incidents have ended, and the record has them."""
+        """Wait until more than this number of incidents have ended and are in the record."""
         with self.lock:
             self.lock.wait_for(lambda: len(self.took) > number)
             until = self.took[number].ended + ON_DISK
@@ -311,7 +310,7 @@ class Rehearsal(Part):
         self._ended = True
         self._thread.join()
         if self._again is not None:
-            self._again.exception()  # wait until it is there, to be ended too
+            self._again.exception()  # wait until it has started, so that it can be ended too
         for link in self.links.values():
             link.close()
         self._stack.close()
@@ -321,7 +320,7 @@ class Rehearsal(Part):
         while not self._ended:
             due = max(
                 due + TICK_LENGTH, time.monotonic() - TICK_LENGTH
-            )  # what was missed is not made up for
+            )  # missed ticks are not made up for
             time.sleep(max(0.0, due - time.monotonic()))
             if self.paused:
                 continue
@@ -361,7 +360,7 @@ class Rehearsal(Part):
         if link is not None and there is not wanted:
             del self.links[number]
             if wanted is Connected.STRANGER and there is Connected.KART:
-                # The new connection takes the place of the kart's: race control ends that one.
+                # The new connection replaces the kart's, which race control then ends.
                 self._join(number, wanted)
                 link.wait_for_end()
             link.close()
@@ -373,7 +372,7 @@ class Rehearsal(Part):
 
     def _join(self, number: int, wanted: Connected) -> None:
         self._tried[number] = self.field.tick
-        with contextlib.suppress(OSError):  # race control is not there: again later
+        with contextlib.suppress(OSError):  # race control is not running; try again later
             self.links[number] = (
                 DrivenKart(number, self.control.port, self._hear, self._judge)
                 if wanted is Connected.KART
@@ -396,7 +395,7 @@ class Rehearsal(Part):
             self._timekeeper.kill()
             copy, record = str(self.folder), self.folder / 'record.sqlite3'
             parameters = self.folder / 'rcs.yaml'
-            # Else the copy would doubt what a real race has left on this machine.
+            # Otherwise the copy would take a real race's files on this machine into account.
             where = {'address': '127.0.0.1', 'port': self.control.port}
             settings = {'/**': {'ros__parameters': {**self._settings(), **where}}}
             parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
@@ -405,7 +404,7 @@ class Rehearsal(Part):
             self.dead.set()
 
     def _keep_race_control(self) -> None:
-        """Start race control again, whatever has ended it, as ``make run`` does."""
+        """Restart race control, whatever ended it, as ``make run`` does."""
         same_machine = {'port': self.control.port}
 
         def again() -> None:
@@ -422,13 +421,13 @@ class Rehearsal(Part):
             self._end_incident()
 
     def _cue(self) -> None:
-        """Let the incidents of the script begin that are due."""
+        """Begin the script's incidents that are due."""
         self._first.setdefault(self.state, self.field.tick)
         for cue in self.cues:
             since = self._first.get(INCIDENTS[cue.incident].state)
             if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
-            with contextlib.suppress(RefusedError):  # it begins once it can
+            with contextlib.suppress(RefusedError):  # it begins as soon as it can
                 self.inject(cue.incident, cue.kart)
                 self.cues.remove(cue)
             return
@@ -459,7 +458,7 @@ class Rehearsal(Part):
         heard = {kart.number: (kart.team, kart.address) for kart in race.karts}
         own = {number: (team, address_of(number)) for number, team in self._teams().items()}
         if heard != own:
-            raise RefusedError('the race that is heard is not the one of this rehearsal')
+            raise RefusedError('the received race is not the one of this rehearsal')
 
     def _close_window(self) -> None:
         if self.window is not None:
@@ -467,8 +466,8 @@ class Rehearsal(Part):
 
 
 def recorded(folder: pathlib.Path) -> list[StampedEvent]:
-    """Return all events of the record in a folder, of every run of race control."""
-    # After a takeover the newest one has the runs before it, too.
+    """Return all events of the record in a folder, from every run of race control."""
+    # After a takeover, the newest record also contains the earlier runs.
     newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
     with contextlib.closing(open_read_only(newest)) as database:
         runs = [*sessions(database)][::-1]
@@ -476,7 +475,7 @@ def recorded(folder: pathlib.Path) -> list[StampedEvent]:
 
 
 def corrected(folder: pathlib.Path) -> list[Corrected]:
-    """Return the corrections that the timekeeper has accepted, of its book in a folder."""
+    """Return the corrections that the timekeeper accepted, from its book in a folder."""
     return [each for _, each in entries(folder / BOOK) if isinstance(each, Corrected)]
 
 
@@ -485,9 +484,9 @@ WHEN = {
     Phase.RACE: 'in GREEN_GREEN, once all karts of the race drive',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
-"""When an incident can begin, for who chooses it."""
+"""When an incident can begin, as a text for the instructor."""
 
 
 def _in_ticks(at: float, times: Sequence[float]) -> float:
-    """Return a time of race control on the field's clock, which stands while it is paused."""
+    """Return race control's time on the field's clock, which stops during a pause."""
     return bisect.bisect_left(times, at) * TICK_LENGTH

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The field: simulated karts on a closed line, and what goes wrong with them.
+The field: simulated karts on a closed line, and their faults.
 
-Pure and deterministic: what karts are sent goes in with ``hear`` and ``drop``, time goes on by
-``step``, one tick after the other, and what the karts say comes out. There is no clock, socket or
-thread here, and no chance but the seed's. Karts do not collide: they steer around each other.
+Pure and deterministic: ``hear`` and ``drop`` take what karts are sent, ``step`` advances time by
+one tick, and the karts' acknowledgements come out. There is no clock, socket or thread here, and
+only the seed's randomness. Karts do not collide, because they steer around each other.
 """
 
 from __future__ import annotations
@@ -31,32 +31,32 @@ CREEP = 2.0
 """Speed of a kart that moves where it must not, in m/s."""
 
 DRIVES = 0.5
-"""Speed from which a kart says that it has begun to drive, in m/s."""
+"""Speed from which a kart reports that it drives, in m/s."""
 
 STORM = (10, 30, 4)
-"""Of a reconnect storm: ticks without a connection, ticks with one, and how many times."""
+"""Reconnect storm: ticks without a connection, ticks with one, and number of repetitions."""
 
 
 class Fault(enum.Enum):
-    """What can be wrong with a kart."""
+    """The faults that a kart can have."""
 
     OFFLINE = enum.auto()  # it has no network
     STORMY = enum.auto()  # its network comes and goes
     REPLACED = enum.auto()  # another machine has its address
-    STUCK = enum.auto()  # it stands, whatever it is sent
+    STUCK = enum.auto()  # it does not move, whatever it is sent
     SPUN = enum.auto()  # it stands across the track
     SLOW = enum.auto()  # it crawls
-    MUTE = enum.auto()  # it acknowledges no red
+    MUTE = enum.auto()  # it does not acknowledge red states
     IGNORES_FLAG = enum.auto()  # it drives on in RED_FLAG
     IGNORES_RED = enum.auto()  # it drives on, whatever it is sent; only the MSR stops it
     CREEPS = enum.auto()  # it moves on the grid
-    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE, or takes it back
-    UNSEEN = enum.auto()  # the timing line misses it when it crosses next
-    SEEN_ELSEWHERE = enum.auto()  # the timing line says that it crosses where it does not
+    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE, or withdraws that
+    UNSEEN = enum.auto()  # the timing line misses its next crossing
+    SEEN_ELSEWHERE = enum.auto()  # the timing line reports a crossing that does not happen
 
 
 class Connected(enum.Enum):
-    """Who is to be connected from a kart's address."""
+    """Who should be connected from a kart's address."""
 
     NOBODY = enum.auto()
     KART = enum.auto()
@@ -64,7 +64,7 @@ class Connected(enum.Enum):
 
 
 class Failure(enum.Enum):
-    """What can happen to race control itself."""
+    """The failures of race control itself."""
 
     CRASH = enum.auto()
     DIE = enum.auto()
@@ -73,7 +73,7 @@ class Failure(enum.Enum):
 
 @dataclass(frozen=True)
 class Message:
-    """What is heard over the radio, and the tick at which it is."""
+    """A radio message, and its tick."""
 
     tick: int
     text: str
@@ -81,10 +81,10 @@ class Message:
 
 class Crossing(NamedTuple):
     """
-    A kart crosses the timing line, or seems to.
+    A real or apparent crossing of the timing line.
 
-    :param at: the time since the field began, in seconds.
-    :param seen: the line sees it; ``real``: it happens.
+    :param at: time since the field began, in seconds.
+    :param seen: the line sees it; ``real``: it really happens.
     """
 
     at: float
@@ -98,11 +98,11 @@ class SimulatedKart:
     """
     One kart.
 
-    :param distance: from the line, in metres, since the start; before the line it is negative.
-    :param speed: m/s.
-    :param told: what it was sent last on this connection; None: nothing.
-    :param obeys: what it carries out: ``told``, after its reaction time.
-    :param cut: the MSR has taken the power from its motor.
+    :param distance: distance driven from the line, in metres; negative before the line.
+    :param speed: speed, in m/s.
+    :param told: the last state sent on this connection; None: none was.
+    :param obeys: the state that it carries out: ``told`` after its reaction time.
+    :param cut: the MSR has cut its motor's power.
     """
 
     number: int
@@ -119,11 +119,11 @@ class SimulatedKart:
 
     @property
     def moves(self) -> bool:
-        """Return whether it moves."""
+        """Return whether the kart moves."""
         return self.speed > 0.0
 
     def link(self, tick: int) -> Connected:
-        """Return who is to be connected from its address."""
+        """Return who should be connected from its address."""
         if Fault.REPLACED in self.faults:
             return Connected.STRANGER
         if Fault.STORMY in self.faults:
@@ -134,16 +134,16 @@ class SimulatedKart:
         return Connected.NOBODY if Fault.OFFLINE in self.faults else Connected.KART
 
     def hear(self, state: RaceState, tick: int) -> None:
-        """Take what it is sent; the same again changes nothing."""
+        """Receive a state; repeating the same one changes nothing."""
         if state is not self.told:
             self.told, self.told_at, self.said = state, tick, False
 
     def drop(self) -> None:
-        """Take note that its connection is gone: it stops (§3.E)."""
+        """Lose the connection, so the kart stops (§3.E)."""
         self.told, self.obeys, self.said = None, RaceState.RED_RED, False
 
     def step(self, tick: int) -> RaceState | None:
-        """Go on by a tick, and return the state it has reached and now acknowledges."""
+        """Advance one tick; return the state that the kart has reached and acknowledges."""
         waited = (tick - self.told_at) * TICK_LENGTH
         if self.told is not None and waited >= self.ability.reaction:
             self.obeys = self.told
@@ -154,7 +154,7 @@ class SimulatedKart:
             self.speed = max(aim, self.speed - rate * TICK_LENGTH)
         self.distance += self.speed * TICK_LENGTH
         if self.said and self.told is RaceState.GRID_ACTIVE and Fault.NEVER_READY in self.faults:
-            self.said = False  # it was ready, and takes that back: its team has stopped it
+            self.said = False  # it was ready, but its team has stopped it since
             return RaceState.RED_RED
         if self.said or self.told is not self.obeys or not self._reached(waited):
             return None
@@ -162,7 +162,7 @@ class SimulatedKart:
         return self.told
 
     def _aim(self) -> tuple[float, float]:
-        """Return the speed it tries to have, m/s, and how hard it brakes for that, m/s²."""
+        """Return the target speed, m/s, and the deceleration towards it, m/s²."""
         can, faults, obeys = self.ability, self.faults, self.obeys
         if self.cut or faults & {Fault.STUCK, Fault.SPUN}:
             return 0.0, can.red_braking
@@ -177,7 +177,7 @@ class SimulatedKart:
         return 0.0, can.flag_braking if obeys is RaceState.RED_FLAG else can.red_braking
 
     def _reached(self, waited: float) -> bool:
-        """Return whether it has reached what it is sent, and says so."""
+        """Return whether the kart has reached its state and acknowledges it."""
         if self.told is None or self.told is RaceState.IN_GARAGE:
             return False
         if self.told is RaceState.GREEN_GREEN:
@@ -191,18 +191,17 @@ class Field:
     """
     All karts of a rehearsal.
 
-    ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres.
-    ``moving`` has every change of whether a kart moves, ``crossed`` the karts that have driven
-    their laps, ``people`` every change of whether a person is on the track, each with its tick:
-    the truth that a debrief goes by. ``crossings`` has every crossing of the line, and what the
-    line takes for one.
+    ``tick`` counts the steps; ``finish`` is the distance at the end of the last lap, in metres.
+    These lists are the truth for a debrief, each entry with its tick: ``moving`` has each start
+    and stop of a kart, ``crossed`` the karts that have driven all laps, and ``people`` each time a
+    person enters or leaves the track. ``crossings`` has every real or apparent crossing.
 
-    :param numbers: the karts of it that are simulated; the others are somebody else's.
+    :param numbers: the karts that are simulated here; None: all.
     """
 
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
         self.plan = plan
-        self.rng = random.Random(plan.seed)  # noqa: S311 - the same again with the same seed
+        self.rng = random.Random(plan.seed)  # noqa: S311 - reproducible by the seed
         self.finish = plan.laps * plan.track.length
         self.tick = 0
         self.messages: list[Message] = []
@@ -220,33 +219,33 @@ class Field:
             self._to_grid(kart)
 
     def hear(self, number: int, state: RaceState) -> None:
-        """Take what a kart is sent."""
+        """Deliver a state to a kart."""
         kart = self.karts[number]
         if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
             self._to_grid(kart)  # its team has put it there
         kart.hear(state, self.tick)
 
     def drop(self, number: int) -> None:
-        """Take note that a kart's connection is gone."""
+        """Drop a kart's connection."""
         self.karts[number].drop()
 
     def say(self, text: str) -> None:
-        """Have something heard over the radio."""
+        """Send a radio message."""
         self.messages.append(Message(self.tick, text))
 
     def let_in(self, at: tuple[float, float]) -> None:
-        """Have a person on the track, at x and y (m)."""
+        """Put a person on the track, at x and y (m)."""
         self.person = at
         self.people.append((self.tick, True))
 
     def use_msr(self) -> None:
-        """Take the power from every motor, as the Master Safety Remote does."""
+        """Cut the power of every motor, as the Master Safety Remote does."""
         self.msr_at.append(self.tick)
         for kart in self.karts.values():
             kart.cut = True
 
     def mend(self) -> None:
-        """Have marshals and teams put everything right that goes wrong with karts."""
+        """Repair everything, as marshals and teams would."""
         if self.person is not None:
             self.people.append((self.tick, False))
         self.person = None
@@ -255,7 +254,7 @@ class Field:
             kart.cut = False
 
     def step(self) -> list[tuple[int, RaceState]]:
-        """Go on by a tick; return which karts acknowledge what."""
+        """Advance one tick; return the karts' acknowledgements."""
         self.tick += 1
         said = []
         for number, kart in self.karts.items():
@@ -281,22 +280,22 @@ class Field:
             self.crossings.append(Crossing(at, kart.number, seen, real=True))
             if not seen:
                 kart.faults.discard(Fault.UNSEEN)
-                text = f'Timekeeper: kart {kart.number} has crossed the line, and was not counted.'
+                text = f'Timekeeper: kart {kart.number} crossed the line but was not counted.'
                 self.say(text)
         half = line + length / 2
         if before < half <= kart.distance and Fault.SEEN_ELSEWHERE in kart.faults:
             kart.faults.discard(Fault.SEEN_ELSEWHERE)
             at = self.tick * TICK_LENGTH
             self.crossings.append(Crossing(at, kart.number, seen=True, real=False))
-            text = f'Timekeeper: kart {kart.number} was counted, but it is not at the line.'
+            text = f'Timekeeper: kart {kart.number} was counted but is not at the line.'
             self.say(text)
 
     def sent(self, state: RaceState) -> list[SimulatedKart]:
-        """Return the karts that are sent a state: no incident of it is about another."""
+        """Return the karts that are sent a state; an incident of that state concerns only them."""
         return [kart for kart in self.karts.values() if kart.told is state]
 
     def leader(self) -> int:
-        """Return the kart that is ahead of all others and has not finished; 0: there is none."""
+        """Return the leading kart that has not finished; 0 if there is none."""
         racing = [kart for kart in self.karts.values() if kart.distance < self.finish]
         return max(racing, key=lambda kart: kart.distance).number if racing else 0
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The incidents: what happens in the field, what is said, and the rule book's order.
+The incidents: what happens in the field, the radio message, and the rule book's order.
 
-Pure. One row of ``INCIDENTS`` says everything about an incident; the rules behind it stand in
-docs/rules.md.
+Pure. One row of ``INCIDENTS`` defines an incident completely; docs/rules.md has the rules behind
+it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Failure, Fault, Field
 
 LAST_METRES = 25.0
-"""Distance of the leader from the end of its last lap where an incident of the last lap begins."""
+"""Distance of the leader to the finish at which a last-lap incident can begin, in metres."""
 
 ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_alert': 4.0}
-"""The times of a rehearsal's race control: shorter than in a race, so that nobody waits."""
+"""Alert times of a rehearsal's race control, in seconds: shorter than in a race, to save time."""
 
 LASTS = 1800
-"""Ticks after which an incident ends by itself: marshals and teams put everything right."""
+"""Number of ticks after which an incident ends: marshals and teams then repair everything."""
 
 
 class Phase(enum.Enum):
@@ -40,10 +40,10 @@ class Incident:
     """
     One kind of incident.
 
-    :param meaning: what it is, for who chooses it.
+    :param meaning: description for the instructor.
     :param begin: makes it happen to a kart of the field.
-    :param order: the rule book's order, with the place in docs/rules.md.
-    :param to_kart: it happens to one kart.
+    :param order: the rule book's order, with its place in docs/rules.md.
+    :param to_kart: it happens to a single kart.
     """
 
     name: str
@@ -102,7 +102,7 @@ _ROWS = (
     ),
     Incident(
         'kart_stuck',
-        'a kart stands on the track; it acknowledges all the same',
+        'a kart stands on the track but still acknowledges',
         Phase.RACE,
         _told('Marshal, post 1: kart {kart} stands and does not go on.', Fault.STUCK),
         'flag the race, or stop this one kart, which stands already; nothing stronger '
@@ -113,7 +113,7 @@ _ROWS = (
         'a kart does not acknowledge RED_RED',
         Phase.RACE,
         _told('Race director: debris everywhere. Stop every kart now.', Fault.MUTE),
-        'ALL_KILL; then, since one kart does not answer, use the MSR and record it '
+        'ALL_KILL; then, because one kart does not answer, use the MSR and record it '
         '(Alerts: RED_UNACKNOWLEDGED)',
     ),
     Incident(
@@ -121,7 +121,7 @@ _ROWS = (
         'a kart drives on in RED_FLAG',
         Phase.RACE,
         _told('Race director: red flag, please.', Fault.IGNORES_FLAG, Fault.MUTE),
-        'RED_FLAG; then, since one kart drives on, use the MSR and record it (Alerts: '
+        'RED_FLAG; then, because one kart drives on, use the MSR and record it (Alerts: '
         'FLAG_UNACKNOWLEDGED)',
     ),
     Incident(
@@ -151,7 +151,7 @@ _ROWS = (
         'the leader crosses the line slowly, with others close behind',
         Phase.LAST_LAP,
         _fault(Fault.SLOW),
-        'mark the karts as finished in the order in which they cross the line; stop nobody '
+        'mark the karts as finished in the order in which they cross the line; stop no kart '
         '(Finish and race over)',
     ),
     Incident(
@@ -167,8 +167,8 @@ _ROWS = (
         "a second machine has a kart's address",
         Phase.RACE,
         _fault(Fault.REPLACED),
-        'stop the race, or use the MSR: nobody hears the real kart any more (Disconnections: '
-        'a second connection)',
+        'stop the race, or use the MSR: race control no longer hears the real kart '
+        '(Disconnections: a second connection)',
     ),
     Incident(
         'race_control_crash',
@@ -176,7 +176,7 @@ _ROWS = (
         Phase.RACE,
         lambda field, kart: field.failures.append(Failure.CRASH),
         'ALL_KILL, or use the MSR; or wait until every kart has acknowledged RED_RED, '
-        'look at the track, and then state IN_GARAGE (When race control itself ends)',
+        'check the track, and then give IN_GARAGE (When race control itself ends)',
         to_kart=False,
     ),
     Incident(
@@ -185,7 +185,7 @@ _ROWS = (
         Phase.RACE,
         lambda field, kart: field.failures.append(Failure.DIE),
         'do the drill; then record the MSR, or wait until every kart has acknowledged '
-        'RED_RED, look at the track, and state IN_GARAGE (docs/race-day.md)',
+        'RED_RED, check the track, and give IN_GARAGE (docs/race-day.md)',
         to_kart=False,
     ),
     Incident(
@@ -201,7 +201,7 @@ _ROWS = (
     ),
     Incident(
         'msr_needed',
-        'a kart obeys nothing any more',
+        'a kart no longer obeys anything',
         Phase.RACE,
         _told(
             'Marshal, post 2: kart {kart} is out of control!',
@@ -215,21 +215,21 @@ _ROWS = (
         'a kart does not get ready on the grid',
         Phase.GRID,
         _fault(Fault.NEVER_READY),
-        'take the kart out of the race, or go back to IN_GARAGE (Alerts: NOT_READY)',
+        'take the kart out of the race, or return to IN_GARAGE (Alerts: NOT_READY)',
     ),
     Incident(
         'missed_passing',
         'the timing line misses a kart',
         Phase.RACE,
         _fault(Fault.UNSEEN),
-        'count the crossing by hand (LAP); stop nobody (docs/timing.md: Corrections)',
+        'count the crossing by hand (LAP); stop no kart (docs/timing.md: Corrections)',
     ),
     Incident(
         'false_passing',
         'the timing line sees a kart that is elsewhere',
         Phase.RACE,
         _fault(Fault.SEEN_ELSEWHERE),
-        'strike the passing out (STRIKE PASSING); stop nobody (docs/timing.md: Corrections)',
+        'strike out the passing (STRIKE PASSING); stop no kart (docs/timing.md: Corrections)',
     ),
 )
 
@@ -239,9 +239,9 @@ INCIDENTS = {row.name: row for row in _ROWS}
 
 def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
     """
-    Return which kart an incident happens to; 0: none in particular.
+    Return the kart that an incident happens to; 0: no single kart.
 
-    :param kart: the one that is wanted; 0: the leader where it is about the leader, else the
+    :param kart: the wanted kart; 0: the leader if the incident is about the leader, otherwise the
         seed decides.
     """
     if not incident.to_kart:
@@ -252,7 +252,7 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
 
 
 def can_begin(row: Incident, field: Field, state: RaceState, kart: int = 0) -> bool:
-    """Return whether an incident can begin now, to this kart if one is named (not 0)."""
+    """Return whether an incident can begin now, for this kart if one is given (not 0)."""
     karts = field.sent(row.state)
     if state is not row.state or not karts:
         return False

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timing line of a field: which passings it says there are.
+The timing line of a field: the passings that it reports.
 
-Pure. It knows each kart, misses some crossings and makes some up, as the field has it.
+Pure. It recognises each kart, but misses some crossings and invents others as the field decides.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from evgp_node.results import Passing
 from evgp_rehearsal.field import Field
 
 SOURCE = 'line'
-"""Its name, as a source of passings."""
+"""The line's name as a source of passings."""
 
 
 class TimingLine:
     """
     The line, as far as it was read.
 
-    :param session: another for each run.
-    :ivar told: every passing that it told: which, of which kart, whether that one crossed.
+    :param session: a new value for each run.
+    :ivar told: every reported passing: its identity, kart, and whether the kart really crossed.
     """
 
     def __init__(self, session: str) -> None:
@@ -32,7 +32,7 @@ class TimingLine:
 
     def read(self, field: Field, field_ns: int = 0) -> list[Passing]:
         """
-        Return what is new.
+        Return the new passings.
 
         :param field_ns: when the field began, in ns since the epoch of the line's clock.
         """

@@ -4,8 +4,8 @@
 """
 The instructor's page: a plan view of the track, incidents to choose, pause, and the debrief.
 
-Served on 127.0.0.1 only, by the standard library. Whoever asks by another name, or posts anything
-but JSON, is refused: no page of the internet can press these buttons.
+The standard library serves it on 127.0.0.1 only. Requests by another host name and posts other
+than JSON are refused, so no page on the internet can press these buttons.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ HERE = '127.0.0.1'
 """Address of the page."""
 
 MOST_POSTED = 10_000
-"""Maximum length of what is posted."""
+"""Maximum length of a post, in bytes."""
 
 RADIO = 6
-"""How many messages of the radio are shown."""
+"""Number of radio messages shown."""
 
 
 def picture(rehearsal: Rehearsal) -> dict[str, Any]:
-    """Return what the page shows: what the instructor sees, and what the official sees."""
+    """Return the page's content: the instructor's view and the official's view."""
     race = rehearsal.race
     track = rehearsal.plan.track
     heard = {kart.number: kart for kart in race.karts} if race is not None else {}
@@ -92,7 +92,7 @@ class Page(Part):
     """
     The page of a rehearsal.
 
-    :param port: at which it is served; 0: any.
+    :param port: the port to serve it at; 0: any.
     :raises OSError: if the port is taken.
     """
 
@@ -104,14 +104,14 @@ class Page(Part):
         self._thread.start()
 
     def close(self) -> None:
-        """End it."""
+        """End the server."""
         self._server.shutdown()
         self._server.server_close()
         self._thread.join()
 
 
 def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
-    """Do what a button says; return what to tell the instructor."""
+    """Carry out a button; return the message for the instructor."""
     what = wanted.get('do')
     if what == 'inject':
         rehearsal.inject(str(wanted.get('incident')), int(wanted.get('kart') or 0))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The plan of a rehearsal: track, karts, seed and script, as a YAML file says them.
+The plan of a rehearsal: track, karts, seed and script, from a YAML file.
 
 Pure: text in, a ``Plan`` or one ``PlanError`` out.
 """
@@ -19,7 +19,7 @@ from typing import Any
 import yaml
 
 MOST_KARTS = 60
-"""Maximum number of karts of a rehearsal."""
+"""Maximum number of karts in a rehearsal."""
 
 
 class PlanError(ValueError):
@@ -31,8 +31,8 @@ class Track:
     """
     A closed line.
 
-    :param corners: x and y of each, in metres, in the direction of the race; the first is the
-        line that karts start at and finish at.
+    :param corners: x and y of each corner, in metres, in the direction of the race; the first one
+        is the start and finish line.
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -43,7 +43,7 @@ class Track:
         return sum(self._sides())
 
     def point(self, distance: float) -> tuple[float, float]:
-        """Return x and y, in metres, at a distance from the line, in metres; also before it."""
+        """Return x and y at a distance from the line, in metres; it may be negative."""
         left = distance % self.length
         for index, side in enumerate(self._sides()):
             if left <= side:
@@ -63,12 +63,12 @@ class Track:
 @dataclass(frozen=True)
 class Ability:
     """
-    What a kart can do.
+    A kart's abilities.
 
-    :param top: highest speed, m/s.
-    :param acceleration: m/s².
-    :param flag_braking: in RED_FLAG, m/s².
-    :param red_braking: in RED_RED, m/s².
+    :param top: maximum speed, m/s.
+    :param acceleration: maximum acceleration, m/s².
+    :param flag_braking: deceleration in RED_FLAG, m/s².
+    :param red_braking: deceleration in RED_RED, m/s².
     :param reaction: time from a command to the first change of speed, s.
     :param ready: time from GRID_ACTIVE to its acknowledgement, s.
     """
@@ -86,8 +86,8 @@ class Cue:
     """
     A line of the script.
 
-    :param at: seconds since the first GREEN_GREEN, or GRID_ACTIVE for an incident of the grid.
-    :param kart: to which kart it happens; 0: the seed decides.
+    :param at: time since the first GREEN_GREEN (GRID_ACTIVE for an incident of the grid), s.
+    :param kart: the kart concerned; 0: the seed decides.
     """
 
     incident: str
@@ -100,8 +100,8 @@ class Plan:
     """
     A rehearsal.
 
-    :param karts: how many, numbered from 1.
-    :param spread: by which part each figure of a kart's ability may differ, 0 to 0.5.
+    :param karts: number of karts; they are numbered from 1.
+    :param spread: maximum relative deviation of each figure of a kart's ability, 0 to 0.5.
     """
 
     track: Track
@@ -122,12 +122,12 @@ def read_plan(text: str) -> Plan:
     """
     Return the plan in a YAML text.
 
-    :raises PlanError: whatever is wrong with it.
+    :raises PlanError: if anything is wrong with it.
     """
     try:
         given = yaml.safe_load(text)
         if not isinstance(given, dict):
-            raise PlanError('the plan must be a YAML mapping, as config/rehearsal.yaml is')
+            raise PlanError('the plan must be a YAML mapping, like config/rehearsal.yaml')
         return _plan(given)
     except PlanError:
         raise
@@ -138,7 +138,7 @@ def read_plan(text: str) -> Plan:
 def _plan(given: Mapping[str, Any]) -> Plan:
     unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart', 'script'}
     if unknown:
-        # A roster in particular: the karts of a rehearsal exist nowhere else.
+        # In particular no roster: the karts of a rehearsal must not exist anywhere else.
         raise PlanError(f'a plan has no {", ".join(sorted(map(str, unknown)))}')
     kart = dict(given.get('kart', {}))
     spread = float(kart.pop('spread', Plan.spread))
@@ -155,7 +155,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     )
     figures = (*dataclasses.astuple(ability), *itertools.chain(*corners))
     for wrong, why in (
-        (len(corners) < 3 or len(set(corners)) < len(corners), 'give the track 3 corners or more'),
+        (len(corners) < 3 or len(set(corners)) < len(corners), 'give 3 different corners'),
         (not 1 <= plan.karts <= MOST_KARTS, f'karts: 1 to {MOST_KARTS}'),
         (plan.laps < 1, 'laps: 1 or more'),
         (not 0.0 <= spread <= 0.5, 'spread: 0 to 0.5'),

@@ -4,7 +4,7 @@
 """
 ``rehearse``, or ``make rehearsal``: a race with simulated karts, for officials to train.
 
-People are the officials. After each incident, and at the end, the terminal has its debrief.
+People act as the officials. After each incident, and at the end, the terminal shows the debrief.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from evgp_rehearsal.plan import Cue, Plan, PlanError, read_plan
 from rich.console import Console
 from rich.text import Text
 
-NO_INCIDENT = "No incident began. The instructor's page begins them, or --incident, such as spin."
-"""What there is to say at the end of a rehearsal without an incident."""
+NO_INCIDENT = "No incident began. Begin one on the instructor's page, or with --incident spin."
+"""The text at the end of a rehearsal without an incident."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Rehearse.
 
-    :return: 0. Where the plan or a setting is wrong, the program exits with 2.
+    :return: 0. If the plan or a setting is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
     )
-    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file, like the one shipped')
-    parser.add_argument('--seed', type=int, help='instead of the one of the plan')
-    parser.add_argument('--karts', type=int, help='instead of the number in the plan')
+    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file like the shipped one')
+    parser.add_argument('--seed', type=int, help="replaces the plan's seed")
+    parser.add_argument('--karts', type=int, help="replaces the plan's number of karts")
     parser.add_argument(
-        '--bridged', type=int, default=0, help='how many karts have the real bridge and stack'
+        '--bridged', type=int, default=0, help='number of karts with the real bridge and stack'
     )
-    parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the page')
+    parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the web page')
     parser.add_argument('--debrief', type=pathlib.Path, help='write the debriefs to this file')
-    parser.add_argument('--no-window', action='store_true', help='open no window, no browser')
+    parser.add_argument('--no-window', action='store_true', help='open neither window nor browser')
     parser.add_argument(
-        '--incident', action='append', choices=INCIDENTS, help='this one, in place of the script'
+        '--incident', action='append', choices=INCIDENTS, help='replaces the script'
     )
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (PlanError, OSError) as error:
         parser.error(str(error))
     if not 0 <= given.bridged < plan.karts:
-        parser.error('--bridged must leave one kart to be simulated')
+        parser.error('--bridged must leave at least one simulated kart')
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) -> Plan:
     """
-    Return the plan in a file, or the one that is shipped, with changes.
+    Return the plan in a file, or the shipped one, with changes.
 
     :raises PlanError: if it is wrong.
     :raises OSError: if the file cannot be read.
@@ -99,10 +99,10 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         page = stack.enter_context(Page(rehearsal, given.page))
         console.rule(BANNER, style='bold magenta')
         opened = screen and webbrowser.open(page.url)
-        where = '' if opened else ', in a browser of this machine: incidents begin there'
+        where = '' if opened else ' (open it on this machine to begin incidents)'
         console.print(f'Instructor: {page.url}{where}')
         if screen:
-            console.print("Official: the officials' window opens, unless the screen refuses it.")
+            console.print("Official: the officials' window opens on this screen, if it can.")
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()
             _explain(console, rehearsal)
@@ -117,15 +117,15 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
 
 
 def _explain(console: Console, rehearsal: Rehearsal) -> None:
-    """Print how to command the race in a terminal."""
+    """Print how to command the race from a terminal."""
     ctl = os.environ.get('EVGP_CTL', 'make ctl ARGS="%s"')
     console.print('Official, in a terminal, to see the race, start it and stop it:')
     karts = ' '.join(map(str, rehearsal.plan.numbers))
     start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
     for words in ('watch', *start, 'all-kill'):
         line = f'  ROS_DOMAIN_ID={rehearsal.domain} {ctl.replace("%s", words)}'
-        console.print(line, soft_wrap=True)  # one line, to be copied
-    console.print('If its laptop dies (laptop_dies), by the drill of docs/race-day.md:')
+        console.print(line, soft_wrap=True)  # one line, for copying
+    console.print('If the laptop dies (laptop_dies), take over as in docs/race-day.md:')
     console.print(f'  {rehearsal.drill}', soft_wrap=True)
     console.print('Ctrl-C ends the rehearsal and shows the debriefs.')
 

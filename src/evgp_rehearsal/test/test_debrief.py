@@ -119,7 +119,7 @@ def test_it_says_when_the_msr_was_used_and_recorded_where_a_person_was_among_kar
     assert told[2:-1] == [
         '     0.0 s  a person is on the track',
         '    25.0 s  Anna gave ALL_KILL: ALL_KILL',
-        '    26.0 s  Anna gave RECORD_MSR: recorded - the MSR was not used until then',
+        '    26.0 s  Anna gave RECORD_MSR: recorded - the MSR had not been used yet',
         '    31.0 s  the MSR is used',
         '    33.0 s  Anna gave RECORD_MSR: recorded',
     ]
@@ -163,7 +163,7 @@ def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line
         'line there',
         '    25.0 s  Anna asked the timekeeper for STRIKE PASSING line 13 - kart 3 did not cross '
         'the line there',
-        '    45.0 s  somebody asked the timekeeper for LAP of kart 3',
+        '    45.0 s  someone asked the timekeeper for LAP of kart 3',
     ]
 
 

@@ -1,12 +1,12 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-// Shows what the board sends, as text: each message is all that there is to show. Times are in
-// seconds. Nothing is sent back.
+// Shows what the board sends, as text. Each message contains everything to show. Times are in
+// seconds. The page sends nothing back.
 'use strict';
 
-const STALE = 2; // without a message, the page says so
-const RETRY = 4; // and looks for the board again; some browsers give up by themselves
+const STALE = 2; // after this time without a message, the page shows that it is out of date
+const RETRY = 4; // and after this time it reconnects, because some browsers give up
 
 const page = document.body.classList[0];
 const kart = location.pathname.split('/')[2];
@@ -16,11 +16,11 @@ let source = null;
 let tried = 0;
 let wait = RETRY;
 let last = null; // the last message
-let came = { steady: 0, wall: 0 }; // when it was sent, by two clocks of ours
+let came = { steady: 0, wall: 0 }; // when the message was sent, by two clocks of this browser
 let least = Infinity; // the smallest difference between our clock and the board's
 let drawn = '';
 
-// A phone's steady clock may stand still while it sleeps; its wall clock may be set.
+// A phone's steady clock may stop while it sleeps, and its wall clock may be set.
 function age() {
   return Math.max(performance.now() / 1000 - came.steady, Date.now() / 1000 - came.wall);
 }
@@ -63,7 +63,7 @@ function clock(seconds, digits = 0) {
   return `${hours ? `${hours}:${two(minutes)}` : minutes}:${two(whole % 60)}${tenths}`;
 }
 
-// Chosen as text, not as a coloured picture.
+// Makes symbols appear as text, not as coloured pictures.
 const symbol = (text) => text.replace(/[▶⚑■▦⌂⚠]/gu, '$&\uFE0E');
 
 function row(each) {
