@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Measure how soon a stop reaches every kart, beside a floor of the same run.
+Measure how fast a stop reaches every kart, and compare it with a floor from the same run.
 
 ``make bench`` prints the first table of docs/dev/performance.md.
 """
@@ -38,7 +38,7 @@ RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
 
 
 class Party:
-    """A process of bench/ that is told a line and answers a line."""
+    """A process of bench/ that answers each line with a line."""
 
     def __init__(self, script: str, *arguments: object) -> None:
         """Start it."""
@@ -55,14 +55,14 @@ class Party:
         return self._process.pid
 
     def hear(self) -> Any:
-        """Return what it answers next."""
+        """Return its next answer."""
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         assert line, f'{self._process.args} ended'
         return json.loads(line)
 
     def tell(self, *words: object) -> None:
-        """Tell it something."""
+        """Send it a line."""
         assert self._process.stdin is not None
         self._process.stdin.write(' '.join(map(str, words)) + '\n')
         self._process.stdin.flush()
@@ -78,14 +78,14 @@ class Party:
 
 
 def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
-    """Start a real race control with N karts in the race, on a record of its own."""
+    """Start a real race control with N karts in the race and its own record."""
     own = pathlib.Path(tempfile.mkdtemp(dir=folder))
     return RaceControl(own, domain, range(1, count + 1))
 
 
 @contextlib.contextmanager
 def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
-    """Have race control, an official, and so many karts."""
+    """Run race control, an official, and this number of karts."""
     with (
         Domain() as domain,
         control_of(folder, domain.number, count) as control,
@@ -120,7 +120,7 @@ def table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> 
 
 
 def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> None:
-    """Measure from a stop to the last of N karts that reads it."""
+    """Measure the time from a stop until the last of N karts reads it."""
     call = bare_call(times)
     table(
         f'Stop latency, ms, median / p99 of {times}',
@@ -140,7 +140,7 @@ def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> Non
 def stop_latency_of(
     folder: pathlib.Path, count: int, times: int, call: Sequence[float]
 ) -> tuple[object, ...]:
-    """Return the row of one number of karts."""
+    """Return the row for one number of karts."""
     bare = floor_latency(count, times)
     whole, answered = whole_latency(folder, count, times)
     behind, _ = whole_latency(folder, count, times, at_rest=False)
@@ -171,19 +171,19 @@ def floor_latency(count: int, times: int) -> list[float]:
 
 
 def rest() -> None:
-    """Wait as long as an official would at least, and so that the beat is met anywhere."""
+    """Wait at least as long as an official would, at a random point of the beat."""
     time.sleep(random.uniform(0.1, 0.2))  # noqa: S311 - no secret
 
 
 def timed(
     crowd: Party, state: RaceState, send: Callable[[], float], at_rest: bool = True
 ) -> float:
-    """Return how long after it was sent the last kart saw a state, s."""
+    """Return the time from sending a state until the last kart saw it, s."""
     crowd.tell('watch', state.name)
     if at_rest:
         rest()
     else:
-        time.sleep(0.01)  # the crowd has the line before the frames come
+        time.sleep(0.01)  # the crowd gets the line before the frames
     began = send()
     read: float = crowd.hear()
     return read - began
@@ -195,8 +195,8 @@ def whole_latency(
     """
     Return the times from a client's call to the last kart, and to its answer, s.
 
-    :param at_rest: otherwise the stop comes while race control tells what all karts have just
-        acknowledged.
+    :param at_rest: False: the stop comes while race control reports acknowledgements from all
+        karts.
     """
     answered = []
 
@@ -211,7 +211,7 @@ def whole_latency(
         for _ in range(times + 1):
             seen.append(timed(crowd, RED_RED, kill, at_rest))
             bring_home(official, crowd, at_rest)
-        # The first call of a client is DDS meeting.
+        # In a client's first call, DDS still makes the connection.
         return seen[1:], answered[1:]
 
 
@@ -219,7 +219,7 @@ def bring_home(official: Official, crowd: Party, acknowledged: bool) -> None:
     """Give IN_GARAGE as soon as it is allowed, and wait until all karts have it."""
     crowd.tell('watch', IN_GARAGE.name)
     while not official.call('in_garage', track_safe=True).success:
-        time.sleep(0.02)  # also while acknowledgements are missing
+        time.sleep(0.02)  # refused while acknowledgements are missing
     crowd.hear()
     if acknowledged:
         official.wait_for_race(
@@ -246,7 +246,7 @@ def bare_call(times: int) -> list[float]:
 
 
 def main() -> None:
-    """Measure for the numbers of karts asked for."""
+    """Measure for the given numbers of karts."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
     parser.add_argument('--karts', type=int, nargs='+', default=[1, 10, 20, 100])
@@ -256,7 +256,7 @@ def main() -> None:
         f'{time.strftime("%Y-%m-%d")}, {os.cpu_count()} cores, Python '
         f'{platform.python_version()}, Linux {platform.release()}'
     )
-    # The search for garbage takes 20 ms of an official's stop, and is none of race control.
+    # Garbage collection here would add 20 ms to an official's stop, which is not race control's.
     gc.collect()
     gc.freeze()
     with tempfile.TemporaryDirectory() as folder:

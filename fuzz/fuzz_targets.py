@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What is fuzzed: one function per target, which takes bytes and raises where a promise is broken.
+The fuzz targets: one function each, which takes bytes and raises if a promise is broken.
 
-Nothing here knows the fuzzer; the tests call the same functions with the corpus.
+This module does not depend on the fuzzer; the tests call the same functions with the corpus.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import yaml
 
 Event = frames.StateFrame | frames.MalformedFrame
 
-# The grammar of docs/wire.md in one expression, which knows nothing of reads.
+# The grammar of docs/wire.md in one expression, for a stream not split into reads.
 _GRAMMAR = re.compile(
     rb"""
     (?P<blank> [ \t\r\n\0]+ )
@@ -43,7 +43,7 @@ _GRAMMAR = re.compile(
 
 def check_decoder(data: bytes) -> None:
     """
-    Hold the decoder against the grammar, however the stream is cut.
+    Compare the decoder with the grammar, however the stream is split.
 
     :raises AssertionError: if a promise of ``FrameDecoder`` is broken.
     """
@@ -73,29 +73,29 @@ def check_decoder(data: bytes) -> None:
 
 def check_roster(data: bytes) -> None:
     """
-    Load the bytes as a roster: one that is right in all, or sentences that say why not.
+    Load the bytes as a roster: the result must be a correct roster, or sentences that say why not.
 
-    :raises AssertionError: if a promise of ``load_roster`` is broken; what else it raises is a
+    :raises AssertionError: if a promise of ``load_roster`` is broken; any other exception is a
         finding too.
     """
     try:
         loaded = _load(data)
     except roster.RosterError as error:
-        # YAML ends a line at any of these; a fault may be told behind the last one.
+        # YAML ends a line at any of these; a fault may be reported after the last one.
         lines = len(re.split('\r\n|[\r\n\x85\u2028\u2029]', data.decode(errors='replace')))
         sentences = str(error).split('\n')
         assert len(sentences) <= roster.MOST_FAULTS + 1, f'too many to read: {len(sentences)}'
         for sentence in sentences:
             assert re.match(r'roster(:[1-9]\d*)?: ', sentence), sentence
-            assert sentence.isprintable(), f'no single printable line: {sentence!r}'
+            assert sentence.isprintable(), f'not one printable line: {sentence!r}'
             assert len(sentence) < 1000, f'too long to read: {sentence}'
             line = re.match(r'roster:(\d+):', sentence)
             assert line is None or int(line[1]) <= lines + 1, sentence
         return
     entries = loaded.entries
     assert entries, 'a roster without a kart'
-    assert len({entry.number for entry in entries}) == len(entries), 'a number is in it twice'
-    assert len({entry.address for entry in entries}) == len(entries), 'an address is in it twice'
+    assert len({entry.number for entry in entries}) == len(entries), 'a number occurs twice'
+    assert len({entry.address for entry in entries}) == len(entries), 'an address occurs twice'
     for entry in entries:
         assert type(entry.number) is int, entry
         assert 1 <= entry.number <= roster.MAX_NUMBER, entry
@@ -106,14 +106,14 @@ def check_roster(data: bytes) -> None:
         address = ipaddress.IPv4Address(entry.address)
         assert str(address) == entry.address, entry
         assert not any((address.is_multicast, address.is_reserved, address.packed[0] == 0)), entry
-    # What an official reads in the file, any reader of YAML reads in it too.
+    # Any other YAML reader must read the same in the file.
     for entry, plain in zip(entries, yaml.safe_load(data)['karts'], strict=True):
         assert plain['number'] == entry.number, entry
         assert plain['team'].strip() == entry.team, entry
         assert plain['address'] == entry.address, entry
         assert plain['in_race'] is entry.in_race, entry
     numbers = {entry.number for entry in entries}
-    assert len({heat.name for heat in loaded.heats}) == len(loaded.heats), 'a heat is in it twice'
+    assert len({heat.name for heat in loaded.heats}) == len(loaded.heats), 'a heat occurs twice'
     for heat in loaded.heats:
         assert heat.karts, heat
         assert list(heat.karts) == sorted(set(heat.karts) & numbers), heat
@@ -141,14 +141,14 @@ def check_roster(data: bytes) -> None:
             for heat in loaded.heats
         }
     again = yaml.safe_dump(plain_roster, allow_unicode=True, sort_keys=False)
-    assert _load(again.encode()) == loaded, 'a roster written anew is another one'
+    assert _load(again.encode()) == loaded, 'writing the roster and loading it again changes it'
 
 
 def check_timing(data: bytes) -> None:
     """
-    Feed the bytes to the decoder of every timing device, however the stream is cut.
+    Feed the bytes to the decoder of every timing device, however the stream is split.
 
-    :raises AssertionError: if a promise of `evgp_timing` is broken; whatever else is raised, too.
+    :raises AssertionError: if a promise of `evgp_timing` is broken; so is any other exception.
     """
     pieces = _cut(data, random.Random(zlib.crc32(data)))
     for kind in DECODERS:
@@ -160,7 +160,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     'roster': check_roster,
     'timing': check_timing,
 }
-"""Every target by its name, which is also that of its corpus."""
+"""Every target by its name, which is also the name of its corpus."""
 
 
 def corpus(name: str) -> list[pathlib.Path]:
@@ -169,7 +169,7 @@ def corpus(name: str) -> list[pathlib.Path]:
 
 
 def _by_grammar(data: bytes, ready: bool) -> tuple[list[object], bool]:
-    """Return what a stream says, and whether a frame has begun at its end."""
+    """Return the events in a stream, and whether it ends inside a frame."""
     names = {state.value.encode(): state for state in RaceState}
     if ready:
         names[b'READY'] = RaceState.GRID_ACTIVE

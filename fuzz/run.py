@@ -8,10 +8,9 @@ Fuzz the decoders and the roster loader, guided by coverage (Atheris): ``make fu
     make fuzz ARGS='--seconds 600 decoder'      one target, for longer
     make fuzz ARGS='--runs 20000 --seed 1'      a fixed number of executions
 
-Each target begins with its committed corpus. What it finds on the way goes to ``.fuzz/<target>``
-and is the beginning of the next run; an input that breaks a promise is kept as
-``.fuzz/<target>-...``, and the exit code is not 0. Put such an input into the corpus when the
-fault is mended: the tests go through the corpus every time.
+Each target starts with its committed corpus. New inputs go to ``.fuzz/<target>``, where the next
+run starts. An input that breaks a promise is saved as ``.fuzz/<target>-...``, and the exit code is
+not 0. When you have fixed the fault, add that input to the corpus: every test run uses it.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ NAMES = ('decoder', 'roster', 'timing')
 
 def fuzz(name: str, options: list[str]) -> None:
     """Fuzz one target in this process, which libFuzzer ends."""
-    # What devices were recorded to say, which the package's tests have.
+    # The package's tests contain recordings of devices.
     sys.path.append(str(ROOT / 'src' / 'evgp_timing' / 'test'))
-    # Imported here, since only the process that fuzzes is to be instrumented.
+    # Imported here, so that only the fuzzing process is instrumented.
     import atheris
 
     with atheris.instrument_imports(
@@ -44,14 +43,14 @@ def fuzz(name: str, options: list[str]) -> None:
 
 
 def main() -> None:
-    """Fuzz the targets asked for, one after the other, each in a process of its own."""
-    parser = argparse.ArgumentParser(description='Fuzz, guided by coverage.')
-    # Not as choices: argparse wants the default of a list to be one of them.
-    parser.add_argument('target', nargs='*', help=f'{" or ".join(NAMES)}; none: each')
-    parser.add_argument('--seconds', type=int, default=60, help='for how long, each target')
-    parser.add_argument('--runs', type=int, help='how many executions instead, each target')
-    parser.add_argument('--seed', type=int, default=0, help='of the fuzzer; 0: another each time')
-    parser.add_argument('--found', type=pathlib.Path, default=FOUND, help='where findings go')
+    """Fuzz the given targets one after the other, each in its own process."""
+    parser = argparse.ArgumentParser(description='Fuzz the decoders and the roster loader.')
+    # Not as choices, because argparse would require the default list to be one of them.
+    parser.add_argument('target', nargs='*', help=f'{" or ".join(NAMES)}; default: all')
+    parser.add_argument('--seconds', type=int, default=60, help='duration per target, s (60)')
+    parser.add_argument('--runs', type=int, help='executions per target, not a duration')
+    parser.add_argument('--seed', type=int, default=0, help='of the fuzzer; 0: a new one')
+    parser.add_argument('--found', type=pathlib.Path, default=FOUND, help='folder for findings')
     parser.add_argument('--inside', action='store_true', help=argparse.SUPPRESS)
     arguments, options = parser.parse_known_args()
     unknown = set(arguments.target) - set(NAMES)
@@ -92,7 +91,7 @@ def main() -> None:
         if done.returncode:
             failed.append(name)
     if failed:
-        sys.exit(f'Found something in: {", ".join(failed)}; the input is in {arguments.found}')
+        sys.exit(f'Faults found in: {", ".join(failed)}. The inputs are in {arguments.found}')
 
 
 if __name__ == '__main__':

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Build the Debian package for officials: docs/install-officials.md. Run it by `make deb`.
+Build the Debian package for officials (docs/install-officials.md). Run it with `make deb`.
 
-The package is what the set-up has made, less what only developers need, in one folder of the same
-shape: so setup/in-workspace and the units of systemd serve it too. Each command is the recipe of a
-target, recorded by running make with this program in the place of setup/in-workspace.
+The package contains what the set-up has made, without what only developers need, in a folder of
+the same shape, so setup/in-workspace and the systemd units work there too. Each command is the
+recipe of a make target, recorded by running make with this program instead of setup/in-workspace.
 
     setup/in-workspace --console python setup/deb.py [VERSION [COMPRESSION OF DPKG-DEB]]
 """
@@ -43,26 +43,26 @@ COMMANDS = {
     'takeover': ('takeover', ''),
     'timekeeper': ('timekeeper', 'OFFICIAL'),
 }
-"""The target behind each command `evgp-...`, and the variable that its recipe leaves out empty."""
+"""The make target behind each `evgp-...` command, and its variable that may be left empty."""
 
 OPTIONLESS = ('roster', 'run', 'timekeeper', 'window')
-"""The commands that take nothing but NAME=value."""
+"""Commands that accept only NAME=value."""
 
 SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
-"""The commands whose program is helped by NAME=value, not by its own options."""
+"""Commands whose --help lists NAME=value settings instead of the program's own options."""
 
 VARIABLES = {
     'ADDRESS': "race control's address on the karts' network (evgp-run: only with OFFICIALS)",
-    'FROM': 'the machine to copy, and its folder: anna@10.1.0.5:evgp',
+    'FROM': 'the machine to copy and its folder: anna@10.1.0.5:evgp',
     'INTERFACE': "the network interface of the karts' network, such as eth0",
-    'OFFICIAL': 'your name, as the record has it; without it, you are asked',
+    'OFFICIAL': 'your name, for the record; without it, the program asks',
     'OFFICIALS': "this machine's address on the officials' network; without it, this machine only",
-    'PARAMS': 'the parameters, as a file; without it, those of the package',
-    'RECORD': 'the record on the other machine, where it is not in its home folder',
-    'ROSTER': 'the list of karts; without it, karts.yaml of this folder',
-    'TIMING': "the timekeeper's parameters, as a file; without it, those of the package",
+    'PARAMS': 'the parameter file; without it, the one in the package',
+    'RECORD': 'the record on the other machine, if it is not in its home folder',
+    'ROSTER': 'the roster file; without it, karts.yaml in this folder',
+    'TIMING': "the timekeeper's parameter file; without it, the one in the package",
 }
-"""What a command takes as NAME=value in front of its arguments, as make does."""
+"""Settings that commands accept as NAME=value before their arguments, as make does."""
 
 TAKES = {
     'run': ('ROSTER', 'PARAMS', 'TIMING', 'ADDRESS', 'OFFICIALS'),
@@ -73,7 +73,7 @@ TAKES = {
     'spare': ('FROM', 'ROSTER', 'PARAMS', 'RECORD'),
     'takeover': ('ADDRESS', 'INTERFACE', 'OFFICIALS'),
 }
-"""Which of them a command is for."""
+"""The settings that each command accepts."""
 
 COMPLETION = """_{name}() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD - 1]}}
@@ -93,15 +93,15 @@ MENU = {
     'timekeeper': ('Timekeeper', 'Correct laps and publish results', False),
     'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, debrief', True),
 }
-"""Name, comment, and whether it runs in a terminal."""
+"""Menu entries: name, comment, and whether the program runs in a terminal."""
 
 NEEDED = """argcomplete jinja2 mcap pyside6-essentials pyyaml rich
 ros-jazzy-common-interfaces ros-jazzy-rcl-interfaces ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp"""
-"""What of setup/*.in runs here; what these need comes with them."""
+"""The distributions in setup/*.in that run here; their requirements come along."""
 
 LEFT_OUT = re.compile(
     r'\.(a|c|cmake|h|hpp|pyc|pyi)$|/(bin|f2py|tests|PySide6)/|/zstandard/_cffi'
-    r'|/libfastrtps\.so($|\.\d+\.\d+\.)'  # once more, under other names
+    r'|/libfastrtps\.so($|\.\d+\.\d+\.)'  # duplicates under other names
 )
 OF_QT = re.compile(
     r'/PySide6/(_\w+\.py|support/.*|libpyside6\..*|Qt(Core|DBus|Gui|Widgets)\.abi3\.so)$'
@@ -109,27 +109,28 @@ OF_QT = re.compile(
     r'|/Qt/lib/libQt6W(aylandClient|lShellIntegration)\.so\.6$'
     r'|/Qt/plugins/(platforms/libq(offscreen|wayland|xcb)|wayland-.*client/|wayland-shell|xcbgl)'
 )
-"""What nobody needs here; but that of PySide6 the window uses, on X11 or on Wayland."""
+"""Files left out of the package; of PySide6, only the files that the window needs are kept."""
 
 DESKTOP = """libdbus-1-3 libegl1 libfontconfig1 libgl1 libglib2.0-0 libwayland-cursor0
 libwayland-egl1 libx11-xcb1 libxcb-randr0 libxcb-render0 libxcb-shape0 libxcb-util1 libxcb-xkb1
 libxkbcommon-x11-0"""
-"""What Qt expects of the system, and each desktop of Debian 12 brings."""
+"""Libraries that Qt needs and that every desktop of Debian 12 has."""
 
 NOT_ON_ALL = 'libxcb-cursor0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-render-util0'
-"""What Qt expects besides. Some desktops lack it: it goes along, so that no network is needed."""
+"""Further libraries that Qt needs. Some desktops lack them, so the package contains them and no
+network is needed."""
 
-# The terminal stays open until somebody has read it.
+# The terminal stays open until the user presses Enter.
 IN_TERMINAL = 'sh -c "trap : INT; {}; echo; echo Enter closes this window.; read -r _"'
 
 UNITS = sorted(path.name for path in prepare.ROOT.glob('src/*/config/*.service'))
 
 # The brackets keep grep from finding itself.
 BEFORE_REMOVAL = f"""#!/bin/sh
-# Before dpkg removes or replaces the files: what runs would go on without them, or with others.
+# Before dpkg removes or replaces the files: running programs would lose them or get other ones.
 set -e
 if grep -qsa '{HOME}/[i]nstall/' /proc/[0-9]*/cmdline; then
-    echo 'Race control, a window or a rehearsal runs on this machine: end it first.' >&2
+    echo 'Race control, a window or a rehearsal is running on this machine. End it first.' >&2
     exit 1
 fi
 if [ "$1" = remove ] && command -v systemctl > /dev/null; then
@@ -138,20 +139,20 @@ fi
 """
 
 LICENCES = f"""\
-Below: that of race control. Those of what it carries are in {HOME}/.venv, in *.dist-info and
-*.copyright; Qt for Python, LGPL-3.0, can be replaced there.
+Below: the licence of race control. The licences of included software are in {HOME}/.venv, in
+*.dist-info and *.copyright; Qt for Python, LGPL-3.0, can be replaced there.
 
 """
 
 
 def output(*command: object, environment: dict[str, str] | None = None) -> str:
-    """Return what a command prints, which must succeed."""
+    """Run a command that must succeed, and return its output."""
     words = [str(word) for word in command]
     return subprocess.check_output(words, cwd=prepare.ROOT, text=True, env=environment)
 
 
 def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
-    """Yield the distributions with these names that are there, and all that they need."""
+    """Yield the installed distributions with these names, and all their requirements."""
     seen = set()
     while names:
         name = re.sub(r'[-_.]+', '-', names.pop()).lower()
@@ -168,9 +169,9 @@ def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
 
 
 def need_libraries() -> None:
-    """End with what to install, where a library that goes along is not installed."""
+    """Stop with what to install if an included library is missing on this machine."""
     if subprocess.run(['dpkg', '-L', *NOT_ON_ALL.split()], capture_output=True).returncode:
-        prepare.stop(f"Install what the package takes along: 'apt-get install {NOT_ON_ALL}'.")
+        prepare.stop(f"Install the libraries to include: 'apt-get install {NOT_ON_ALL}'.")
 
 
 def copy_environment() -> None:
@@ -218,7 +219,7 @@ def copy_workspace() -> None:
 
 
 def recorded(target: str, **given: str) -> tuple[list[str], dict[str, str]]:
-    """Return the command that a recipe gives setup/in-workspace, and what it exports for ROS."""
+    """Return the command that a recipe passes to setup/in-workspace, and its exports for ROS."""
     recorder = f'IN_WORKSPACE={sys.executable} {__file__} --recorded'
     words = [f'{name}={value}' for name, value in given.items()]
     path = f'PATH={os.environ["PATH"]}'
@@ -230,7 +231,7 @@ def recorded(target: str, **given: str) -> tuple[list[str], dict[str, str]]:
 
 
 def in_shell(word: str) -> str:
-    """Return a word of a recorded recipe for a script, with variables in place of marks."""
+    """Return a word of a recorded recipe for a script, with variables instead of marks."""
     if word == '@ARGS@':
         return '"$@"'
     parts = re.split(r'/?@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
@@ -241,10 +242,10 @@ def in_shell(word: str) -> str:
 
 
 def script(command: str, about: str) -> str:
-    """Return the text of `evgp-...`: the recipe of its target, whatever its variables are."""
+    """Return the script `evgp-...`: the recipe of its target, for any values of its variables."""
     target, optional = COMMANDS[command]
     marks = {name: f'@{name}@' for name in VARIABLES}
-    # With a slash, these are no paths in the folder of make.
+    # The slash keeps these from becoming paths in make's folder.
     marks |= {name: f'/@{name}@' for name in ('PARAMS', 'ROSTER', 'TIMING')}
     marks['ARGS'] = '' if command in OPTIONLESS else '@ARGS@'
     runs = {}
@@ -263,10 +264,10 @@ def script(command: str, about: str) -> str:
     if command in SET_BY_NAME:
         lines.append(f'[[ ${{1-}} != --help ]] || {{ echo {shlex.quote(about)}; exit; }}')
     if command in OPTIONLESS:
-        wrong = f'evgp-{command}: not $1: everything is NAME=value, such as {how(command)}'
+        wrong = f'evgp-{command} does not accept $1. Give NAME=value, such as {how(command)}'
         wrong = f'echo "{wrong}" >&2'
         lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
-    if command != 'spare':  # its paths are those of the other machine
+    if command != 'spare':  # its paths refer to the other machine
         paths = ('PARAMS', 'ROSTER', 'TIMING')
         lines.append(' '.join(f'{name}=$(realpath -m "${name}")' for name in paths))
     lines += [
@@ -281,14 +282,14 @@ def script(command: str, about: str) -> str:
 
 
 def how(command: str) -> str:
-    """Return one setting of a command, as an example."""
+    """Return an example of a command's setting."""
     examples = {'ROSTER': 'karts.yaml', 'OFFICIAL': 'Anna', 'FROM': 'anna@10.1.0.5:evgp'}
     name = TAKES[command][0]
     return f'{name}={examples.get(name, "10.0.0.1")}'
 
 
 def about_it(command: str, what: str) -> str:
-    """Return what a command is, and its settings."""
+    """Return the description and settings of a command."""
     name, takes = f'evgp-{command}', TAKES.get(command, ())
     usage = [name, *(f'[{each}=...]' for each in takes)]
     usage += [] if command in OPTIONLESS else ['...']
@@ -297,7 +298,7 @@ def about_it(command: str, what: str) -> str:
 
 
 def manual(command: str, about: str) -> str:
-    """Return the manual page of a command: what it says of itself."""
+    """Return the manual page of a command, made from its own help."""
     first, _, text = about.partition('\n')
     if command not in SET_BY_NAME:
         words, _ = recorded(COMMANDS[command][0])
@@ -311,21 +312,21 @@ def manual(command: str, about: str) -> str:
 
 
 def write(path: str, content: str, mode: int = 0o644) -> None:
-    """Write a file of the package."""
+    """Write a file into the package."""
     (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
     (ROOT / path).write_text(content)
     (ROOT / path).chmod(mode)
 
 
 def write_surface() -> None:
-    """Write what officials meet: commands with manual and completion, the menu, units."""
+    """Write what officials use: commands with manual and completion, the menu, units."""
     helped = re.findall(r'^make (\w+) +(.*?) +\((.*)\)$', output('make', '-s', 'help'), re.M)
     says = {target: what for target, what, _ in helped}
     for command, (target, _) in COMMANDS.items():
         name, about = f'evgp-{command}', about_it(command, says[target])
         write(f'usr/bin/{name}', script(command, about), 0o755)
         write(f'usr/share/man/man1/{name}.1', manual(command, about))
-        completion = f'complete -F _longopt {name}\n'  # of bash-completion: it reads --help
+        completion = f'complete -F _longopt {name}\n'  # bash-completion reads --help
         if command in ('ctl', 'record'):
             completion = output('register-python-argcomplete', name)
         elif command in TAKES:
@@ -346,12 +347,12 @@ def write_surface() -> None:
 
 
 def main() -> None:
-    """Build the package, and print its path."""
+    """Build the package and print its path."""
     if sys.argv[1:2] == ['--recorded']:
         print(json.dumps([sys.argv[2:], dict(os.environ)]))
         return
     if prepare.is_sourced(os.environ):
-        prepare.stop('The package carries the wheels of ROS: use a shell without a sourced ROS.')
+        prepare.stop('The package contains the wheels of ROS. Use a shell without a sourced ROS.')
     need_libraries()
     xml = (prepare.ROOT / 'src/evgp_rcs/package.xml').read_text()
     version = (*sys.argv[1:], *re.findall('<version>(.*)</version>', xml))[0]
@@ -361,7 +362,7 @@ def main() -> None:
     ROOT.mkdir(parents=True)
     copy_environment()
     copy_workspace()
-    # Only root can write there: what is not compiled now would be compiled at every start.
+    # Only root can write there, so modules not compiled now would be compiled at every start.
     how = ['--invalidation-mode', 'unchecked-hash', '-s', ROOT, '-p', '/']
     output(sys.executable, '-m', 'compileall', '-q', *how, INSIDE / '.venv', INSIDE / 'install')
     write_surface()
@@ -384,7 +385,7 @@ def main() -> None:
     )
     for path in [each for each in ROOT.rglob('*') if not each.is_symlink()]:
         runs = path.is_dir() or path.stat().st_mode & 0o111
-        path.chmod(0o755 if runs else 0o644)  # whatever the builder's umask was in the set-up
+        path.chmod(0o755 if runs else 0o644)  # independent of the umask during the set-up
     package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
     words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, package]
     prepare.run_quietly('Packing', words)

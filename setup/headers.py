@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Name every source file without the two lines of copyright and licence; exit status 1 if any.
+List every source file that lacks the two lines of copyright and licence; exit code 1 if any.
 
-Configuration, messages and documents have none: the file LICENSE is for them.
+Configuration, messages and documents do not need them: the file LICENSE covers them.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import re
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 NAMES = re.compile(r'.*\.(c|cpp|css|h|hpp|html|ino|j2|js|py)|CMakeLists\.txt|Makefile|[^.]+')
-"""Files that have them; those without a suffix, if they can be run."""
+"""Files that need the header; those without a suffix, only if they are scripts."""
 
 LINES = re.compile(r'^\W*Copyright \d{4} .*\n\W*SPDX-License-Identifier: Apache-2\.0\b', re.M)
 
 MADE = {'__pycache__', 'build', 'install', 'log'}
-"""Folders that are made and not written; those that begin with a dot are left out too."""
+"""Folders with generated files, which are skipped like those that begin with a dot."""
 
 
 def missing(root: pathlib.Path) -> Iterator[pathlib.Path]:
-    """Yield every file that lacks its header, as it is named inside `root`."""
+    """Yield every file that lacks its header, by its path inside `root`."""
     for folder, folders, names in os.walk(root):
         folders[:] = sorted(
             name for name in folders if name not in MADE and (name[0] != '.' or name == '.ci')
@@ -41,5 +41,5 @@ def missing(root: pathlib.Path) -> Iterator[pathlib.Path]:
 if __name__ == '__main__':
     found = [*missing(ROOT)]
     for each in found:
-        print(f'{each}: its first lines name no copyright and licence, as in setup/headers.py')
+        print(f'{each}: add the copyright and licence lines, as at the top of setup/headers.py')
     raise SystemExit(1 if found else 0)

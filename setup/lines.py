@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Count the lines of the product, of tests and tools, and of the documents, by their folders."""
+"""Count the lines of product, tests and tools, and documents, by folder."""
 
 from collections import Counter
 import pathlib
@@ -16,7 +16,7 @@ TOOLS = re.compile(r'(^|/)(test|bench|soak|fuzz|setup|evgp_testing)/|^conftest\.
 
 
 def part_of(path: str) -> str:
-    """Return to which part of the project a file belongs."""
+    """Return the part of the project that a file belongs to."""
     if path.endswith(('.md', '.rst')):
         return 'documents'
     return 'tests and tools' if TOOLS.search(path) else 'product'

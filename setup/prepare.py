@@ -4,15 +4,15 @@
 """
 Set up the environment and the workspace: .venv, then build/ and install/.
 
-Needs the standard library only, and parses on any Python 3.7 or later, so that a Python that
-cannot be used can still say so.
+It needs only the standard library and parses on any Python 3.7 or later, so that even an unusable
+Python can say why.
 
-With ROS 2 sourced (ROS_DISTRO, one of SOURCED), it is used as it stands, its interpreter and its
-colcon too, and .venv only adds the tools of tests and checks. Without, .venv holds ROS itself,
-Jazzy, from wheels.
+If ROS 2 is sourced (ROS_DISTRO is one of SOURCED), the set-up uses it with its interpreter and
+colcon, and .venv only adds the tools for tests and checks. Otherwise .venv contains ROS 2 Jazzy
+itself, from wheels.
 
-A stamp marks what has been made. It is removed before and written after the making, so that a
-half-made environment is never taken for a whole one.
+A stamp marks each finished part. It is removed before and written after the work, so that a
+half-made environment never counts as complete.
 """
 
 from __future__ import annotations
@@ -39,23 +39,23 @@ VENV = ROOT / '.venv'
 BUILD = ROOT / 'build'
 INSTALL = ROOT / 'install'
 VENV_STAMP = VENV / '.stamp'
-# In build/, since install/ links into it: either of them missing means building again.
+# In build/, because install/ links into it: if either is missing, both are built again.
 BUILD_STAMP = BUILD / '.stamp'
-# In .venv, so that it goes with it.
+# In .venv, so that both disappear together.
 CONSOLE_STAMP = VENV / '.console-stamp'
 
 PIP = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
 # The lists name every package, so pip has nothing to resolve: a newer release changes nothing.
 PIP += ['--require-hashes', '--no-deps', '--only-binary', ':all:']
 
-# There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
+# Wheels of Jazzy exist only for these, on x86-64 Linux with glibc 2.28 or later.
 WHEEL_PYTHONS = ('3.11', '3.12', '3.13', '3.14')
 OLDEST_GLIBC = (2, 28)
 
-# The distributions that everything is for; in-workspace has them too.
+# The supported distributions; in-workspace lists them too.
 SOURCED = ('jazzy', 'lyrical')
 
-# What a sourced ROS must offer beside rclpy, and what brings it on Ubuntu.
+# Modules that a sourced ROS must offer besides rclpy, and their packages on Ubuntu.
 SOURCED_MODULES = {
     'colcon_core': 'python3-colcon-common-extensions',
     'pytest': 'python3-pytest',
@@ -65,7 +65,7 @@ SOURCED_MODULES = {
 
 @dataclasses.dataclass(frozen=True)
 class Interpreter:
-    """What matters of a Python interpreter and its machine; by default of this one."""
+    """The relevant facts about a Python interpreter and its machine; by default this one."""
 
     executable: str = sys.executable
     version: str = '{}.{}'.format(*sys.version_info)
@@ -80,19 +80,19 @@ class Interpreter:
 
 
 def is_sourced(environment: Mapping[str, str]) -> bool:
-    """Return whether an installed ROS is to be used, rather than wheels."""
+    """Return whether to use an installed ROS instead of wheels."""
     return environment.get('ROS_DISTRO') in SOURCED
 
 
 def why_no_ros(environment: Mapping[str, str]) -> str | None:
-    """Return why the sourced ROS cannot be used, None where it can or there is none."""
+    """Return why the sourced ROS cannot be used; None if it can or there is none."""
     distribution = environment.get('ROS_DISTRO')
     if distribution in (None, '', *SOURCED):
         return None
     return (
-        f'ROS 2 {distribution} is sourced in this shell, and this needs Jazzy or Lyrical; use a '
-        'shell with one of them sourced, or with no ROS at all. (On Humble, a kart builds the '
-        'bridge with colcon: README.)'
+        f'ROS 2 {distribution} is sourced in this shell, but the set-up needs Jazzy or Lyrical. '
+        'Use a shell with one of them sourced, or with no ROS at all. (On Humble, build the '
+        "kart's bridge with colcon: README.)"
     )
 
 
@@ -100,13 +100,13 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
     """
     Return why the set-up cannot use this interpreter and what to install, in one sentence.
 
-    None where it can. With a sourced ROS its own interpreter is right whatever its version.
+    None if it can. With a sourced ROS, its own interpreter fits whatever its version.
     """
     debian = 'on Debian or Ubuntu with'
     where = f'Python {python.version} ({python.executable})'
     if not python.has_venv:
         return (
-            f'{where} cannot make virtual environments; install its venv module, '
+            f'{where} cannot create virtual environments; install its venv module, '
             f"{debian} 'apt-get install python{python.version}-venv'."
         )
     if sourced:
@@ -124,8 +124,8 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
     old = library != 'glibc' or tuple(map(int, release.split('.'))) < OLDEST_GLIBC
     if python.machine != 'Linux x86_64' or old:
         return (
-            f'This machine is {python.machine} with {library} {release}, and there are wheels of '
-            'ROS 2 Jazzy only for Linux x86_64 with glibc 2.28 or later; install ROS 2 Jazzy '
+            f'This machine is {python.machine} with {library} {release}, but wheels of ROS 2 '
+            'Jazzy exist only for Linux x86_64 with glibc 2.28 or later; install ROS 2 Jazzy '
             'itself, source its setup.bash and try again.'
         )
     if python.version not in WHEEL_PYTHONS or python.implementation != 'CPython':
@@ -135,7 +135,7 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
         )
     if not python.has_headers:
         return (
-            f'{where} has no Python.h, which the message packages are compiled with; install it, '
+            f'{where} has no Python.h, which the message packages need to compile; install it, '
             f"{debian} 'apt-get install python{python.version}-dev'."
         )
     return None
@@ -143,9 +143,9 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
 
 def repaired(text: str, include: str, site_packages: str) -> str:
     """
-    Return a CMake file of the wheels with this machine's Python in place of their builder's.
+    Return a CMake file of the wheels with the builder's Python replaced by this machine's.
 
-    The wheels name the folders of the machine that built them, which exist on no other.
+    The wheels name folders that exist only on the machine that built them.
     """
     builder = r'/opt/python/cp3\d+-cp3\d+'
     text = re.sub(rf'{builder}/include/python3\.\d+', lambda _: include, text)
@@ -154,10 +154,10 @@ def repaired(text: str, include: str, site_packages: str) -> str:
 
 def build_inputs(source: pathlib.Path) -> Iterable[tuple[str, bytes]]:
     """
-    Yield what a change of must lead to a new build: (path, what matters of the content).
+    Yield the inputs whose change requires a new build: (path, relevant content).
 
-    Python modules are not among it: --symlink-install puts links to them in install/. Of launch
-    and configuration files, which are linked too, only the coming and going matters.
+    Python modules do not count, because --symlink-install links to them from install/. Launch and
+    configuration files are linked too, so only adding or removing them counts.
     """
     for path in sorted(source.glob('*/**/*')):
         if not path.is_file() or '__pycache__' in path.parts:
@@ -183,11 +183,11 @@ def digest(parts: Iterable[tuple[str, bytes]]) -> str:
     return sha.hexdigest()
 
 
-# From here on everything touches the machine.
+# Everything from here on changes the machine.
 
 
 def stop(reason: str) -> NoReturn:
-    """End the set-up with one sentence to the user."""
+    """End the set-up with one sentence for the user."""
     sys.stderr.write(f'{reason}\n')
     raise SystemExit(1)
 
@@ -196,7 +196,7 @@ def run_quietly(
     what: str, command: Sequence[object], environment: Mapping[str, str] | None = None
 ) -> None:
     """
-    Run a command under a line that says what it does, and show what it says only if it fails.
+    Run a command below a line that describes it, and show its output only if it fails.
 
     A failure ends the set-up.
     """
@@ -218,18 +218,18 @@ def run_quietly(
     sys.stderr.flush()
     sys.stderr.buffer.write(done.stdout)
     stop(
-        f'{what} failed, see above; run the same command again once the cause is gone '
-        "('make clean' first, to start from nothing)."
+        f'{what} failed, see above. Fix the cause, then run the same command again '
+        "('make clean' first to start over)."
     )
 
 
 def locks(*names: str) -> list[tuple[str, bytes]]:
-    """Return lists of what is installed, with their names."""
+    """Return the lists of packages to install, with their names."""
     return [(name, (ROOT / 'setup' / name).read_bytes()) for name in names]
 
 
 def make(stamp: pathlib.Path, wanted: str, how: Callable[[], None], there: bool = True) -> None:
-    """Make something, and mark it; not if it is there, and marked as what is wanted."""
+    """Make something and stamp it, unless it exists with the wanted stamp."""
     if there and stamp.exists() and stamp.read_text() == wanted:
         return
     stamp.unlink(missing_ok=True)
@@ -238,15 +238,15 @@ def make(stamp: pathlib.Path, wanted: str, how: Callable[[], None], there: bool 
 
 
 def make_venv(*, sourced: bool) -> None:
-    """Make .venv anew and install what is locked into it."""
-    # What was built against the old one names its folders.
+    """Create .venv from scratch and install the locked packages."""
+    # Everything built against the old one contains its paths.
     for old in (VENV, BUILD, INSTALL):
         shutil.rmtree(old, ignore_errors=True)
     words = ['-m', 'venv', *(['--system-site-packages'] if sourced else []), VENV]
     version = Interpreter.version
     run_quietly(f'Making .venv with Python {version}', [sys.executable, *words])
     if sourced:
-        # Also what the system has: without-ros sees .venv alone.
+        # Even packages that the system has, because without-ros sees only .venv.
         install('the test tools', 'tools.txt', '--ignore-installed')
         return
     install('the build tools', 'build.txt')
@@ -256,7 +256,7 @@ def make_venv(*, sourced: bool) -> None:
 
 
 def install(what: str, lock: str, *flags: str) -> None:
-    """Install what a list names into .venv."""
+    """Install the packages of a list into .venv."""
     run_quietly(f'Installing {what}', [*PIP, *flags, '-r', ROOT / 'setup' / lock])
 
 
@@ -269,12 +269,12 @@ def repair_wheels() -> None:
         old = path.read_text()
         new = repaired(old, include, site_packages)
         if '/opt/python/' in new:
-            stop(f'{path} names a folder of its builder that the set-up does not know to repair.')
+            stop(f"{path} names a builder's folder that the set-up cannot repair.")
         if new != old:
             path.write_text(new)
             changed += 1
     if not changed:
-        stop('The CMake files of the ROS wheels are not as expected: there is nothing to repair.')
+        stop('The CMake files of the ROS wheels are not as expected: nothing needs repair.')
 
 
 def build_workspace(*, sourced: bool) -> None:
@@ -293,12 +293,12 @@ def build_workspace(*, sourced: bool) -> None:
 
 
 def main() -> None:
-    """Set up, or with --fit say whether this interpreter can."""
+    """Set up; with --fit, only say whether this interpreter can be used."""
     parser = argparse.ArgumentParser(description='Set up .venv and build the workspace.')
     parser.add_argument(
         '--fit',
         action='store_true',
-        help='only print this interpreter, or why it cannot be used (exit status 1)',
+        help='only print this interpreter, or why it cannot be used (exit code 1)',
     )
     parser.add_argument(
         '--console', action='store_true', help="also install what the officials' window needs"
@@ -313,16 +313,16 @@ def main() -> None:
     if reason:
         stop(reason)
     if not sourced:
-        # Nothing of another workspace that this shell may have sourced gets into this one.
+        # Keep out any other workspace that this shell has sourced.
         for name in ('COLCON_PREFIX_PATH', 'PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'):
             os.environ.pop(name, None)
 
-    # Two at once (a test run in one terminal, the demonstration in another) take turns.
+    # Two set-ups at once (tests in one terminal, the demonstration in another) take turns.
     turn = os.open(ROOT / 'setup', os.O_RDONLY)
     fcntl.flock(turn, fcntl.LOCK_EX)
-    # Unless PYTHON names one, .venv may have another that fits.
+    # Unless PYTHON names an interpreter, .venv may contain any that fits.
     chosen = python.version if os.environ.get('PYTHON') else ''
-    # Both venv and colcon write absolute paths.
+    # The place is part of the key, because venv and colcon write absolute paths.
     place = [('root', str(ROOT).encode()), ('sourced', str(sourced).encode())]
     key = digest(place + locks('build.txt', 'ros.txt', 'tools.txt'))
     has_python = (VENV / f'bin/python{chosen}').exists()

@@ -33,22 +33,22 @@ REPORT_EVERY = 30.0
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Soak race control for as long as asked; return 0 if no rule was broken, else 1."""
+    """Soak race control; return 0 if no rule was broken, else 1."""
     parser = argparse.ArgumentParser(
         description='Soak a real race control with random faults, acknowledgements and commands.'
     )
-    parser.add_argument('--seconds', type=float, default=600.0, help='for how long (600)')
-    parser.add_argument('--karts', type=int, default=100, help='how many, at most 250 (100)')
-    parser.add_argument('--seed', type=int, help='of what is random (another each time)')
+    parser.add_argument('--seconds', type=float, default=600.0, help='duration, s (600)')
+    parser.add_argument('--karts', type=int, default=100, help='their number, at most 250 (100)')
+    parser.add_argument('--seed', type=int, help='random seed (default: a new one)')
     parser.add_argument(
-        '--fault-every', type=float, default=4.0, help='mean time between faults of a kart, s (4)'
+        '--fault-every', type=float, default=4.0, help="mean time between a kart's faults, s (4)"
     )
     parser.add_argument(
-        '--until-violation', action='store_true', help='end at the first rule that is broken'
+        '--until-violation', action='store_true', help='stop at the first broken rule'
     )
     options = parser.parse_args(arguments)
     if not 1 <= options.karts <= 250:
-        parser.error('--karts: from 1 to 250')
+        parser.error('--karts must be 1 to 250')
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     print(f'seed {seed}, {options.karts} karts, {options.seconds:g} s', flush=True)
     with contextlib.ExitStack() as stack:

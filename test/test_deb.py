@@ -78,7 +78,7 @@ def test_a_library_that_is_missing_is_named_in_one_sentence(
     monkeypatch.setattr(deb, 'NOT_ON_ALL', 'libevgp-none')
     with pytest.raises(SystemExit):
         deb.need_libraries()
-    said = "Install what the package takes along: 'apt-get install libevgp-none'.\n"
+    said = "Install the libraries to include: 'apt-get install libevgp-none'.\n"
     assert capsys.readouterr().err == said
 
 

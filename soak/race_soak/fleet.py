@@ -24,7 +24,7 @@ GRID_ACTIVE = RaceState.GRID_ACTIVE
 STATES = tuple(RaceState)
 
 MOODS = {'right': 8, 'echo': 4, 'wrong': 2, 'late': 2, 'early': 2, 'mute': 1}
-"""How a kart acknowledges, and how often."""
+"""Ways in which a kart acknowledges, and their weights."""
 
 FAULTS = {
     'drop': 4,
@@ -39,11 +39,11 @@ FAULTS = {
     'stolen address': 2,
     'stranger': 2,
 }
-"""What goes wrong, and how often."""
+"""Faults, and their weights."""
 
 
 class _Link(KartLink):
-    """One connection of a kart; ``deaf``: with a tiny buffer."""
+    """One connection of a kart; a ``deaf`` one has a tiny buffer."""
 
     def __init__(
         self, kart: int, address: str, port: int, judge: Judge, mood: str, deaf: bool
@@ -58,13 +58,13 @@ class _Link(KartLink):
 
 class Fleet:
     """
-    Karts with a connection each (or two, or none), until ``stop``.
+    Karts with one connection each (or two, or none), until ``stop``.
 
-    :param port: race control's.
-    :param addresses: the karts' addresses, by their numbers.
+    :param port: race control's port.
+    :param addresses: the karts' addresses, by number.
     :param strangers: addresses that are not in the roster.
-    :param judge: is told everything that is observed.
-    :param fault_every: how long a kart stays without a fault, on average, s.
+    :param judge: receives everything that is observed.
+    :param fault_every: mean time between a kart's faults, s.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class Fleet:
         """Prepare; nothing is opened before ``start``."""
         self.port = port
         self.disciplined = threading.Event()
-        """While set, karts acknowledge what they are sent and hardly a fault comes."""
+        """While set, karts acknowledge what they are sent, and faults are rare."""
         self.faults: Counter[str] = Counter()
         self.refused = 0
         self.failure: BaseException | None = None
@@ -101,7 +101,7 @@ class Fleet:
         self._thread.start()
 
     def stop(self) -> None:
-        """Close every connection and return."""
+        """Close every connection."""
         self._stopper.send(b'\0')
         self._thread.join()
         self._stopper.close()
@@ -116,7 +116,7 @@ class Fleet:
                 self._after(self._rng.uniform(0.5, self._fault_every), self._fault_of(kart))
             while not self._turn():
                 pass
-        except BaseException as error:  # noqa: BLE001 - handed to whoever waits
+        except BaseException as error:  # noqa: BLE001 - passed to the main thread
             self.failure = error
         finally:
             for links in self._links.values():
@@ -126,14 +126,14 @@ class Fleet:
             self._stopping.close()
 
     def _turn(self) -> bool:
-        """Read what there is and let time pass; return whether it is time to stop."""
+        """Read the available data and run due timers; return whether to stop."""
         wait = self._timers[0][0] - time.monotonic() if self._timers else None
         looks_at = time.monotonic()
         ready = self._selector.select(max(wait, 0.0) if wait is not None else None)
         for key, _ in ready:
             if key.fileobj is self._stopping:
                 return True
-            if key.data.reading:  # not paused by what was read before it
+            if key.data.reading:  # not paused by data read earlier in this turn
                 self._read(key.data)
         self._looked_at = looks_at
         while self._timers and self._timers[0][0] <= time.monotonic():
@@ -185,7 +185,7 @@ class Fleet:
         after = max(link.empty_at, self._looked_at)
         heard = link.take(after)
         if heard is None:
-            # Nothing was left to read when the socket was looked at last.
+            # The socket was empty at the last look.
             self._forget(link, after)
             return
         if not heard:
@@ -210,7 +210,7 @@ class Fleet:
                 self._say(link, link.changes[-2][1])
             self._after(self._rng.uniform(0.5, 3.0), lambda: self._say_if(link, state))
         elif not change and mood == 'right' and self._rng.random() < 0.2:
-            # It may not have been right when the state came.
+            # The kart may not have been right yet when the state came.
             self._say(link, state)
         if self._rng.random() < 0.01:
             link.mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
@@ -235,7 +235,7 @@ class Fleet:
             try:
                 link.send(data)
             except OSError:
-                pass  # full, or gone: the reader is told next
+                pass  # full or gone; the reader notices next
 
     # ----- what goes wrong ----------------------------------------------------------------
 
@@ -264,12 +264,12 @@ class Fleet:
             link.half_close()
 
     def _silence(self, link: _Link, longest: float = 0.9) -> None:
-        """Read nothing for a while, which race control puts up with."""
+        """Read nothing for a while; race control tolerates that."""
         if not link.reading:
             return
         link.reading = False
         self._selector.unregister(link.socket)
-        # As of the last look at it the socket was empty, or as it was opened since.
+        # The socket was empty at the last look, or when it was opened since.
         link.empty_at = max(self._looked_at, link.empty_at)
         self._judge.paused(link.number, link.empty_at)
         self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
@@ -279,13 +279,13 @@ class Fleet:
             return
         link.reading = True
         self._selector.register(link.socket, selectors.EVENT_READ, link)
-        # Of what was sent meanwhile it is only known that it came since the pause.
+        # Of the data sent meanwhile, it is only known that it came after the pause began.
         paused, self._looked_at = link.empty_at, min(self._looked_at, link.empty_at)
         self._read(link)
         self._looked_at = max(self._looked_at, paused)
 
     def _deaf(self, link: _Link) -> None:
-        """Have a tiny buffer and never read again; race control gives such a kart up."""
+        """Use a tiny buffer and never read again; race control gives such a kart up."""
         self._close(link)
         deaf = self._connect(link.kart, deaf=True)
         if deaf is not None:
@@ -302,7 +302,7 @@ class Fleet:
         self._send(link, b''.join(frames))
 
     def _half_frame(self, link: _Link) -> None:
-        """Say one half of a frame now and the other half later."""
+        """Send one half of a frame now and the other half later."""
         frame = encode(self._rng.choice((GRID_ACTIVE, RaceState.RED_RED, *STATES)))
         cut = self._rng.randint(1, len(frame) - 1)
         self._send(link, frame[:cut])
@@ -322,7 +322,7 @@ class Fleet:
         self._connect(link.kart)
 
     def _stranger(self, link: _Link) -> None:
-        """Connect from an address that is not in the roster, which must be told nothing."""
+        """Connect from an address outside the roster, which must be sent nothing."""
         address = self._rng.choice(self._strangers)
         try:
             with kart_socket(address, ('127.0.0.1', self.port), timeout=1.0) as stranger:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Officials who command at random, and often enough what brings the race on."""
+"""Officials who command at random, but often enough in a way that advances the race."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ STOPS = {entry.service: entry for entry in CATALOGUE.values() if entry.stop}
 
 class Officials(Part):
     """
-    Two officials: one goes through races, at random; the other calls a stop at the same moment.
+    Two officials: one goes through random races; the other may call a stop at the same moment.
 
     :param numbers: the karts of the roster.
-    :param disciplined: set while the karts are to behave.
+    :param disciplined: set while the karts should behave.
     """
 
     def __init__(
@@ -55,13 +55,13 @@ class Officials(Part):
         self._since = time.monotonic()
         self._lasts = 0.0
         self._state = 0
-        # What it does not need it does not hear: karts have this process's time.
+        # It subscribes only to what it needs, because the karts need this process's time.
         self._first = Official(domain, 'first_official', judge, hears=['race'])
         self._second = Official(domain, 'second_official', judge, hears=[])
         self._beside = concurrent.futures.ThreadPoolExecutor(1)
 
     def step(self) -> None:
-        """Do one thing, or wait a little for news."""
+        """Take one action, or wait a little for news."""
         race = self._first.race
         if race is None:
             self._pause(0.1)
@@ -85,7 +85,7 @@ class Officials(Part):
             self._stopped(race)
 
     def close(self) -> None:
-        """Leave."""
+        """End both officials."""
         self._stop.set()
         self._beside.shutdown()
         self._first.close()
@@ -94,7 +94,7 @@ class Officials(Part):
     # ----- through a race -----------------------------------------------------------------
 
     def _plan(self) -> None:
-        """Choose who takes part next, and whether the karts are to behave."""
+        """Choose the karts of the next race, and whether they should behave."""
         size = self._rng.choice((1, 2, 3, 5, 10, 10, 30, len(self._numbers)))
         self._wanted = set(self._rng.sample(self._numbers, min(size, len(self._numbers))))
         self.races += 1
@@ -132,7 +132,7 @@ class Officials(Part):
             self._pause(0.03)
 
     def _racing(self, race: msg.Race) -> None:
-        # Faults belong into a race.
+        # A race should have faults.
         self._disciplined.clear()
         if time.monotonic() - self._since < self._lasts:
             racing = [kart.number for kart in race.karts if kart.in_race]
@@ -150,7 +150,7 @@ class Officials(Part):
         if self._call('in_garage', track_safe=True):
             return
         if time.monotonic() - self._since > self._lasts:
-            # Who does not acknowledge is made safe by hand.
+            # Karts that do not acknowledge are made safe by hand.
             self._disciplined.set()
             for kart in race.karts:
                 if kart.in_race and not kart.acknowledged:
@@ -161,7 +161,7 @@ class Officials(Part):
         """Give any command at all, with any statement."""
         service = self._rng.choice(list(SERVICES))
         if service in STOPS and self._rng.random() < 0.8:
-            # Too many stops, and no race ever starts.
+            # With too many stops, no race would ever start.
             service = self._rng.choice([name for name in SERVICES if name not in STOPS])
         request: dict[str, Any] = {}
         for name, kind in SERVICES[service].Request.get_fields_and_field_types().items():
@@ -172,7 +172,7 @@ class Officials(Part):
         self._call(service, **request)
 
     def _call(self, service: str, **request: Any) -> bool:
-        """Give a command, now and then with a stop of the other official at the same moment."""
+        """Give a command, sometimes with a simultaneous stop by the other official."""
         if self._stop.is_set():
             return False
         beside = None
