@@ -389,7 +389,7 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
     terminal.wait_for('DRIVES NOW')
     began = time.monotonic()
     terminal.press(' ')
-    terminal.wait_for('the kart says that it stands')
+    terminal.wait_for('the kart reports that it stands')
     assert terminal.process.wait(PATIENCE) == 2
     assert time.monotonic() - began < PATIENCE
 

@@ -31,7 +31,7 @@ RED_RED = RaceState.RED_RED
 OUTLIVED = 4
 
 DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer sent'
-OWN = f'{DROPPED}: race control did not answer it'
+OWN = f'{DROPPED}: race control did not answer'
 
 
 class Officials:

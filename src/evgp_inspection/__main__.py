@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Run the inspection from a clone, with nothing set up: ``python3 src/evgp_inspection kart``.
+Run the inspection from a clone without any set-up: ``python3 src/evgp_inspection kart``.
 
-Python puts this directory on its path, so the package is found. The protocol is its neighbour.
+Python puts this directory on its path, so it finds the package. The protocol is beside it.
 """
 
 import pathlib

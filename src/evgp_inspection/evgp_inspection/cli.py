@@ -40,7 +40,7 @@ from evgp_protocol.frames import DEFAULT_PORT
 
 Options: TypeAlias = argparse.Namespace
 
-A_RACE_ONLY = 'A race only: this is no inspection.'
+A_RACE_ONLY = 'This was a race only, not an inspection.'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     programs = {'kart': inspect_kart, 'survey': survey_network}
     if what in programs:
         return programs[what](rest[:-1])
-    print('Say what to do: kart or survey. "kart --help" says more.', file=sys.stderr)
+    print('Give kart or survey. "kart --help" shows the options.', file=sys.stderr)
     return Exit.NOT_PASSED
 
 
@@ -57,26 +57,26 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     """Inspect a kart; return the exit code."""
     parser = argparse.ArgumentParser(
         prog='inspect_kart',
-        description='Play race control to one kart, and judge whether it is fit to race.',
-        epilog='Exit codes: 0 passed; 2 not: a check failed, or not all of it was done or judged, '
-        'or wrong usage. The last lines and the report say which.',
+        description='Play race control for one kart, and judge whether the kart is fit to race.',
+        epilog='Exit codes: 0 passed; 2 not passed: a check failed, a check was not done or not '
+        'judged, or wrong usage. The last lines and the report say which.',
     )
     add = parser.add_argument
-    add('--list', action='store_true', help='print the clauses and end')
-    add('--explain', metavar='CLAUSE', default='', help='print all about clauses and end')
-    add('--only', metavar='CLAUSES', default='', help='such as K-3A-07,K-4D; default: all')
-    add('--race', action='store_true', help='a race only: connect, one drive, RED_FLAG, RED_RED')
-    add('--team', default='', help='for the report')
+    add('--list', action='store_true', help='list the clauses and exit')
+    add('--explain', metavar='CLAUSE', default='', help='explain clauses and exit')
+    add('--only', metavar='CLAUSES', default='', help='check only these, such as K-3A-07,K-4D')
+    add('--race', action='store_true', help='only a race: connect, one drive, RED_FLAG, RED_RED')
+    add('--team', default='', help="the team's name, for the report")
     add('--inspector', default='', help="the inspector's name, for the report")
     add(
         '--report',
         metavar='FOLDER',
         default='inspections',
-        help='where HTML and JSON go (%(default)s); empty: nowhere',
+        help='folder for the HTML and JSON report (%(default)s); empty: no report',
     )
     add('--version', action='version', version=VERSION)
     add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
-    add('--port', type=int, default=DEFAULT_PORT, help='where the kart connects (%(default)s)')
+    add('--port', type=int, default=DEFAULT_PORT, help='port for the kart (%(default)s)')
     add(
         '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
     )
@@ -85,19 +85,19 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         '--odometry',
         metavar='SOURCE',
         default='',
-        help='the speed in place of eyes: "-" (lines "time speed" or "speed" on standard input), '
-        'udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), or a file or pipe',
+        help='measured speed instead of an inspector\'s eyes: "-" (lines "time speed" or "speed" '
+        'on standard input), udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), a file or a pipe',
     )
     for part, what in (('bridge', 'is connected to race control'), ('stack', 'drives')):
         add(
             f'--kill-{part}',
             metavar='COMMAND',
             default='',
-            help=f'a shell command that kills the program of the kart that {what}, such as '
-            f'"ssh kart pkill -KILL {part}"; default: you are asked to',
+            help=f"a shell command that kills the kart's program that {what}, such as "
+            f'"ssh kart pkill -KILL {part}"; default: it asks you to',
         )
-    add('--unattended', action='store_true', help='ask nothing; needs --word')
-    add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
+    add('--unattended', action='store_true', help='ask no questions; needs --word')
+    add('--word', default='', help=f'"{WORD}" states: wheels off the ground, MSR in hand')
     Limits.add_to(parser)
     options = parser.parse_args(arguments)
     try:
@@ -117,17 +117,17 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         return Exit.PASSED
     if options.unattended and options.word != WORD:
         parser.error(
-            f'--unattended makes a kart drive with nobody there: say --word {WORD} to state that '
-            'its wheels are off the ground and that somebody has the MSR'
+            f'--unattended makes a kart drive with no inspector. Give --word {WORD} to state that '
+            'its wheels are off the ground and that someone holds the MSR'
         )
     if options.odometry == '-' and not options.unattended:
-        parser.error('--odometry - takes the keyboard: it needs --unattended')
+        parser.error('--odometry - uses the keyboard, so it needs --unattended')
 
     return _inspect(options, limits, clauses)
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
-    """Return what kills the parts of the kart's program: commands, or the inspector's hand."""
+    """Return functions that kill the parts of the kart's program, by command or by asking."""
 
     async def ask(part: str) -> bool:
         return bool(await inspector.ask(KILL_PART[part], limits.connect))
@@ -152,7 +152,7 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
 
 
 def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int:
-    """Inspect, from the word to the report; return the exit code."""
+    """Inspect, from the inspector's word to the report; return the exit code."""
     printer = Printer()
     began = datetime.datetime.now().astimezone()
     try:
@@ -176,7 +176,7 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
     for remark in header.remarks:
         print(remark)
     for statement in header.statements:
-        print(f'To be stated by the team, and ticked by hand: {statement}')
+        print(f'The team states, and the inspector ticks by hand: {statement}')
     print(summary(inspection.results))
     if options.report:
         name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
@@ -191,7 +191,7 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
 async def _with_the_word(
     options: Options, printer: Printer, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
-    """Inspect once the inspector has given the word; a signal ends it."""
+    """Inspect once the inspector has given the word; a signal ends the inspection."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -206,7 +206,7 @@ async def _with_the_word(
             if not given.done() or not given.result():
                 given.cancel()
                 not_done = [Result(each, NOT_DONE) for each in clauses]
-                return Inspection(not_done, remarks=['Not begun.'])
+                return Inspection(not_done, remarks=['Not started.'])
         return await inspect(
             inspector,
             limits,

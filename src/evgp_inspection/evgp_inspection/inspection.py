@@ -24,24 +24,24 @@ from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, results_of, Verdict, verdict_on
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
-"""Begins to hand over speeds, in m/s, and returns what ends that."""
+"""Starts to deliver speeds, in m/s, and returns a function that ends that."""
 
 
 class Exit(enum.IntEnum):
-    """The exit codes, for scripts: those two that `make` hands on as they are."""
+    """The exit codes, for scripts; `make` passes on these two unchanged."""
 
     PASSED = 0
-    NOT_PASSED = 2  # a check failed, or not all was judged, or wrong usage: see the report
+    NOT_PASSED = 2  # a check failed or was not judged, or wrong usage: see the report
 
 
 @dataclasses.dataclass
 class Inspection:
     """
-    What an inspection has come to.
+    The outcome of an inspection.
 
-    :ivar results: of the clauses that were asked for.
-    :ivar seconds: how long it took, s.
-    :ivar remarks: sentences on the whole.
+    :ivar results: the results of the wanted clauses.
+    :ivar seconds: duration, s.
+    :ivar remarks: sentences about the whole inspection.
     :ivar finished: every step was done.
     """
 
@@ -73,17 +73,17 @@ async def inspect(
     """
     Inspect a kart, once the inspector has given the word.
 
-    Each step is told when it begins, and what is broken when it is found.
+    The inspector sees each step when it begins and each breach when it is found.
 
-    :param clauses: those that the report is to have.
+    :param clauses: the clauses for the report.
     :param stopping: ends the inspection when it is set; the kart is stopped first.
-    :param port: where the kart connects; 0: the system chooses.
+    :param port: the port for the kart; 0: the system chooses.
     :param kart_address: see `KartWire`.
-    :param odometry: what begins to hand over speeds; None: there is no odometry.
+    :param odometry: starts to deliver speeds; None: there is no odometry.
     :param kills: see `KartScript`.
-    :param listening: is called with the port once the kart may connect.
-    :param steps: those to be done; none: those that the clauses need.
-    :raises OSError: the port or the odometry cannot be used.
+    :param listening: called with the port once the kart may connect.
+    :param steps: the steps to do; empty: those that the clauses need.
+    :raises OSError: if the port or the odometry cannot be used.
     """
 
     def tell(breach: Breach) -> None:
@@ -124,9 +124,9 @@ async def _until_stopped(
     script: Coroutine[Any, Any, str], stopping: asyncio.Event
 ) -> tuple[bool, list[str]]:
     """
-    Run a script, until it ends or `stopping` is set.
+    Run a script until it ends or `stopping` is set.
 
-    :return: whether all was done, and remarks.
+    :return: whether everything was done, and remarks.
     """
     running = asyncio.get_running_loop().create_task(script)
     remarks: list[str] = []
@@ -134,7 +134,7 @@ async def _until_stopped(
     try:
         await first(running, stopping)
         if not running.done():
-            running.cancel()  # once: the end of the script stops the kart
+            running.cancel()  # only once, because the script's clean-up stops the kart
             remarks.append('The inspection was stopped.')
         remarks += filter(None, [await running])
         finished = True

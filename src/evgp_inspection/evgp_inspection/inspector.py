@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The inspector: sentences to read, questions with a key to answer, and a key that stops the kart.
+The inspector: sentences to read, questions to answer by key, and a key that stops the kart.
 
-What is printed goes through a thread: a terminal that takes nothing (Ctrl-S) must not hold up the
-frames to the kart.
+A thread does the printing, so that a paused terminal (Ctrl-S) never delays frames to the kart.
 """
 
 from __future__ import annotations
@@ -23,31 +22,31 @@ import tty
 from typing import Protocol
 
 WORD = 'ready'
-"""What the inspector types when the kart may be made to drive."""
+"""The word that the inspector types to allow the kart to drive."""
 
 STOP_KEYS = ' \x1b'
 """The keys that stop the kart at once: space and Escape."""
 
 FIRST = f"""\
   1. The kart's wheels are OFF THE GROUND, and nobody and nothing touches them.
-  2. You have the MASTER SAFETY REMOTE in your hand, and it has been tried.
-  3. The SPACE BAR stops the kart and ends the inspection.
-Type the word "{WORD}" and Enter when all of this is so: """
+  2. You hold the MASTER SAFETY REMOTE, and you have tested it.
+  3. You know that the SPACE BAR stops the kart and ends the inspection.
+When all of this is true, type "{WORD}" and Enter: """
 
 
 class Inspector(Protocol):
-    """Who sees the wheels."""
+    """The person who sees the wheels."""
 
     def tell(self, line: str) -> None:
-        """Have a line read; never waits."""
+        """Show a line; never waits."""
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        """Return the answer; None: there was none in so many seconds."""
+        """Return the answer; None if there is none within this time (s)."""
 
 
 class Unattended:
     """
-    Nobody sees the wheels.
+    The inspector of an unattended inspection, who sees nothing.
 
     :param tell: prints a line.
     """
@@ -61,7 +60,7 @@ class Unattended:
 
 
 class Printer:
-    """Prints lines, in a thread."""
+    """Prints lines in a thread."""
 
     def __init__(self) -> None:
         self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
@@ -73,12 +72,12 @@ class Printer:
         self._lines.put(line + end)
 
     def close(self) -> None:
-        """Print what is left, unless the terminal takes nothing."""
+        """Print the remaining lines, unless the terminal is paused."""
         self._lines.put(None)
         self._thread.join(1.0)
 
     def _print(self) -> None:
-        with contextlib.suppress(OSError, ValueError):  # nobody reads any more
+        with contextlib.suppress(OSError, ValueError):  # the output is closed
             while (text := self._lines.get()) is not None:
                 sys.stdout.write(text)
                 sys.stdout.flush()
@@ -88,11 +87,11 @@ class AtTerminal:
     """
     An inspector at a terminal, who answers with single keys.
 
-    Keys that were pressed before a question do not answer it. Without a terminal (a pipe), the
-    bytes that come are the keys.
+    Keys pressed before a question do not answer it. Without a terminal (in a pipe), the bytes are
+    the keys.
 
-    :param stop: is called, in the loop, when a stop key is pressed after the word was given, or
-        when the terminal is gone.
+    :param stop: called in the loop when a stop key is pressed after the word was given, or when
+        the terminal is gone.
     """
 
     def __init__(self, printer: Printer, stop: Callable[[], None], fd: int = 0) -> None:
@@ -106,12 +105,12 @@ class AtTerminal:
         self.tell = printer.tell
 
     def __enter__(self) -> AtTerminal:
-        """Begin to read keys."""
+        """Start to read keys."""
         asyncio.get_running_loop().add_reader(self._fd, self._read)
         return self
 
     def __exit__(self, *reason: object) -> None:
-        """Leave the terminal as it was."""
+        """Restore the terminal's settings."""
         asyncio.get_running_loop().remove_reader(self._fd)
         if self._before is not None:
             termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
@@ -149,7 +148,7 @@ class AtTerminal:
             text = os.read(self._fd, 1024).decode('utf-8', 'replace')
         except OSError:
             text = ''
-        if not text:  # the terminal is gone, and with it the eyes
+        if not text:  # the terminal is gone, so nobody watches
             asyncio.get_running_loop().remove_reader(self._fd)
             if self._word is not None and not self._word.done():
                 self._word.set_result(False)

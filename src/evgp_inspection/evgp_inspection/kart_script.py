@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The script of `inspect_kart`: race control is played to one kart, and everything is written down.
+The script of `inspect_kart`: it plays race control for one kart and records everything.
 
-The script judges nothing; `evgp_inspection.oracle` does, while it goes on. The script looks at the
-oracle only to go on as soon as there is nothing more to see, and to stop the kart at once when it
-does what it must not.
+The script judges nothing; `evgp_inspection.oracle` does that meanwhile. The script only watches
+the oracle to continue as soon as there is nothing more to see, and to stop the kart at once when
+it does something forbidden.
 
-The kart is never left driving. Whatever ends the inspection, RED_RED is sent for some seconds
-first, and the inspector is told whether the kart has said that it stands. A kart that does not
-acknowledge RED_RED, or sees it late, is not made to drive again.
+The kart is never left driving. Whatever ends the inspection, the script first sends RED_RED for
+some seconds, and tells the inspector whether the kart has reported that it stands. A kart that
+does not acknowledge RED_RED, or sees it late, is not made to drive again.
 """
 
 from __future__ import annotations
@@ -48,56 +48,56 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 ODOMETRY_COMES = 5.0
-"""Maximum time to wait for the first odometry once the kart has connected, in seconds."""
+"""Maximum time to wait for the first odometry after the kart has connected, in seconds."""
 
 SLOW_RATE, LONG_RATE, FAST_RATE = 10.0, 20.0, 100.0
-"""How often a frame is sent where that is slow, in the long drive, and where it is fast, Hz."""
+"""Frame rates when slow, in the long drive, and when fast, in Hz."""
 
 BURST = 400
-"""Frames that are sent at once, before the stop that must be seen in time."""
+"""Number of frames sent at once before a stop that the kart must see in time."""
 
 MOMENT = 0.2
-"""Time for which IN_GARAGE is sent between two checks, s."""
+"""Time for which IN_GARAGE is sent between two checks, in seconds."""
 
 SHORT_SILENCE = 0.4
-"""Part of `silence` for which a new connection is sent nothing: not a silence yet."""
+"""Fraction of `silence` for which a new connection is sent nothing, too short to be a silence."""
 
 EARLY_STOP = 0.15
-"""Time from GREEN_GREEN to the RED_RED that must stop a kart which has hardly begun, s."""
+"""Time from GREEN_GREEN to the RED_RED that must stop a kart that has hardly started, in s."""
 
 FLAG_BRAKES = 0.8
-"""Part of its highest speed to which RED_FLAG brakes a kart before something else comes."""
+"""Fraction of its top speed to which RED_FLAG slows a kart before something else comes."""
 
 FLAG_ALONE = 1.0
-"""Maximum time for which RED_FLAG brakes alone, s; where nobody measures, a third of it."""
+"""Maximum time for which only RED_FLAG is in force, in s; without odometry, a third of it."""
 
 RANDOM_STOP = (0.1, 2.0)
-"""Range of the time from GREEN_GREEN to a stop of the step `random`, s."""
+"""Range of the time from GREEN_GREEN to a stop of the step `random`, in seconds."""
 
 RANDOM_STOPS = ('red', 'flag', 'fin', 'flag_lost', 'silence', 'red', 'red', 'flag')
-"""The stops of the step `random`, whose order is chosen by the seed."""
+"""The stops of the step `random`; the seed chooses their order."""
 
 PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
-"""How RED_RED is sent in these steps, ten times a second."""
+"""How these steps send RED_RED, ten times a second."""
 
 KILLING_STEPS = ('bridge', 'stack')
-"""The last steps, in which a part of the kart's program is ended by force."""
+"""The last steps, in which a part of the kart's program is killed."""
 
 Kill: TypeAlias = Callable[[], Awaitable[bool]]
-"""Kills a part of the kart's program; returns whether it is killed."""
+"""Kills a part of the kart's program; returns whether that worked."""
 
 KILL_PART = {
     'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
     'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
 }
-"""What the inspector is asked to kill while the kart drives."""
+"""Requests to the inspector to kill a part while the kart drives."""
 
-START_KART_AGAIN = "Then end the kart's program and start it again. Is it started?"
-"""What the inspector is asked about a kart that does not connect again."""
+START_KART_AGAIN = "Then end the kart's program and start it again. Has it started?"
+"""Question to the inspector about a kart that does not reconnect."""
 
 
 class Step(NamedTuple):
-    """What is done in a step, for people; and the acts that it is made of (`KartScript`)."""
+    """A step: its description for people, and its acts (`KartScript`)."""
 
     done: str
     acts: tuple[str, ...]
@@ -148,7 +148,7 @@ bridge | DRIVE kill dwell | A drive; the program that is connected to race contr
 stack | DRIVE kill dwell | A drive; the program that commands the motors is killed, and
     GREEN_GREEN is sent for long.
 """
-"""Name; acts, DRIVE for what every drive begins with; what is done."""
+"""Name; acts (DRIVE: the start of every drive); description."""
 
 
 def _steps() -> Iterator[tuple[str, Step]]:
@@ -160,7 +160,7 @@ def _steps() -> Iterator[tuple[str, Step]]:
 
 
 STEPS: Mapping[str, Step] = dict(_steps())
-"""The steps of an inspection, in their order."""
+"""The steps of an inspection, in order."""
 
 DRIVING_ACTS = {'drive', 'fast_drive', 'long_drive', 'start', 'at_random'}
 DRIVING_STEPS = {name for name, step in STEPS.items() if DRIVING_ACTS & {*step.acts}}
@@ -170,21 +170,21 @@ RACE_STEPS = ('connect', 'race')
 
 
 def not_stopped(why: str) -> EndedError:
-    """Return the end of an inspection whose kart did not say that it stands when told to stop."""
+    """Return the error that ends an inspection because the kart did not acknowledge a stop."""
     return EndedError(f'{why} The inspection ended there. Use the MSR.')
 
 
 class KartScript:
     """
-    The steps, in their order.
+    Runs the steps in order.
 
-    An act is a method of this class; it returns False where the rest of its step makes no sense.
+    An act is a method of this class; it returns False if the rest of its step makes no sense.
 
-    :param wanted: the names of the steps to be done.
+    :param wanted: the names of the steps to do.
     :param seen: whether odometry is expected.
-    :param kills: what kills the parts of the kart's program, by the names of `KILLING_STEPS`; a
-        step for which there is none is not done.
-    :param begin_step: is called with the name of each step.
+    :param kills: functions that kill parts of the kart's program, by the names of
+        `KILLING_STEPS`; a step without one is skipped.
+    :param begin_step: called with the name of each step.
     """
 
     def __init__(
@@ -211,14 +211,14 @@ class KartScript:
         self._kills = kills
         self._step = ''
         self._chance = random.Random(limits.seed)  # noqa: S311 - no secret
-        self._speechless = False  # what acknowledges was killed
+        self._speechless = False  # the program that acknowledges was killed
 
     async def run(self) -> str:
         """
-        Do the steps, and stop the kart.
+        Run the steps, then stop the kart.
 
-        :return: why it was not made to drive, a sentence; empty: it was.
-        :raises EndedError: the kart did not connect, or was not stopped.
+        :return: why the kart was not made to drive, as a sentence; empty if it was.
+        :raises EndedError: if the kart did not connect or did not stop.
         """
         try:
             for name, step in STEPS.items():
@@ -232,16 +232,16 @@ class KartScript:
                 for acts in self._at_random() if random_step else [step.acts]:
                     await self._do(name, acts)
         except asyncio.CancelledError:
-            self._inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
+            self._inspector.tell('\a  !  STOPPED. Sending RED_RED to the kart.')
             raise
         finally:
             await self._end()
         return f'{self._hindrance} It was not made to drive.' if self._hindrance else ''
 
     async def _do(self, name: str, acts: tuple[str, ...]) -> None:
-        """Do the acts of a step, no further than until the kart moves when it must not."""
+        """Do the acts of a step, but stop as soon as the kart moves when it must not."""
         self._step = name
-        # The oracle asks how something is sent; before that, it is sent as always.
+        # The step's name tells the oracle how frames are sent; until then they go out as usual.
         before = 'before ' if {'pieces', 'malformed', 'backlog'} & {*acts} else ''
         self._recording.note(Kind.STEP, text=before + name)
         moves = self._oracle.moves
@@ -253,7 +253,7 @@ class KartScript:
             await self._stop()
 
     def _at_random(self) -> Iterator[tuple[str, ...]]:
-        """Yield the acts of the step `random`: one stop in each part of the range."""
+        """Yield the acts of the step `random`, one stop in each part of the range."""
         stops = self._chance.sample(RANDOM_STOPS, len(RANDOM_STOPS))
         first, last = RANDOM_STOP
         part = (last - first) / len(stops)
@@ -268,11 +268,11 @@ class KartScript:
         return await self._recording.until(found, seconds)
 
     async def _pass(self, seconds: float) -> None:
-        """Let time pass, while everything is written down."""
+        """Let time pass while everything is recorded."""
         await self._until(lambda: None, seconds)
 
     async def _stay(self, seconds: float) -> bool:
-        """Watch a kart that must not drive, no longer than until it does; have it looked at."""
+        """Watch a kart that must not drive until it does or time is up; ask the inspector."""
         moves = self._oracle.moves
         if await self._until(lambda: self._oracle.moves > moves, seconds):
             return False
@@ -280,7 +280,7 @@ class KartScript:
         return True
 
     async def _ask(self, question: str) -> bool | None:
-        """Have the inspector look, unless odometry does; return the answer, if there is one."""
+        """Ask the inspector to look, unless there is odometry; return any answer."""
         return None if self._seen else await self._look(question)
 
     async def _look(self, question: str) -> bool | None:
@@ -290,7 +290,7 @@ class KartScript:
         return answer
 
     async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
-        """Return whether the kart acknowledges a state, which it is being sent, in time."""
+        """Return whether the kart acknowledges the state that it is being sent in time."""
         return await self._until(lambda: self._trace.acknowledged(state), seconds)
 
     async def _connected(self) -> bool:
@@ -301,9 +301,10 @@ class KartScript:
         """
         Bring the kart to a standstill.
 
-        One fault that ends a kart would hide all others: so the inspector may start it again.
+        A fault that ends the kart's program would hide all others, so the inspector may restart
+        it.
 
-        :raises EndedError: it does not connect, or acknowledge RED_RED, in time.
+        :raises EndedError: if the kart does not connect or acknowledge RED_RED in time.
         """
         limits = self._limits
         self._wire.order(RED_RED)
@@ -320,9 +321,9 @@ class KartScript:
 
     async def _see_it_stand(self, seconds: float) -> bool:
         """
-        Wait until the wheels stand, for so long at most; ask where there is no odometry.
+        Wait at most this time (s) until the wheels stand; without odometry, ask.
 
-        :return: False: they were seen to turn on.
+        :return: False if they were seen to keep turning.
         """
         if not self._seen:
             return await self._look(STANDS) is not False
@@ -339,7 +340,7 @@ class KartScript:
         if not await self._until(lambda: self._wire.connected, limits.connect):
             raise EndedError(f'No kart connected within {limits.connect:g} s.')
         if self._seen:
-            # The first of it takes its time: until then nobody sees the wheels.
+            # The first odometry may take a while, and until then nothing sees the wheels.
             await self._until(lambda: self._oracle.spell.speeds, ODOMETRY_COMES)
             await self._until(lambda: self._wire.connected, limits.connect)
         await self._quiet()
@@ -352,8 +353,8 @@ class KartScript:
     async def _garage(self) -> None:
         self._wire.order(IN_GARAGE)
         await self._pass(MOMENT)
-        # Wait until a kart that stands has read it: it says so, or it is silent. What it says
-        # after that cannot answer an order of before (docs/wire.md).
+        # Wait until a standing kart has read it: it reports that or stays silent. Later reports
+        # cannot answer an earlier order (docs/wire.md).
         await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
 
     async def _watch(self) -> bool:
@@ -363,14 +364,14 @@ class KartScript:
         return await self._stay(self._limits.dwell)
 
     async def _green(self) -> bool:
-        """Send a GREEN_GREEN that no kart may obey."""
+        """Send a GREEN_GREEN that the kart must not obey."""
         if not await self._connected():
             return False
         self._wire.order(GREEN_GREEN)
         return await self._stay(self._limits.watch)
 
     async def _green_again(self) -> bool:
-        """Send GREEN_GREEN to a kart that brakes: it must brake on."""
+        """Send GREEN_GREEN to a braking kart, which must continue to brake."""
         self._wire.order(GREEN_GREEN)
         return await self._see_it_stand(self._limits.red_flag)
 
@@ -378,7 +379,7 @@ class KartScript:
         self._recording.note(Kind.STEP, text=self._step)
         self._wire.order(RED_RED, PIECES[self._step], SLOW_RATE)
         await self._acknowledged(RED_RED, self._limits.red_red)
-        # A kart that takes slow frames for silence needs time to say so.
+        # A kart that takes slow frames for silence needs time to show it.
         longer = self._limits.watch if self._step == 'slow' else 0.0
         await self._pass(self._limits.slack + longer)
         self._recording.note(Kind.STEP, text=f'after {self._step}')
@@ -401,7 +402,7 @@ class KartScript:
         self._recording.note(Kind.STEP, text=self._step)
         self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
         if not await self._acknowledged(RED_RED, self._limits.red_red):
-            self._hindrance = 'The kart sees a stop too late.'
+            self._hindrance = 'The kart saw a stop too late.'
             raise not_stopped(self._hindrance)
 
     async def _half_open(self) -> None:
@@ -417,7 +418,7 @@ class KartScript:
         return True
 
     async def _close(self) -> bool:
-        """Close the connection of a kart that stands."""
+        """Close the connection of a standing kart."""
         self._wire.close()
         await self._pass(self._limits.slack)
         return await self._connected()
@@ -432,7 +433,7 @@ class KartScript:
         return ready
 
     async def _drive(self, seconds: float = 0.0, rate: float = BEAT_RATE) -> bool:
-        """Have the kart drive for so long, or for `drive`; return whether it does."""
+        """Make the kart drive for this time (s), or for `drive`; return whether it does."""
         limits = self._limits
         await self._announce()
         self._wire.order(GREEN_GREEN, rate=rate)
@@ -448,7 +449,7 @@ class KartScript:
         return not self._hindrance or self._oracle.still == 0
 
     async def _fast_drive(self) -> bool:
-        # Before a stop: a kart that reads too little while it drives is late by now.
+        # Before the stop, so that a kart that reads too slowly while driving is late by now.
         return await self._drive(rate=FAST_RATE)
 
     async def _long_drive(self) -> bool:
@@ -475,7 +476,7 @@ class KartScript:
         return said
 
     async def _brake(self) -> None:
-        """Have RED_FLAG brake for a while."""
+        """Let RED_FLAG brake the kart for a while."""
         self._wire.order(RED_FLAG)
 
         def slower() -> bool:
@@ -487,9 +488,9 @@ class KartScript:
         await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
 
     async def _lose(self, lose: Callable[[], object]) -> bool:
-        """Have a kart lose race control, and wait until it stands and is back."""
+        """Make the kart lose race control, and wait until it stands and has reconnected."""
         newest = self._wire.newest
-        self._wire.send(NOTHING)  # to a new connection, for now
+        self._wire.send(NOTHING)  # nor to a new connection
         lose()
         stands = await self._see_it_stand(self._limits.red_red)
         back = await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
@@ -515,7 +516,7 @@ class KartScript:
     async def _silently(self) -> bool:
         limits, began = self._limits, self._recording.now
         stands = await self._see_it_stand(limits.silence + limits.red_red)
-        # Also where nobody looks: there is a silence to be noticed.
+        # Even if nobody looks, the silence must last long enough to be noticed.
         await self._pass(max(began + limits.silence + limits.slack - self._recording.now, 0.0))
         return stands
 
@@ -539,7 +540,7 @@ class KartScript:
         return await self._green()
 
     async def _kill(self) -> bool:
-        """Kill a part of the program of a kart that drives; return whether it was killed."""
+        """Kill a part of a driving kart's program; return whether it was killed."""
         limits, part = self._limits, self._step
         killing = asyncio.ensure_future(self._kills[part]())
         newest = self._wire.newest
@@ -549,9 +550,9 @@ class KartScript:
 
         try:
             await self._until(lambda: killing.done() or ended(), limits.connect + limits.answer)
-            # Its connection ends in this moment or never.
+            # The connection ends now or never.
             if part == 'bridge' and await self._until(ended, limits.slack):
-                self._wire.send(NOTHING)  # to a new connection, for now
+                self._wire.send(NOTHING)  # nor to a new connection
             done = await killing
         finally:
             killing.cancel()
@@ -570,7 +571,7 @@ class KartScript:
     # ----- the end --------------------------------------------------------------------------
 
     async def _end(self) -> None:
-        """Send RED_RED for some seconds, and say whether the kart stands."""
+        """Send RED_RED for some seconds, then report whether the kart stands."""
         self._recording.note(Kind.STEP, text='end')
         self._wire.send_now(encode(RED_RED))
         self._wire.order(RED_RED)
@@ -583,8 +584,8 @@ class KartScript:
             self._inspector.tell(f'  !  The port is gone: {error}')
         await self._pass(self._limits.hold)
         if self._speechless:
-            self._inspector.tell('  What drives the kart was killed. LOOK WHETHER IT STANDS.')
+            self._inspector.tell('  The program that drives was killed. CHECK WHETHER IT STANDS.')
         elif not self._trace.acknowledged(RED_RED):
-            self._inspector.tell('\a  !  THE KART HAS NOT SAID THAT IT STANDS. USE THE MSR.')
+            self._inspector.tell('\a  !  THE KART HAS NOT REPORTED THAT IT STANDS. USE THE MSR.')
         else:
-            self._inspector.tell('  RED_RED was sent last, and the kart says that it stands.')
+            self._inspector.tell('  RED_RED was sent last, and the kart reports that it stands.')

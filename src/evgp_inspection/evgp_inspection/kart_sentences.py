@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The sentences that an inspection shows of a kart, one row each; `oracle` breaks them by name."""
+"""The sentences that an inspection checks, one row each; `oracle` reports breaches by name."""
 
 from __future__ import annotations
 
@@ -137,8 +137,8 @@ K-4D-05 connects again when race control was restarted | restart | reconnect
 K-4D-06 acknowledges again on a new connection | fin | red_red
     wire: After a lost connection, acknowledge again.
 """
-"""Name and title; the steps that show it, the best one first (none: all do); its limit; then the
-sentence, of the proposal or of docs/wire.md."""
+"""Name and title; the steps that show it, the best one first (none: all); its limit; then the
+sentence, from the proposal or from docs/wire.md."""
 
 
 def _rows() -> Iterator[Clause]:
@@ -167,4 +167,5 @@ BY_STATEMENT = (
     'starts nothing',
     '§3.A: on RED_FLAG the kart slows down gently, steers, and pulls to the inside of the track',
 )
-"""What nobody sees on stands: the team states it, the inspector has it shown and ticks it."""
+"""Points that cannot be checked on stands. The team states and shows them; the inspector ticks
+them."""

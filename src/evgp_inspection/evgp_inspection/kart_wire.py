@@ -4,8 +4,8 @@
 """
 Race control's end of the wire, for the inspection of one kart.
 
-It sends what the inspection says, in the pieces and at the rate that the inspection says, to every
-connection that the kart has; so a stop reaches the kart on whichever one it listens to.
+It sends what the inspection wants, in the wanted pieces and at the wanted rate, on every
+connection of the kart, so a stop reaches the kart on whichever connection it reads.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 
 LATE_BEAT = 0.25
-"""A beat that is later than this says that the inspecting computer was held up, s."""
+"""Delay of a beat above which the inspecting computer counts as having hung, in seconds."""
 
 MALFORMED = (
     b'$GREEN;',
@@ -43,14 +43,14 @@ MALFORMED = (
     b'$$$;;;',
     b'\r\n\t ',
 )
-"""Bytes that no kart may take for GREEN_GREEN, and that no kart may die of. Whatever each of them
-is cut off by, it stays malformed."""
+"""Bytes that no kart may take for GREEN_GREEN, and that must not crash a kart. Each stays
+malformed whatever follows it."""
 
 Beat: TypeAlias = list[tuple[float, bytes]]
 """Pieces to send, each after a pause, s."""
 
 Beats: TypeAlias = Iterator[Beat]
-"""What is sent, one beat after the other; it never ends."""
+"""An endless sequence of beats to send."""
 
 
 def whole(state: RaceState) -> Beats:
@@ -59,7 +59,7 @@ def whole(state: RaceState) -> Beats:
 
 
 def single_bytes(state: RaceState) -> Beats:
-    """Send each byte by itself."""
+    """Send each byte individually."""
     return itertools.repeat([(0.002, bytes([byte])) for byte in encode(state)])
 
 
@@ -85,23 +85,23 @@ def after(first: bytes, state: RaceState) -> Beats:
 
 
 def between(state: RaceState | None = None) -> Beats:
-    """Send malformed bytes, in turn; after each a whole frame, if there is a state."""
+    """Send malformed bytes in turn, each followed by a whole frame if there is a state."""
     frame = b'' if state is None else encode(state)
     return itertools.cycle([[(0.0, each + frame)] for each in MALFORMED])
 
 
 NOTHING: Beats = itertools.repeat([])
-"""Nothing is sent."""
+"""Beats that send nothing."""
 
 
 class KartWire:
     """
     Listens for the kart and talks to it.
 
-    :param recording: is told all that is sent, heard, opened and ended.
-    :param tell: is told what the inspector should know, a sentence.
-    :param kart_address: the only IPv4 address that counts as the kart; empty: that of the first
-        connection.
+    :param recording: records everything sent, heard, opened and ended.
+    :param tell: called with sentences for the inspector.
+    :param kart_address: the only IPv4 address that counts as the kart; empty: the address of the
+        first connection.
     """
 
     def __init__(
@@ -124,27 +124,27 @@ class KartWire:
 
     async def listen(self, host: str, port: int) -> None:
         """
-        Begin to listen and to beat.
+        Start to listen and to send beats.
 
-        :raises OSError: if that is not possible.
+        :raises OSError: if this computer cannot listen there.
         """
         self._host = host
         await self._open(port)
         self.keep_beating()
 
     def keep_beating(self) -> None:
-        """Begin to beat, also again after a beat that failed."""
+        """Start to send beats, or restart after a failed beat."""
         if self._beating is None or self._beating.done():
             self._beating = asyncio.get_running_loop().create_task(self._beat())
 
     @property
     def connected(self) -> bool:
-        """Return whether the kart can be told something."""
+        """Return whether something can be sent to the kart."""
         return any(link.open and not link.mute for link in self._links)
 
     @property
     def newest(self) -> int:
-        """Return the number of the newest connection; 0: there was none."""
+        """Return the number of the newest connection; 0 if there was none."""
         return self._count
 
     def order(
@@ -160,7 +160,7 @@ class KartWire:
         """
         Send these beats from now on.
 
-        :param greeting: what a new connection is sent at once.
+        :param greeting: bytes that a new connection is sent at once.
         """
         self._beats, self._period, self._greeting = beats, 1 / rate, greeting
         self._changed.set()
@@ -172,12 +172,12 @@ class KartWire:
         self._recording.note(Kind.SILENT, text='silent')
 
     def send_now(self, data: bytes) -> None:
-        """Send bytes in this very moment, whatever the beat does."""
+        """Send bytes immediately, independent of the beat."""
         for link in self._links:
             link.write(data)
 
     def babble(self) -> None:
-        """Send nothing but malformed bytes from now on."""
+        """Send only malformed bytes from now on."""
         self._recording.note(Kind.SILENT, text='malformed')
         self.send(between())
 
@@ -192,16 +192,16 @@ class KartWire:
             link.end('reset')
 
     def half_close(self) -> None:
-        """Say on every connection that nothing more will be sent, and go on to listen."""
+        """Close our half of every connection, and continue to listen."""
         for link in self._links:
             if link.open and not link.mute:
                 link.mute = True
-                with contextlib.suppress(OSError):  # the kart has ended it in this very moment
+                with contextlib.suppress(OSError):  # the kart has just closed it
                     link.transport.write_eof()
                 self._recording.note(Kind.ENDED, link.number, text='half-closed')
 
     def go_away(self) -> None:
-        """End every connection and refuse new ones, as a race control that has ended."""
+        """End every connection and refuse new ones, like a race control that has ended."""
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -249,9 +249,9 @@ class KartWire:
                     for link in links:
                         link.write(data)
                 self._notice_delay(loop.time() - piece_due)
-            # A beat that is late is not made up for; a new order does not wait for the next one.
+            # A late beat is not made up for; a new order does not wait for the next beat.
             due = max(due + self._period, loop.time())
-            # No asyncio.wait_for: before Python 3.12 it may swallow the end of this task.
+            # No asyncio.wait_for: before Python 3.12 it may swallow this task's cancellation.
             timer = loop.call_at(due, self._changed.set)
             await self._changed.wait()
             timer.cancel()
@@ -262,8 +262,8 @@ class KartWire:
             self._recording.note(Kind.HELD_UP, value=late)
 
     def _opened(self, link: Link) -> None:
-        """Take a new connection, or refuse it if it is not the kart's."""
-        if self._server is None:  # it was made while race control went away
+        """Accept a new connection, or refuse it if it is not the kart's."""
+        if self._server is None:  # it arrived while race control was going away
             link.open = False
             link.transport.abort()
             return
@@ -273,7 +273,7 @@ class KartWire:
         if address != self.kart_address:
             if address not in self._refused:
                 self._refused.add(address)
-                self._tell(f'A connection from {address} is refused: it is not the kart.')
+                self._tell(f'Refused a connection from {address}, which is not the kart.')
             link.open = False
             link.transport.abort()
             return

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The limits of an inspection, or of a survey.
+The limits of an inspection or a survey.
 
-Each is a parameter; every report names those that were used.
+Each limit is a parameter; every report lists the limits used.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ def _limit(default: float, meaning: str) -> float:
 
 class _Limits:
     """
-    What the limits have in common: seconds, unless the meaning names another unit.
+    The base of all limits; they are in seconds unless the meaning names another unit.
 
     The meaning of each is in its field's metadata, for the command line.
 
-    :raises ValueError: a limit is not a finite number above 0 (``warning``, ``hold``, ``seed``:
-        from 0).
+    :raises ValueError: if a limit is not a finite number above 0 (``warning``, ``hold``, ``seed``:
+        0 or more).
     """
 
     def __post_init__(self) -> None:
-        """Refuse what no check can work with."""
+        """Refuse unusable values."""
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             least = 0.0 if field.name in ('warning', 'hold', 'seed') else math.ulp(0.0)
@@ -44,8 +44,8 @@ class _Limits:
 
     @classmethod
     def add_to(cls, parser: argparse.ArgumentParser) -> None:
-        """Have a command line take each limit."""
-        group = parser.add_argument_group('limits, in seconds unless they say otherwise')
+        """Add an option for each limit to a command line."""
+        group = parser.add_argument_group('limits, in seconds unless stated otherwise')
         for field in dataclasses.fields(cls):  # type: ignore[arg-type]
             group.add_argument(
                 f'--{field.name.replace("_", "-")}',
@@ -58,9 +58,9 @@ class _Limits:
     @classmethod
     def taken_from(cls: type[AnyLimits], options: argparse.Namespace) -> AnyLimits:
         """
-        Return the limits that a command line gave.
+        Return the limits from a command line.
 
-        :raises ValueError: if one is not possible.
+        :raises ValueError: if a value is not possible.
         """
         names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
         return cls(**{name: getattr(options, name) for name in names})
@@ -72,22 +72,22 @@ class Limits(_Limits):
 
     connect: float = _limit(120.0, 'maximum time until the kart connects for the first time')
     grid: float = _limit(120.0, 'maximum time to acknowledge GRID_ACTIVE')
-    green: float = _limit(30.0, 'maximum time to acknowledge GREEN_GREEN and to begin to drive')
+    green: float = _limit(30.0, 'maximum time to acknowledge GREEN_GREEN and to start driving')
     red_flag: float = _limit(15.0, 'maximum time to stand still and acknowledge RED_FLAG')
     red_red: float = _limit(5.0, 'maximum time to stand still and acknowledge RED_RED')
     silence: float = _limit(1.0, 'time without a frame after which the kart must stop')
     reconnect: float = _limit(10.0, 'maximum time to connect again after a loss')
-    away: float = _limit(10.0, 'time for which race control is away when it is restarted')
+    away: float = _limit(10.0, 'time for which a restarting race control is away')
     drive: float = _limit(2.0, 'time for which the kart drives before each stop')
     watch: float = _limit(1.5, 'time for which the kart is watched doing nothing')
     slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
     fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
-    harder: float = _limit(0.8, 'maximum part of the time of a RED_FLAG stop for RED_RED')
+    harder: float = _limit(0.8, 'maximum time of a RED_RED stop, as a fraction of RED_FLAG')
     long: float = _limit(60.0, 'time for which the kart drives once without a break')
-    dwell: float = _limit(10.0, 'time for which each state is sent to a kart that stands')
-    seed: float = _limit(0.0, 'number that chooses when random stops come; 0: by chance')
+    dwell: float = _limit(10.0, 'time for which each state is sent to a standing kart')
+    seed: float = _limit(0.0, 'seed for the times of random stops; 0: by chance')
     fast: float = _limit(3.0, 'time for which 100 frames a second are sent')
-    answer: float = _limit(20.0, 'maximum time to wait for an answer of the inspector')
+    answer: float = _limit(20.0, 'maximum time to wait for an answer from the inspector')
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')
     hold: float = _limit(3.0, 'time for which RED_RED is sent at the end')
     standstill: float = _limit(0.05, 'maximum speed of a kart that stands still, m/s')
@@ -95,15 +95,15 @@ class Limits(_Limits):
 
 @dataclasses.dataclass(frozen=True)
 class SurveyLimits(_Limits):
-    """The limits of `survey_network`. A lost connection is too many."""
+    """The limits of `survey_network`; no connection may be lost."""
 
     round_trip: float = _limit(
-        GRADES[Grade.FAIR], 'maximum round trip of 99 of 100 frames: no more than one loss each'
+        GRADES[Grade.FAIR], 'maximum round trip of 99 of 100 frames, with one loss each'
     )
     silence: float = _limit(
-        GRADES[Grade.POOR], 'maximum time without an answer: half of that after which a kart stops'
+        GRADES[Grade.POOR], 'maximum time without an answer; half of what stops a kart'
     )
     retransmissions: float = _limit(
-        36.0, 'maximum number of retransmissions in any minute: a twentieth of the frames'
+        36.0, 'maximum number of retransmissions in any minute; a twentieth of the frames'
     )
-    shortest: float = _limit(60.0, 'minimum time on the network, for a verdict')
+    shortest: float = _limit(60.0, 'minimum time on the network for a verdict')

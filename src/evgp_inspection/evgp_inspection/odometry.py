@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The kart's speed, from lines of text or from ROS: what `inspect_kart` needs instead of eyes."""
+"""The kart's speed from lines of text or from ROS, which replaces the inspector's eyes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Take = Callable[[float], None]
 
 def speed_in(line: str) -> float | None:
     """
-    Return the speed in a line ``speed`` or ``time speed``, m/s, without its sign.
+    Return the absolute speed in a line ``speed`` or ``time speed``, m/s.
 
-    The time is not used: what counts is when the line comes.
+    The time is ignored, because the arrival of the line counts.
 
-    :return: None: the line is neither.
+    :return: the speed; None if the line has neither form.
     """
     words = line.split()
     if len(words) not in (1, 2):
@@ -37,13 +37,13 @@ def speed_in(line: str) -> float | None:
 
 
 class Lines(asyncio.DatagramProtocol):
-    """Takes lines of text from UDP datagrams."""
+    """Reads lines of text from UDP datagrams."""
 
     def __init__(self, take: Take) -> None:
         self._take = take
 
     def datagram_received(self, data: bytes, address: object) -> None:
-        """Take the lines of a datagram."""
+        """Read the lines of a datagram."""
         for line in data.decode('ascii', 'replace').splitlines():
             speed = speed_in(line)
             if speed is not None:
@@ -52,14 +52,14 @@ class Lines(asyncio.DatagramProtocol):
 
 async def listen(source: str, take: Take) -> Callable[[], None]:
     """
-    Begin to take speeds from a source, in the running loop.
+    Start to read speeds from a source, in the running loop.
 
     :param source: ``-`` (standard input), ``udp:PORT`` or ``udp:ADDRESS:PORT``, ``ros:TOPIC``, or
         the path of a file or pipe.
-    :return: what ends it.
-    :raises OSError: the source cannot be used.
-    :raises ValueError: it is none.
-    :raises ImportError: ROS is not there.
+    :return: a function that ends it.
+    :raises OSError: if the source cannot be used.
+    :raises ValueError: if it is not a source.
+    :raises ImportError: if ROS is missing.
     """
     loop = asyncio.get_running_loop()
 
@@ -86,7 +86,7 @@ def _listen_to_file(source: str, take: Take) -> Callable[[], None]:
 
 
 def _read(source: str, take: Take) -> None:
-    """Take the speeds of a file, in a thread of its own: to open a pipe may take for ever."""
+    """Read the speeds in a file, in its own thread because opening a pipe may block forever."""
     with contextlib.ExitStack() as stack:
         text = sys.stdin
         if source != '-':
@@ -98,14 +98,14 @@ def _read(source: str, take: Take) -> None:
 
 
 def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
-    """Subscribe to ``nav_msgs/Odometry``; ROS is imported here, so nothing else needs it."""
+    """Subscribe to ``nav_msgs/Odometry``; only this function imports ROS."""
     try:
-        rclpy: Any = importlib.import_module('rclpy')  # without types, and not there for most
+        rclpy: Any = importlib.import_module('rclpy')  # untyped, and usually not installed
         messages: Any = importlib.import_module('nav_msgs.msg')
     except ImportError as error:
         raise ImportError(
             f'--odometry ros:{topic} needs ROS 2 with nav_msgs in this shell ({error}). '
-            'Source it, or give the speed in another way: udp:PORT, a file or a pipe'
+            'Source it, or deliver the speed in another way: udp:PORT, a file or a pipe'
         ) from error
     executors: Any = importlib.import_module('rclpy.executors')
     qos: Any = importlib.import_module('rclpy.qos')

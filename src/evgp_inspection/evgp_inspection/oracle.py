@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which motion and which words a kart may show, at any moment of a whole trace.
+The oracle: which motion and which replies a kart may show, at any moment of a trace.
 
-Pure: events in, findings out, while the trace is written or later. What was sent, since when and
-on which connection divides the trace into spells: in one the kart may drive, in every other one
-it must stand, or brake and then stand. Every speed, every word and every answer of the inspector
-is judged by the spell in which it comes. Each finding names a sentence of
-`evgp_inspection.kart_sentences`. Three rules:
+Pure: events go in, findings come out, while the trace is written or later. The sent states, with
+their times and connections, divide the trace into spells. In one kind of spell the kart may drive;
+in every other it must stand, or brake and then stand. Every speed, reply and answer of the
+inspector is judged by the spell in which it comes. Each finding names a sentence of
+`evgp_inspection.kart_sentences`. Three rules apply:
 
-1. A kart fails only for something that is in the trace. What was not seen is not judged.
-2. What nobody has seen is not passed: a kart that says nothing wrong may still drive.
-3. A breach is the first one of its spell: what follows in the same spell is the same fault.
+1. A kart fails only for something in the trace. What was not seen is not judged.
+2. What was not seen is not passed either: a kart that says nothing wrong may still drive.
+3. Only the first breach of a spell counts; later ones in the same spell are the same fault.
 """
 
 from __future__ import annotations
@@ -35,37 +35,37 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 VARIES = 0.15
-"""By how much more odometry may be late than it was at the beginning of the same stop, s."""
+"""Maximum growth of odometry's delay since the beginning of the same stop, s."""
 
 GENTLY = 0.1
-"""Part of the time of a RED_FLAG stop by which it may begin later: a gentle stop begins gently."""
+"""Fraction of a RED_FLAG stop's duration by which it may begin late: it may begin gently."""
 
 ROLLING = 0.1
-"""Part of its highest speed at which a kart rolls, however it measures its standstill."""
+"""Fraction of its top speed at which a kart rolls, however it measures its standstill."""
 
 WEAK = 0.6
-"""Part of the deceleration of RED_RED stops that is too little for any stop as RED_RED."""
+"""Fraction of the deceleration of RED_RED stops below which a stop is not a RED_RED stop."""
 
 COMPARED = 0.5
-"""Part of the speed of the fastest RED_RED stop from which on another stop is compared with it."""
+"""Fraction of the speed of the fastest RED_RED stop above which other stops are compared."""
 
 FASTER = 1.02
-"""Part of its speed above which a kart gets faster that had to know that it must brake."""
+"""Factor above which a kart that must brake counts as getting faster."""
 
 FAST = 10
-"""Times the speed of a kart that stands: from there on a deceleration can be measured."""
+"""Multiple of the standstill speed above which a deceleration can be measured."""
 
 SOONER = 0.95
-"""Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
+"""Fraction of a RED_FLAG stop's duration within which an unseen kart must report RED_RED."""
 
 MOST_BYTES_A_SECOND = 4096 * 12
-"""More bytes than this in one second are a flood."""
+"""Maximum number of bytes per second; more are a flood."""
 
 AROUND = 2.0
-"""Time before and after a breach whose events are its evidence, s."""
+"""Time before and after a breach that its evidence covers, s."""
 
 STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
-"""The names of the two questions to the inspector, as they are in the trace."""
+"""The names of the two questions to the inspector in the trace."""
 
 # ----- what the oracle calls the sentences ----------------------------------------------------
 
@@ -75,10 +75,10 @@ STAYS = {
     RED_FLAG: 'K-3A-08',
     RED_RED: 'K-3A-15',
 }
-"""Broken by wheels that turn although the kart stood: by what it is sent."""
+"""Clauses broken if the wheels turn although the kart stood, by the sent state."""
 
 BRAKES = {RED_FLAG: 'K-3A-16', RED_RED: 'K-3A-14'}
-"""Broken by a kart that drives and begins to brake too late, or stands too late."""
+"""Clauses broken if a driving kart begins to brake too late or stands too late."""
 
 ACKNOWLEDGES = {
     GRID_ACTIVE: ('K-3A-02', 'grid'),
@@ -86,7 +86,7 @@ ACKNOWLEDGES = {
     RED_FLAG: ('K-3A-06', 'red_flag'),
     RED_RED: ('K-3A-09', 'red_red'),
 }
-"""Broken by a kart that does not say in time what it is sent; the limit of that."""
+"""Clauses broken if the kart does not acknowledge a state in time, and the limits."""
 
 LOSSES = {
     'closed': 'K-3C-01',
@@ -98,7 +98,7 @@ LOSSES = {
     'bridge': 'K-3E-09',
     'stack': 'K-3E-10',
 }
-"""Broken by wheels that turn after a loss, by what was lost how."""
+"""Clauses broken if the wheels turn after a loss, by the kind of loss."""
 
 UNARMED = {
     IN_GARAGE: 'K-3B-01',
@@ -109,10 +109,10 @@ UNARMED = {
     'malformed': 'K-3E-02',
     'away': 'K-3E-06',
 }
-"""Broken by a kart that obeys GREEN_GREEN after this, or after another loss (`K-3E-05`)."""
+"""Clauses broken if the kart obeys GREEN_GREEN after this; after other losses it is `K-3E-05`."""
 
 BACK = {'closed': 'K-4D-01', 'reset': 'K-4D-02', 'half-closed': 'K-4D-03'}
-"""Broken by a kart that does not connect again in time."""
+"""Clauses broken if the kart does not reconnect in time."""
 
 SENT_SO = {
     'bytes': 'K-4C-02',
@@ -122,21 +122,21 @@ SENT_SO = {
     'backlog': 'K-4C-06',
     'malformed': 'K-4C-08',
 }
-"""Broken by a kart that does not say RED_RED in time in these steps, or drops the connection (not
-in `backlog`: a kart may take so many frames at once for old ones)."""
+"""Clauses broken if the kart does not report RED_RED in time in these steps, or drops the
+connection (except in `backlog`, where a kart may take so many frames at once for old ones)."""
 
 BY_EYE = {
     *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11', 'K-4C-07'),
     *(*STAYS.values(), *BRAKES.values(), *LOSSES.values(), *UNARMED.values()),
 }
-"""What only wheels show: without it no inspection is passed."""
+"""Clauses that only the wheels can show; without them no inspection is passed."""
 
 Speeds = list[tuple[float, float]]
 """Times, s, and speeds, m/s."""
 
 
 class Law(enum.Enum):
-    """What is asked of the wheels."""
+    """The requirement on the wheels."""
 
     DRIVE = 'drive'
     STAND = 'stand'
@@ -148,11 +148,11 @@ class Law(enum.Enum):
 @dataclasses.dataclass(frozen=True)
 class Breach:
     """
-    What was found about one sentence.
+    A finding about one sentence.
 
-    :ivar name: of the sentence.
-    :ivar since: when what led to it began, s.
-    :ivar at: when it was so, s.
+    :ivar name: the name of the sentence.
+    :ivar since: when its cause began, s.
+    :ivar at: when it happened, s.
     """
 
     name: str
@@ -166,18 +166,18 @@ class Breach:
 @dataclasses.dataclass
 class Spell:
     """
-    A time in which the same is asked of the kart.
+    A period with one requirement on the kart.
 
-    :ivar what: what it was told, for people.
-    :ivar stays: the sentence that wheels break that turn although the kart stood.
-    :ivar stops: the one that it breaks by braking too late.
-    :ivar true: the one that it breaks by saying too early that it stands; empty: it may say none.
-    :ivar grace: time in which it need not know it yet, s.
-    :ivar rolled: it could still roll when this began.
-    :ivar moved: its wheels turned then, or it had said that it drives.
+    :ivar what: what the kart was told, for people.
+    :ivar stays: the sentence broken if the wheels turn although the kart stood.
+    :ivar stops: the sentence broken by braking too late.
+    :ivar true: the sentence broken by reporting a standstill too early; empty: no report is due.
+    :ivar grace: time in which the kart need not know the requirement yet, s.
+    :ivar rolled: the kart could still roll when the spell began.
+    :ivar moved: its wheels turned then, or it had reported that it drives.
     :ivar until: when it must stand, s.
-    :ivar said: when it first said so, s.
-    :ivar answer: of the inspector: whether the wheels stand, and when; NaN: none.
+    :ivar said: when it first reported its standstill, s.
+    :ivar answer: the inspector's answer whether the wheels stand; NaN: none.
     """
 
     law: Law
@@ -197,13 +197,13 @@ class Spell:
 
     @property
     def top(self) -> float:
-        """Return its highest speed, m/s."""
+        """Return the highest speed, m/s."""
         return max((speed for _, speed in self.speeds), default=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Due:
-    """Something that the kart must do in time: a limit in s, and the order that it answers."""
+    """A duty of the kart with a limit in s, and the order that it answers."""
 
     name: str
     since: float
@@ -216,12 +216,12 @@ class Oracle:
     """
     Judges a trace, event by event.
 
-    :ivar trace: what was seen so far.
-    :param tell: takes the first breach of each sentence, when it is found.
-    :ivar breaches: what was broken so far: the first breach of each sentence.
-    :ivar moves: number of breaches of the wheels: the kart has to be stopped.
+    :ivar trace: the trace so far.
+    :param tell: called with the first breach of each sentence when it is found.
+    :ivar breaches: the first breach of each broken sentence so far.
+    :ivar moves: number of breaches by the wheels, each a reason to stop the kart.
     :ivar still: number of speeds since the wheels last turned.
-    :ivar spell: what is asked now.
+    :ivar spell: the present spell.
     """
 
     def __init__(
@@ -233,9 +233,9 @@ class Oracle:
         self.moves = self.still = 0
         self.spell = Spell(Law.STAND, 0.0, 'nothing yet', 'K-4C-11', 'K-4C-11')
         self._limits = limits
-        self._found: dict[str, Breach] = {}  # what is not broken: the gravest of each sentence
-        self._heard = 0  # words of the trace
-        self._taken: dict[int, int] = {}  # orders of the trace that are judged, by connection
+        self._found: dict[str, Breach] = {}  # the gravest finding per sentence
+        self._heard = 0  # number of replies judged
+        self._taken: dict[int, int] = {}  # number of orders judged, by connection
         self._step = ''
         self._link = 0
         self._state: RaceState | None = None
@@ -243,9 +243,9 @@ class Oracle:
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
         self._silent, self._silent_at = 'silent', 0.0
         self._grids = 0
-        self._stood: float | None = 0.0  # since when it stands; None: it may still roll
+        self._stood: float | None = 0.0  # when it came to a stand; None: it may still roll
         self._freed = 0.0  # when it had to stop driving, s
-        self._at_speed = False  # it drove for long before that
+        self._at_speed = False  # it had driven long enough before that
         self._drives_on = 0  # the connection on which it drove
         self._turned: float | None = None
         self._said_green: float | None = None
@@ -254,7 +254,7 @@ class Oracle:
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
         self._open: dict[int, float] = {}
         self._doubtful: dict[int, float] = {}  # connections that were open when another one was
-        self._quiet: dict[int, float] = {}  # connections that were sent nothing yet
+        self._quiet: dict[int, float] = {}  # connections on which nothing was sent yet
         self._recent: deque[Event] = deque()
         self._bytes = 0
         self._stops: list[Spell] = []
@@ -262,7 +262,7 @@ class Oracle:
 
     @classmethod
     def of(cls, events: Iterable[Event], limits: Limits) -> Oracle:
-        """Return an oracle that has seen all of these events."""
+        """Return an oracle that has judged these events."""
         oracle = cls(limits)
         for event in events:
             oracle.take(event)
@@ -270,13 +270,13 @@ class Oracle:
 
     @property
     def stands(self) -> bool:
-        """Return whether the kart was seen to stand, since it last had to stop."""
+        """Return whether the kart was seen to stand since it last had to stop."""
         return self._stood is not None
 
     # ----- what was found -----------------------------------------------------------------------
 
     def findings(self) -> dict[str, Finding]:
-        """End the trace; return what was found about each sentence, by its name."""
+        """End the trace; return the findings by sentence name."""
         now = self.trace.events[-1].at if self.trace.events else 0.0
         self._end_spell(now)
         self._let_go(now)
@@ -296,7 +296,7 @@ class Oracle:
         events = tuple(
             each
             for each in self.trace.events
-            # A hold-up is noticed when it is over.
+            # A hang is noticed only when it is over.
             if since <= each.at <= until + (each.value if each.kind is Kind.HELD_UP else 0.0)
         )
         return Finding(breach.verdict, breach.why, breach.measured, events)
@@ -309,7 +309,7 @@ class Oracle:
             self._tell(self.breaches[-1])
 
     def _break(self, name: str, why: str, at: float) -> None:
-        """Take the wheels' breach of a spell; what they do next is the same fault."""
+        """Record a breach by the wheels; further motion in this spell is the same fault."""
         self.spell.broken = True
         self.moves += 1
         self._fail(name, f'After {self.spell.what}: {why}', self.spell.at, at)
@@ -320,7 +320,7 @@ class Oracle:
         self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
 
     def _keep(self, found: Breach) -> None:
-        """Keep what was not seen before what passed, and the slowest of these."""
+        """Keep the gravest finding: not judged before passed, and the slowest of these."""
 
         def rank(each: Breach) -> tuple[bool, float]:
             return each.verdict is Verdict.NOT_JUDGED, each.measured or 0.0
@@ -422,7 +422,7 @@ class Oracle:
                 self._pass('K-3A-05', 'The inspector saw the wheels turn.', event.at)
         elif event.text == STANDS and spell.law is not Law.DRIVE and not spell.broken:
             if spell.answer is None or spell.answer.value != 1.0:
-                spell.answer = event  # the first time that they were seen to stand
+                spell.answer = event  # the first answer that they stand
             if event.value == 0.0:
                 name = spell.stops if spell.rolled else spell.stays
                 if spell.said is not None and spell.rolled:
@@ -456,7 +456,7 @@ class Oracle:
         until = at + grace + (limits.red_flag if law is Law.FLAG else limits.red_red)
         rolled = self._stood is None
         if rolled and not drove and not before.broken:
-            # GREEN_GREEN that does not count need not hurry a kart that brakes.
+            # An invalid GREEN_GREEN does not shorten a braking kart's time.
             until = before.until if self._state is GREEN_GREEN else min(until, before.until)
         spell = Spell(law, at, what, stays, stops or stays, true, grace, rolled, moved, until)
         self.spell = spell
@@ -475,7 +475,7 @@ class Oracle:
         seen = bool(spell.speeds) and at - spell.speeds[-1][0] <= 2 * limits.slack
         asked = spell.answer is not None or not math.isnan(self._speed)
         if answer == 1.0 and spell.answer is not None and spell.rolled and not seen:
-            # An answer says that the wheels stand, and not since when.
+            # An answer says that the wheels stand, but not since when.
             seen = spell.answer.at <= spell.until + 2 * limits.slack
         elif answer == 1.0:
             seen = True
@@ -488,7 +488,7 @@ class Oracle:
                 self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
 
     def _stops_badly(self, spell: Spell) -> bool:
-        """Judge when a kart that rolled began to brake, and whether what it said was true."""
+        """Judge when a rolling kart began to brake, and whether its report was true."""
         limits, top = self._limits, spell.top
         began = None
         if top >= FAST * limits.standstill:
@@ -557,7 +557,7 @@ class Oracle:
         framed = self.trace.framed_at(event.link)
         if self._step == 'bridge':
             self._lose(at, 'bridge', self._limits.silence)
-        elif self._silent_at >= framed:  # it takes a shorter silence for a loss
+        elif self._silent_at >= framed:  # the kart treats a shorter silence as a loss
             self._lose(at, self._silent, max(framed + self._limits.silence - at, 0.0))
         else:
             self._lose(at, 'kart')
@@ -569,7 +569,7 @@ class Oracle:
             self._fail(due.name, why, due.since, now, now - due.since)
 
     def _lose(self, at: float, how: str, grace: float = 0.0) -> None:
-        """Have the kart lose race control, by a key of `LOSSES` or by `kart`: its own doing."""
+        """Record the loss of race control, by a key of `LOSSES`, or `kart`: its own doing."""
         if self._killed:
             return
         self._let_go(at)
@@ -591,11 +591,11 @@ class Oracle:
         if link != self._link:
             return
         if self.trace.framed_at(link) == event.at:
-            self._expire_link(event.at)  # it is no loss any more
+            self._expire_link(event.at)  # the loss is over
         if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
             self._pass('K-4C-12', 'It said nothing before it was sent anything.', event.at)
         if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
-            fresh = orders[-1:]  # the same again, after a silence
+            fresh = orders[-1:]  # the same order again after a silence
         for order in fresh:
             self._take_order(order, event.at)
 
@@ -664,7 +664,7 @@ class Oracle:
                 self._by_word.setdefault(self.spell.law, took)
 
     def _let_go(self, at: float) -> None:
-        """Take it that the kart did not say what it had to, if it had the time for it."""
+        """Record a missing acknowledgement, if the kart had enough time for it."""
         due, self._said_due = self._said_due, None
         if due is None or at < due.since + due.limit - EARLY or self.spell.broken:
             return
@@ -673,7 +673,7 @@ class Oracle:
             and self._speed > self._limits.standstill
             and due.what != 'GREEN_GREEN'
         ):
-            return  # it rolls still: that is another fault
+            return  # it still rolls, which is another fault
         waited = at - due.since
         self._fail(due.name, f'No ${due.what}; in {waited:.1f} s.', due.since, at, waited)
 
@@ -699,7 +699,7 @@ class Oracle:
         spell = self.spell
         if spell.law is not Law.DRIVE and not spell.broken and self._state is not None:
             if said.state is GRID_ACTIVE and spell.stays == 'K-3B-03':
-                # GREEN_GREEN came with GRID_ACTIVE, and it has said that first.
+                # GREEN_GREEN came together with GRID_ACTIVE, which the kart acknowledged first.
                 self._pass('K-3B-03', 'It said GRID_ACTIVE in between.', at)
                 self._free(sent)
             elif said.state is GREEN_GREEN and (
@@ -707,9 +707,9 @@ class Oracle:
             ):
                 self._break(spell.stays, 'it said $GREEN_GREEN;', at)
         since = at - sent.at
-        # GREEN_GREEN that is not to be obeyed is RED_RED to the kart. And it may stop itself.
+        # To the kart, an invalid GREEN_GREEN is RED_RED. It may also stop itself.
         careful = sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
-        # IN_GARAGE is said even if another frame follows it, by a kart that was busy too.
+        # A kart may report IN_GARAGE although another frame follows, even late if it was busy.
         garage = said.state is IN_GARAGE and since <= self._limits.silence
         if said.state is not sent.state and since > self._limits.slack and not (careful or garage):
             why = f'It said {said} {since:.2f} s after it was sent {sent.state.value}.'
@@ -731,7 +731,7 @@ class Oracle:
     # ----- how hard it brakes -------------------------------------------------------------------
 
     def _compare(self) -> None:
-        """Compare the stops with each other, each pair between the same two speeds."""
+        """Compare the stops with each other, each pair over the same speed range."""
         if not self._stops and {Law.FLAG, Law.RED} <= self._by_word.keys():
             red, flag = self._by_word[Law.RED], self._by_word[Law.FLAG]
             why = (
@@ -773,14 +773,14 @@ class Oracle:
 
 
 def _braking(spell: Spell, limits: Limits) -> Speeds:
-    """Return the speeds from which on the kart had to know that it must brake."""
+    """Return the speeds since the kart had to know that it must brake."""
     begins = spell.at + spell.grace + min(limits.slack, VARIES)
     late = [each for each in spell.speeds if each[0] >= begins]
     return late or spell.speeds[-1:]
 
 
 def _fell(speeds: Speeds, level: float) -> float | None:
-    """Return when the speed fell below a level for the last time, s; None: it did not."""
+    """Return when the speed last fell below a level, s; None if it did not."""
     above = [place for place, (_, speed) in enumerate(speeds) if speed >= level]
     if not above or above[-1] + 1 == len(speeds):
         return None
@@ -789,12 +789,12 @@ def _fell(speeds: Speeds, level: float) -> float | None:
 
 
 def _falling(speeds: Speeds, top: float) -> float | None:
-    """Return how long it took to slow down from most of a speed to little of it, s."""
+    """Return the time to slow down from 80 % to 20 % of a speed, s."""
     fast, slow = _fell(speeds, 0.8 * top), _fell(speeds, 0.2 * top)
     return None if fast is None or slow is None else slow - fast
 
 
 def _apart(speeds: Speeds, level: float) -> float:
-    """Return the longest time between two speeds, from a speed above this level on, s."""
+    """Return the longest gap between two speeds while the first is above this level, s."""
     pairs = itertools.pairwise(speeds)
     return max((then - at for (at, speed), (then, _) in pairs if speed >= level), default=0.0)

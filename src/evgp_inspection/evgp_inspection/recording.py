@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The trace while it is written, with its clock, and the connections that it is written from."""
+"""The writing of a trace, with its clock, and the connections that it records."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from evgp_inspection.traces import Event, Kind
 from evgp_protocol.link import unanswered, unread
 
 RESET = struct.pack('ii', 1, 0)
-"""The value of SO_LINGER with which a close resets the connection."""
+"""Value of SO_LINGER that makes a close reset the connection."""
 
 READ_SIZE = 65536
-"""Maximum number of bytes that are read at once."""
+"""Maximum number of bytes read at once."""
 
 
 class Recording:
     """
-    Writes a trace in one event loop, and has an oracle judge it; times are seconds since it began.
+    Writes a trace in one event loop and lets an oracle judge it; times are s since the start.
 
-    :param limits: of the oracle.
-    :param tell: takes what the oracle finds broken.
+    :param limits: the limits for the oracle.
+    :param tell: called with each breach that the oracle finds.
     """
 
     def __init__(
@@ -55,20 +55,20 @@ class Recording:
         value: float = 0.0,
         unread: int = 0,
     ) -> None:
-        """Write an event of this moment."""
+        """Record an event with the present time."""
         self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             _wake(future)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
-        """Return True once `found` is true, or False after so many seconds."""
+        """Wait until `found` is true, and return True; return False after this time (s)."""
         deadline = self._loop.time() + seconds
         while not found():
             left = deadline - self._loop.time()
             if left <= 0:
                 return False
-            # No asyncio.wait: a few turns later, what follows belongs to another phase.
+            # No asyncio.wait, because it returns a few turns later, when another phase may run.
             future = self._loop.create_future()
             self._waiting.append(future)
             timer = self._loop.call_later(left, _wake, future)
@@ -86,12 +86,12 @@ def _wake(future: asyncio.Future[None]) -> None:
 
 class Link(asyncio.BufferedProtocol):
     """
-    A connection; all that passes on it is written down.
+    A connection; everything on it is recorded.
 
-    :param made: is called with it once it is made.
-    :ivar number: of the connection in the trace; 0: it is in none.
-    :ivar open: neither end has ended it.
-    :ivar mute: nothing is sent on it any more.
+    :param made: called with the link once it is connected.
+    :ivar number: the connection's number in the trace; 0: it is in none.
+    :ivar open: neither end has closed it.
+    :ivar mute: nothing more is sent on it.
     """
 
     transport: asyncio.Transport
@@ -104,15 +104,15 @@ class Link(asyncio.BufferedProtocol):
         self._buffer = bytearray(READ_SIZE)
 
     def write(self, data: bytes) -> None:
-        """Send, if the connection takes anything."""
+        """Send data, if the connection accepts any."""
         if self.open and not self.mute and not self.transport.is_closing():
             self.recording.note(Kind.SENT, self.number, data, unread=self._of_socket(unread))
             self.transport.write(data)
 
     def look(self) -> None:
-        """Write down how many bytes the other end's TCP has not answered, where that matters."""
+        """Record how many bytes the other end's TCP has not acknowledged, where that matters."""
         if self.open and self.recording.trace.waits(self.number):
-            # In this order: what had arrived before the answer was said before it.
+            # In this order: bytes that arrived before the acknowledgement were sent before it.
             arrived = self._of_socket(unread)
             kept = self.transport.get_write_buffer_size()
             rest = kept + self._of_socket(unanswered)
@@ -120,11 +120,11 @@ class Link(asyncio.BufferedProtocol):
 
     def end(self, how: str = 'closed') -> None:
         """
-        Close it in order (FIN), or reset it.
+        Close the connection in order (FIN), or reset it.
 
-        :param how: for the trace: closed, reset, or away where race control is away then.
+        :param how: for the trace: closed, reset, or away if race control is away afterwards.
 
-        The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
+        The kernel resets a connection that is closed with unread bytes, so the FIN goes first.
         """
         if not self.open:
             return
@@ -135,7 +135,7 @@ class Link(asyncio.BufferedProtocol):
             self.transport.abort()
             return
         if self.transport.get_write_buffer_size() == 0:
-            with contextlib.suppress(OSError):  # it has ended meanwhile
+            with contextlib.suppress(OSError):  # the connection has ended meanwhile
                 self.transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
         self.transport.close()
 
@@ -144,12 +144,12 @@ class Link(asyncio.BufferedProtocol):
         self.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
 
     def _of_socket(self, count: Callable[[socket.socket], int]) -> int:
-        """Return a count of its socket's bytes; 0 while it closes."""
+        """Return a byte count of its socket; 0 while it closes."""
         if self.transport.is_closing():
             return 0
         return count(self.transport.get_extra_info('socket'))
 
-    # What asyncio calls.
+    # Called by asyncio.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -166,7 +166,7 @@ class Link(asyncio.BufferedProtocol):
         self.take(bytes(self._buffer[:nbytes]))
 
     def take(self, data: bytes) -> None:
-        """Take what was read."""
+        """Record the bytes that were read."""
         if self.number:
             self.recording.note(Kind.SAID, self.number, data)
 
@@ -183,11 +183,11 @@ class Link(asyncio.BufferedProtocol):
 
 
 class EndedError(Exception):
-    """The steps cannot go on; the text says why, for the report."""
+    """The steps cannot continue; the text says why, for the report."""
 
 
 async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:
-    """Return once the task is done or the event is set."""
+    """Wait until the task is done or the event is set."""
     waiting = asyncio.get_running_loop().create_task(event.wait())
     try:
         await asyncio.wait([task, waiting], return_when=asyncio.FIRST_COMPLETED)

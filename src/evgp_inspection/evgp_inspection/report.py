@@ -24,16 +24,16 @@ from evgp_protocol.clock import duration
 @dataclasses.dataclass(frozen=True)
 class Header:
     """
-    What every report says first.
+    The header of every report.
 
     :ivar subject: what was inspected, such as ``kart 7``.
-    :ivar team: whose it is.
-    :ivar inspector: who looked; empty: nobody.
-    :ivar began: date and time of the beginning, ISO 8601.
-    :ivar seconds: how long it took, s.
-    :ivar limits: the limits that were used, by name.
-    :ivar statements: what the team states and the inspector ticks by hand.
-    :ivar remarks: sentences on the whole, such as why it was not finished.
+    :ivar team: the team of the subject.
+    :ivar inspector: the inspector's name; empty: unattended.
+    :ivar began: date and time of the start, ISO 8601.
+    :ivar seconds: duration, s.
+    :ivar limits: the limits used, by name.
+    :ivar statements: sentences that the team states and the inspector ticks by hand.
+    :ivar remarks: sentences about the whole inspection, such as why it was not finished.
     """
 
     subject: str
@@ -47,12 +47,12 @@ class Header:
 
 
 def counts(results: Sequence[Result]) -> dict[Verdict, int]:
-    """Return how often each verdict was given."""
+    """Return the number of each verdict."""
     return {verdict: sum(each.verdict is verdict for each in results) for verdict in Verdict}
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return the whole in one line."""
+    """Return the summary in one line."""
     many = counts(results)
     return (
         f'{verdict_on(results).value.upper()}: '
@@ -62,7 +62,7 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def line(result: Result) -> str:
-    """Return a check in one line, or with its reason below where it has not passed."""
+    """Return a check in one line, with its reason below if it has not passed."""
     clause, finding = result.clause, result.finding
     word = {Verdict.PASS: 'pass', Verdict.FAIL: 'FAIL', Verdict.NOT_JUDGED: '  - '}
     text = (
@@ -78,7 +78,7 @@ def _times(result: Result) -> str:
 
 
 def as_json(header: Header, results: Sequence[Result]) -> str:
-    """Return the report as JSON: everything, each check with the trace that led to it."""
+    """Return the complete report as JSON, each check with the trace that led to it."""
     checks: list[dict[str, Any]] = [
         {
             'clause': result.clause.name,
@@ -118,7 +118,7 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
 def write_files(
     folder: pathlib.Path, name: str, began: datetime.datetime, texts: Mapping[str, str]
 ) -> None:
-    """Write the files of a report, and print their paths; the texts are by the file's ending."""
+    """Write the files of a report and print their paths; ``texts`` is keyed by file ending."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():
@@ -149,9 +149,9 @@ pre { font: 6.5pt/1.25 monospace; white-space: pre-wrap; overflow-wrap: anywhere
 
 def as_html(header: Header, results: Sequence[Result]) -> str:
     """
-    Return the report as one HTML file that needs no other; a pass is one printed A4 page.
+    Return the report as a self-contained HTML file; a pass prints on one A4 page.
 
-    Behind the table, each failed check has its sentence and the trace that led to it.
+    After the table, each failed check has its sentence and the trace that led to it.
     """
     e = html.escape
     facts = [
@@ -182,7 +182,7 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
         f'<h1>{e(summary(results))}</h1>',
         f'<p>{" · ".join(facts)}</p>',
         *(f'<p><b>{e(remark)}</b></p>' for remark in header.remarks),
-        '<table><thead><tr><th>clause</th><th>a good one</th><th>verdict</th>'
+        '<table><thead><tr><th>clause</th><th>a good kart</th><th>verdict</th>'
         '<th>measured</th></tr></thead>',
         f'<tbody>{"".join(rows)}</tbody></table>',
         f'<p class="note">Limits, in s (standstill: m/s): {e(used)}.</p>',

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a survey of the network found: figures, worst places, verdict, text, JSON. Pure.
+The result of a network survey: figures, worst places, verdict, text, JSON. Pure.
 
-Each kart has a `LinkSurvey`, which is told what happens with the time, in seconds. Every figure is
-about the kart's kernel, which answers for the kart's program.
+Each kart has a `LinkSurvey`, which receives events with their times, in seconds. All figures
+concern the kart's kernel, which answers before the kart's program does.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ WORST_PLACES = 5
 """Maximum number of worst places in a report."""
 
 APART = 10.0
-"""Minimum time between two worst places, in seconds: what is nearer is the same place."""
+"""Minimum time between two worst places, in seconds; nearer ones count as the same place."""
 
 MINUTE = 60.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Mark:
-    """A place with a name; all that follows is after it."""
+    """A named place; later events refer to the last mark."""
 
     at: float
     name: str
@@ -42,14 +42,14 @@ class Mark:
 @dataclasses.dataclass(frozen=True)
 class Second:
     """
-    What one second of a kart's link was like.
+    One second of a kart's link.
 
     :ivar at: its end, in s since the survey began.
-    :ivar round_trip: of the newest frame that was answered, s; None: none was answered.
-    :ivar worst: the longest round trip in this second, or the age of what was not answered, s.
+    :ivar round_trip: round trip of the newest answered frame, s; None: none was answered.
+    :ivar worst: the longest round trip in this second, or the age of an unanswered frame, s.
     :ivar silence: the longest time without an answer that lasted into this second, s.
-    :ivar retransmitted: segments that were sent again in it.
-    :ivar connected: there was a connection at its end.
+    :ivar retransmitted: number of retransmitted segments.
+    :ivar connected: the kart was connected at its end.
     """
 
     at: float
@@ -65,9 +65,9 @@ class Figure:
     """
     One line of the verdict on a kart.
 
-    :ivar value: what was measured, in `unit`; None: nothing.
-    :ivar limit: the greatest that passes, or the least, in `unit`.
-    :ivar at_least: the limit is the least that passes.
+    :ivar value: the measured value, in `unit`; None: none.
+    :ivar limit: the maximum that passes, or the minimum, in `unit`.
+    :ivar at_least: the limit is a minimum.
     """
 
     name: str
@@ -78,7 +78,7 @@ class Figure:
     at_least: bool = False
 
     def line(self) -> str:
-        """Return it for people."""
+        """Return the figure for people."""
         value = 'nothing' if self.value is None else f'{self.value:.3g} {self.unit}'.rstrip()
         most = 'at least' if self.at_least else 'at most'
         limit = f'{most} {self.limit:.3g} {self.unit}'.rstrip()
@@ -89,7 +89,7 @@ class LinkSurvey:
     """
     The link of one kart, from its first connection on.
 
-    :ivar seconds: each second of it.
+    :ivar seconds: the figures of each second.
     :ivar losses: when connections were lost, and how.
     """
 
@@ -99,7 +99,7 @@ class LinkSurvey:
         self._connected = False
         self._time_connected = 0.0
         self._trips: list[float] = []
-        self._since: float | None = None  # the kart answered last
+        self._since: float | None = None  # when the kart last answered
         self._longest = 0.0
         self._counted_to = 0.0
         self._round_trip: float | None = None
@@ -108,7 +108,7 @@ class LinkSurvey:
         self._retransmitted = 0
 
     def opened(self, now: float) -> None:
-        """Take note of a new connection; a silence before it goes on."""
+        """Record a new connection; a silence before it continues."""
         self._pass_time(now)
         self._connected = True
         if self._since is None:
@@ -116,10 +116,10 @@ class LinkSurvey:
 
     def lost(self, why: str, now: float, never_answered: Sequence[float] = ()) -> None:
         """
-        Take note that the connection has ended.
+        Record that the connection has ended.
 
-        :param never_answered: the ages of frames that were not answered until now, s: their round
-            trips would have been at least as long.
+        :param never_answered: the ages of unanswered frames, s; their round trips would have been
+            at least as long.
         """
         self._pass_time(now)
         self._connected = False
@@ -128,7 +128,7 @@ class LinkSurvey:
         self._worst = max(self._worst, 0.0, *never_answered)
 
     def answered(self, trips: Sequence[float], now: float) -> None:
-        """Take the round trips of frames that were answered by now, s; the last is the newest."""
+        """Record the round trips of newly answered frames, s; the last is the newest."""
         if trips:
             self._silent(now)
             self._since = now
@@ -137,14 +137,14 @@ class LinkSurvey:
             self._worst = max(self._worst, *trips)
 
     def retransmitted(self, segments: int) -> None:
-        """Take note that so many more segments were sent again."""
+        """Record this number of further retransmitted segments."""
         self._retransmitted += segments
 
     def second(self, now: float, age: float = 0.0) -> Second:
         """
         End a second.
 
-        :param age: of the oldest frame that is not answered, s.
+        :param age: age of the oldest unanswered frame, s.
         """
         self._silent(now)
         self._pass_time(now)
@@ -166,14 +166,14 @@ class LinkSurvey:
         self._counted_to = now
 
     def _silent(self, now: float) -> None:
-        """Take note of how long the kart has not answered up to now."""
+        """Record how long the kart has been silent up to now."""
         if self._since is not None:
             self._silence = max(self._silence, now - self._since)
             self._longest = max(self._longest, self._silence)
 
     @property
     def grade(self) -> Grade:
-        """Return how good the link is, by its last `GRADE_WINDOW`; a lost one is poor."""
+        """Return the grade of the link over the last `GRADE_WINDOW`; a lost link is poor."""
         since = self.seconds[-1].at - GRADE_WINDOW if self.seconds else 0.0
         recent = [each for each in self.seconds if each.at > since]
         if recent and not recent[-1].connected:
@@ -187,13 +187,13 @@ class LinkSurvey:
 
     @property
     def percentile(self) -> float | None:
-        """Return the 99th percentile of the round trips, s; None: there was none."""
+        """Return the 99th percentile of the round trips, s; None if there were none."""
         trips = sorted(self._trips)
         return trips[math.ceil(0.99 * len(trips)) - 1] if trips else None
 
     @property
     def worst_minute(self) -> int:
-        """Return how many segments were sent again in the worst minute."""
+        """Return the number of retransmitted segments in the worst minute."""
         worst = total = first = 0
         for each in self.seconds:
             total += each.retransmitted
@@ -205,10 +205,10 @@ class LinkSurvey:
 
     def figures(self, limits: SurveyLimits, held_up: float = 0.0) -> list[Figure]:
         """
-        Return what counts, each held against its limit.
+        Return the figures, each compared with its limit.
 
-        :param held_up: for how long at most the surveying computer itself was late, s. A time
-            that this can explain is not judged.
+        :param held_up: maximum delay of the surveying computer itself, s. A time that this can
+            explain is not judged.
         """
 
         def at_most(name: str, value: float | None, limit: float, unit: str = '') -> Figure:
@@ -233,7 +233,7 @@ class LinkSurvey:
         ]
 
     def worst_places(self) -> list[Second]:
-        """Return the worst seconds, worst first, none near another."""
+        """Return the worst seconds, worst first and well apart."""
         places: list[Second] = []
         for each in sorted(self.seconds, key=badness, reverse=True):
             if all(abs(each.at - other.at) >= APART for other in places):
@@ -244,7 +244,7 @@ class LinkSurvey:
 
 
 def badness(second: Second) -> float:
-    """Return how bad a second was, s: its longest round trip or silence."""
+    """Return the badness of a second, s: its longest round trip or silence."""
     return max(second.worst, second.silence)
 
 
@@ -253,10 +253,10 @@ class Report:
     """
     A whole survey.
 
-    :ivar began: date and time of the beginning.
-    :ivar seconds: how long it took, s.
+    :ivar began: date and time of the start.
+    :ivar seconds: duration, s.
     :ivar karts: the surveys, by IPv4 address.
-    :ivar held_up: for how long at most the surveying computer itself was late, s.
+    :ivar held_up: maximum delay of the surveying computer itself, s.
     """
 
     began: datetime.datetime
@@ -268,7 +268,7 @@ class Report:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict: a failure counts before what was not judged."""
+        """Return the verdict; a failure outweighs a figure that was not judged."""
         found = {
             figure.verdict
             for kart in self.karts.values()
@@ -279,7 +279,7 @@ class Report:
         )
 
     def place(self, at: float) -> str:
-        """Return when and after which mark something was, for people."""
+        """Return the time of an event and the mark before it, for people."""
         before = [mark for mark in self.marks if mark.at <= at]
         where = f', {at - before[-1].at:.0f} s after "{before[-1].name}"' if before else ''
         return f'at {self.began + datetime.timedelta(seconds=at):%H:%M:%S}{where}'
@@ -303,8 +303,8 @@ class Report:
             lines += ['No kart connected.', '']
         if self.held_up > self.limits.round_trip / 2:
             lines += [
-                f'This computer itself was late by up to {self.held_up:.2f} s. What that can '
-                'explain is not judged: survey again, with no other program running.',
+                f'This computer itself was late by up to {self.held_up:.2f} s. Figures that this '
+                'can explain are not judged. Survey again with no other program running.',
                 '',
             ]
         return '\n'.join([*lines, self.verdict.value.upper(), ''])

@@ -4,9 +4,9 @@
 """
 `survey_network`: whether the karts' network is good enough on the whole track.
 
-It plays race control to karts that are driven, pushed or carried round the track. It sends
-IN_GARAGE and nothing else, as often as race control does and with race control's sockets, and
-watches when each kart's TCP answers. It needs no ROS.
+It plays race control for karts that are driven, pushed or carried round the track. It sends only
+IN_GARAGE, at race control's rate and with race control's socket options, and measures when each
+kart's TCP answers. It does not need ROS.
 """
 
 from __future__ import annotations
@@ -43,26 +43,26 @@ from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, un
 from evgp_protocol.states import RaceState
 
 FRAME = encode(RaceState.IN_GARAGE)
-"""All that is ever sent."""
+"""The only frame that is sent."""
 
 LOOK_EVERY = 0.01
-"""Time between two looks at what was answered, in seconds: so exact are the round trips."""
+"""Time between two looks for answers, in seconds; this is the precision of the round trips."""
 
 LOST = Settings().frame_timeout
-"""Age of an unanswered frame after which a connection is given up, in seconds."""
+"""Age of an unanswered frame after which the survey gives up a connection, in seconds."""
 
 SURVEY_FIRST = f"""\
-  1. Race control does not run, and NO STOP IS IN FORCE: each kart that connects is sent IN_GARAGE,
-     which gives it to its team, whatever stopped it before.
-  2. Whoever is on the track knows that teams may move their karts there.
-When all of this is so, type the word "{WORD}" and Enter."""
+  1. Race control is not running, and NO STOP IS IN FORCE. The survey sends IN_GARAGE to each kart
+     that connects, which gives the kart to its team, whatever stopped it before.
+  2. Everyone on the track knows that teams may move their karts there.
+When all of this is true, type "{WORD}" and Enter."""
 
 EXAMPLE = 'PYTHONPATH=src/evgp_protocol python3 kit/python/example.py ADDRESS'
-"""A kart for a laptop; ADDRESS is this computer's."""
+"""The command that makes a laptop a kart; ADDRESS is this computer's address."""
 
 
 class Link(asyncio.Protocol):
-    """One connection of a kart; what the kart says on it is not used."""
+    """One connection of a kart; its replies are ignored."""
 
     transport: asyncio.Transport
     socket: socket.socket
@@ -75,25 +75,25 @@ class Link(asyncio.Protocol):
         self._surveyor = surveyor
 
     def send(self, now: float) -> None:
-        """Send the frame, unless an earlier one has not left yet."""
+        """Send the frame, unless an earlier one is still unsent."""
         waits = self.transport.get_write_buffer_size() + unsent(self.socket)
         if not waits and self.answers.may_beat(now):
             self.answers.wrote(len(FRAME), now)
             self.transport.write(FRAME)
 
     def look(self, now: float) -> list[float]:
-        """Return the round trips of what was answered since the last look, s."""
+        """Return the round trips of frames answered since the last look, s."""
         waits = self.transport.get_write_buffer_size() + unanswered(self.socket)
         return self.answers.look(waits, now)
 
     def newly_resent(self) -> int:
-        """Return how many segments were sent again since the last time."""
+        """Return the number of segments retransmitted since the last call."""
         info = read(self.socket)
         before, self.resent = self.resent, self.resent if info is None else info.retransmitted
         return self.resent - before
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Hand it over."""
+        """Pass the new connection to the surveyor."""
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
         self.socket = transport.get_extra_info('socket')
@@ -101,7 +101,7 @@ class Link(asyncio.Protocol):
         self._surveyor.opened(self, transport.get_extra_info('peername')[0])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Tell of it."""
+        """Report the loss to the surveyor."""
         self._surveyor.lost(self, self.why if exc is None else str(exc))
 
 
@@ -109,10 +109,10 @@ class Surveyor:
     """
     Sends IN_GARAGE to every kart that connects, and measures.
 
-    :param tell: is told what happens, a sentence.
-    :param kart_address: the only IPv4 address that counts; empty: each.
-    :ivar karts: what was found, by address.
-    :ivar held_up: for how long at most this computer itself was late, s.
+    :param tell: called with a sentence about each event.
+    :param kart_address: the only IPv4 address that counts; empty: all count.
+    :ivar karts: the surveys, by address.
+    :ivar held_up: maximum delay of this computer itself, s.
     """
 
     def __init__(self, tell: Callable[[str], None], kart_address: str = '') -> None:
@@ -126,11 +126,11 @@ class Surveyor:
 
     @property
     def now(self) -> float:
-        """Return the time since the beginning, s."""
+        """Return the time since the start, s."""
         return clock_now() - self._began
 
     def mark(self, name: str) -> None:
-        """Name the place where the kart is now."""
+        """Mark the kart's present place with a name."""
         self.marks.append(Mark(self.now, name or f'mark {len(self.marks) + 1}'))
         self._tell(f'Marked: {self.marks[-1].name}')
 
@@ -143,10 +143,10 @@ class Surveyor:
         second: Callable[[], None],
     ) -> None:
         """
-        Survey until told to stop.
+        Survey until ``stopping`` is set.
 
-        :param listening: is called with the port once karts can connect.
-        :param second: is called at the end of each second.
+        :param listening: called with the port once karts can connect.
+        :param second: called at the end of each second.
         :raises OSError: if this computer cannot listen there.
         """
         loop = asyncio.get_running_loop()
@@ -180,7 +180,7 @@ class Surveyor:
         for address, link in list(self._links.items()):
             self.karts[address].answered(link.look(now), now)
             if link.answers.age(now) >= LOST:
-                self._give_up(link, f'it did not answer for {LOST:g} s')
+                self._give_up(link, f'no answer for {LOST:g} s')
 
     def _end_second(self, now: float) -> None:
         for address, kart in self.karts.items():
@@ -190,14 +190,14 @@ class Surveyor:
             kart.second(now, 0.0 if link is None else link.answers.age(now))
 
     def opened(self, link: Link, address: str) -> None:
-        """Take a new connection in the place of an earlier one, or refuse it."""
+        """Accept a new connection, which replaces an earlier one, or refuse it."""
         if self._kart_address not in ('', address):
-            self._tell(f'A connection from {address} is refused: it is not the kart.')
+            self._tell(f'Refused a connection from {address}, which is not the kart.')
             link.transport.abort()
             return
         now = self.now
         if address in self._links:
-            self._give_up(self._links[address], 'a new connection took its place')
+            self._give_up(self._links[address], 'a new connection replaced it')
         link.address = address
         self._links[address] = link
         self.karts.setdefault(address, LinkSurvey()).opened(now)
@@ -209,7 +209,7 @@ class Surveyor:
         link.transport.abort()
 
     def lost(self, link: Link, why: str) -> None:
-        """Take note that a connection has ended, once."""
+        """Record the end of a connection, once."""
         if self._links.get(link.address) is not link:
             return
         del self._links[link.address]
@@ -221,11 +221,11 @@ class Surveyor:
 
 class Terminal:
     """
-    What happens, line by line; below it the figures of now, and what is being typed.
+    Shows events line by line, and below them the current figures and the typed text.
 
-    :param line: is told each line that is typed.
-    :param stop: is called at Ctrl-D.
-    :param gone: is called where nobody can type, or not any more.
+    :param line: called with each typed line.
+    :param stop: called at Ctrl-D.
+    :param gone: called if there is no keyboard input, or no longer.
     """
 
     def __init__(
@@ -238,12 +238,12 @@ class Terminal:
         self._live = sys.stdout.isatty()
 
     def tell(self, line: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         self._printer.tell(f'\r\x1b[J{line}' if self._live else line)
         self._show()
 
     def show(self, now: str) -> None:
-        """Print the figures of now, in the place of the earlier ones where that is possible."""
+        """Print the current figures, replacing the earlier ones if possible."""
         self._now = now
         if self._live:
             self._show()
@@ -258,7 +258,7 @@ class Terminal:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
-        """Read what is typed, and show it below the rest."""
+        """Read keyboard input and show it below the rest."""
         loop = asyncio.get_running_loop()
         before = termios.tcgetattr(0) if os.isatty(0) else None
         try:
@@ -277,7 +277,7 @@ class Terminal:
             self.tell('')
 
     def close(self) -> None:
-        """Print what is left."""
+        """Print the remaining lines."""
         self._printer.close()
 
     def _read(self) -> None:
@@ -302,7 +302,7 @@ class Terminal:
 
 
 def figures_now(karts: Mapping[str, LinkSurvey]) -> str:
-    """Return the figures of now, of every kart; those with the worst grade come first."""
+    """Return the current figures of every kart, worst grade first."""
     found = []
     grades = list(Grade)
     order = sorted(karts.items(), key=lambda each: grades.index(each[1].grade), reverse=True)
@@ -324,22 +324,22 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     """Survey the network; return the exit code."""
     parser = argparse.ArgumentParser(
         prog='survey_network',
-        description='Play race control, in IN_GARAGE only, to karts that are driven, pushed or '
-        "carried round the track, and measure each one's link. Race control must not run.",
-        epilog='Exit codes: 0 passed; 2 not: a limit was broken, or not enough was seen, or wrong '
-        'usage. A kart for a laptop: ' + EXAMPLE,
+        description='Play race control, in IN_GARAGE only, for karts that are driven, pushed or '
+        "carried round the track, and measure each kart's link. Race control must not be running.",
+        epilog='Exit codes: 0 passed; 2 not passed: a limit was broken, too little was measured, '
+        'or wrong usage. To make a laptop a kart: ' + EXAMPLE,
     )
     add = parser.add_argument
     add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
-    add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
-    add('--kart-address', default='', help='the only IPv4 address that counts; default: each')
-    add('--word', default='', help=f'"{WORD}": what is asked at the beginning is so')
-    add('--seconds', type=float, default=None, help='end after this time; default: at Ctrl-C')
+    add('--port', type=int, default=DEFAULT_PORT, help='port for karts (%(default)s)')
+    add('--kart-address', default='', help='the only IPv4 address that counts; default: all')
+    add('--word', default='', help=f'"{WORD}" states what the survey asks at the start')
+    add('--seconds', type=float, default=None, help='end after this time, s; default: at Ctrl-C')
     add(
         '--report',
         metavar='FOLDER',
         default='surveys',
-        help='where text and JSON go (%(default)s); empty: nowhere',
+        help='folder for the text and JSON report (%(default)s); empty: no report',
     )
     add('--version', action='version', version=VERSION)
     SurveyLimits.add_to(parser)
@@ -354,7 +354,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         print(f'The survey cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
     if report is None:
-        print(f'The survey has not begun: the word was not "{WORD}".', file=sys.stderr)
+        print(f'The survey did not start: the word was not "{WORD}".', file=sys.stderr)
         return Exit.NOT_PASSED
     print(report.text(), end='')
     if options.report:
@@ -364,7 +364,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
 
 
 async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
-    """Survey until a signal, Ctrl-D or the end of the time; None: the word was not given."""
+    """Survey until a signal, Ctrl-D or the end of the time; None if the word was not given."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -386,8 +386,8 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report |
 
     def listening(port: int) -> None:
         terminal.tell(
-            f'Waiting for karts on port {port}. A laptop becomes a kart by: {EXAMPLE} {port}\n'
-            'Type the name of a place and press Enter there. Ctrl-C ends the survey: before you '
+            f'Waiting for karts on port {port}. To make a laptop a kart: {EXAMPLE} {port}\n'
+            'At each place, type its name and press Enter. End the survey with Ctrl-C before you '
             'switch the kart off.'
         )
 

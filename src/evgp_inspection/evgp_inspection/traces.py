@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What an inspection has seen: bytes, speeds and the inspector's answers, each with its time.
+The trace of an inspection: bytes, speeds and the inspector's answers, each with its time.
 
-No socket, no clock, no task lives here. The shell that holds the connections writes a `Trace`;
-the judges read nothing else, so a verdict can be reached again from a trace alone.
+This module has no sockets, clocks or tasks. The code with the connections writes a `Trace`; the
+judges read nothing else, so a verdict can be reproduced from the trace alone.
 """
 
 from __future__ import annotations
@@ -21,38 +21,38 @@ from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 
 BEAT = 1 / BEAT_RATE
-"""Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
+"""Time between two frames, in seconds; pauses of the kart are also counted in this unit."""
 
 LONGEST_STEP = 0.1
 """Maximum time between two events that counts towards a pause, in seconds: while the inspecting
-computer is held up, it reads nothing."""
+computer hangs, it reads nothing."""
 
 
 class Kind(enum.Enum):
-    """What an event is; the value is how reports name it."""
+    """The kind of an event; the value is its name in reports."""
 
     STEP = 'step'  # a step of the inspection begins; `text` names it
     OPENED = 'opened'  # the other end made a connection
     CLOSED = 'closed'  # the other end ended it; `text`: closed, reset
-    ENDED = 'ended'  # the inspection ended it; `text` says how
-    SENT = 'sent'  # by the inspection
-    SAID = 'said'  # by the kart
+    ENDED = 'ended'  # the inspection ended the connection; `text` says how
+    SENT = 'sent'  # bytes from the inspection
+    SAID = 'said'  # bytes from the kart
     SPEED = 'speed'  # odometry; `value` in m/s
-    ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 yes, 0 no, NaN none
+    ANSWER = 'answer'  # from the inspector; `text`: the question, `value`: 1 yes, 0 no, NaN none
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
-    UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not answered
-    KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
-    SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
-    BACK = 'back'  # the inspection accepts connections again, after it refused them
+    UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not acknowledged
+    KILLED = 'killed'  # a part of the kart's program was killed; `text` names it
+    SILENT = 'silent'  # from here on, the inspection sends no frames; `text` says what instead
+    BACK = 'back'  # the inspection accepts connections again after refusing them
 
 
 @dataclasses.dataclass(frozen=True)
 class Event:
     """
-    One thing that was seen.
+    An observed event.
 
-    :ivar at: when, in seconds since the inspection began.
-    :ivar link: the number of the connection, from 1; 0: of none.
+    :ivar at: time since the inspection began, in seconds.
+    :ivar link: the number of the connection, from 1; 0: none.
     :ivar data: the bytes, for SENT and SAID.
     :ivar text: see `Kind`.
     :ivar value: see `Kind`.
@@ -70,7 +70,7 @@ class Event:
 
 @dataclasses.dataclass(frozen=True)
 class SentState:
-    """A state that a connection is sent, from its first whole frame on."""
+    """A state sent on a connection, from its first whole frame on."""
 
     at: float
     link: int
@@ -80,13 +80,14 @@ class SentState:
 @dataclasses.dataclass(frozen=True)
 class Said:
     """
-    A frame, or what is none, that came from what is inspected.
+    A frame, or bytes that are no frame, from the kart.
 
     :ivar state: the state; None: the bytes are no frame.
-    :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
-    :ivar answers: what it acknowledges, by race control's rules (`evgp_protocol.hearing`): not
-        always what is being sent, since it may have been said before that was read; None: nothing.
-    :ivar reason: what is wrong with bytes that are no frame.
+    :ivar sent: the state being sent on that connection when the frame was complete, or None.
+    :ivar answers: the order that it acknowledges, by race control's rules
+        (`evgp_protocol.hearing`); None: none. It may be an earlier order, if the kart said it
+        before it read the present one.
+    :ivar reason: why the bytes are no frame.
     """
 
     at: float
@@ -97,12 +98,12 @@ class Said:
     reason: str = ''
 
     def __str__(self) -> str:
-        """Return it for people."""
+        """Return the frame for people."""
         return self.state.value if self.state else f'bytes that are no frame: {self.reason}'
 
 
 class _Wire:
-    """One connection: what was sent on it, and which of that each word answers."""
+    """One connection: what was sent on it, and which order each reply answers."""
 
     def __init__(self) -> None:
         self.hearing = Hearing(1 / BEAT)
@@ -114,9 +115,9 @@ class _Wire:
 
 class Trace:
     """
-    Everything that was seen, in the order of time, read while it is written.
+    Everything observed, in order of time; it can be read while it is written.
 
-    :ivar said: everything that was said.
+    :ivar said: everything the kart said.
     """
 
     def __init__(self) -> None:
@@ -136,15 +137,15 @@ class Trace:
         return trace
 
     def acknowledged(self, state: RaceState) -> bool:
-        """Return whether a state is what the kart is sent and has acknowledged, now."""
+        """Return whether the kart is now being sent a state and has acknowledged it."""
         return any(sent.state is state and self.has(sent) for sent in self._sent.values())
 
     def has(self, sent: SentState) -> bool:
-        """Return whether the kart has acknowledged a state that it was sent."""
+        """Return whether the kart has acknowledged a sent state."""
         return sent in self._acknowledged
 
     def sent_on(self, link: int) -> SentState | None:
-        """Return what an open connection is being sent; None: nothing yet."""
+        """Return the state being sent on an open connection; None: none yet."""
         return self._sent.get(link)
 
     def waits(self, link: int) -> bool:
@@ -153,11 +154,11 @@ class Trace:
 
     @property
     def reached(self) -> bool:
-        """Return whether the kart is known to have read what it is sent, on each connection."""
+        """Return whether the kart has certainly read what it is sent, on each connection."""
         return all(self._wires[link].hearing.has_reached_last for link in self._sent)
 
     def add(self, event: Event) -> None:
-        """Take the next event."""
+        """Add the next event."""
         self._let_pass(event.at)
         self.events.append(event)
         if event.kind in (Kind.CLOSED, Kind.ENDED):
@@ -183,7 +184,7 @@ class Trace:
                 wire.hearing.order(len(wire.orders), sent.state, wire.bytes_sent, event.unread)
 
     def orders(self, link: int) -> list[SentState]:
-        """Return all that a connection was sent, each state once as long as it was sent."""
+        """Return the orders sent on a connection; a repeated state counts as one order."""
         return self._wires[link].orders if link in self._wires else []
 
     def framed_at(self, link: int) -> float:
@@ -216,16 +217,16 @@ class Trace:
 
 
 def printable(data: bytes, most: int = 80) -> str:
-    """Return bytes as text for people: what is not ASCII by its number in hex."""
+    """Return bytes as text for people, with non-ASCII bytes in hex."""
     text = ''.join(chr(byte) if 32 <= byte < 127 else f'\\x{byte:02x}' for byte in data[:most])
     return text if len(data) <= most else f'{text}… ({len(data)} bytes)'
 
 
 def describe(events: Sequence[Event], most: int = 60) -> list[str]:
     """
-    Return events as lines for people; the same bytes again and again are one line.
+    Return events as lines for people; repeated bytes share one line.
 
-    :param most: the greatest number of lines; of more, the middle is left out.
+    :param most: maximum number of lines; if there are more, the middle is left out.
     """
     lines: list[tuple[str, float, float, int]] = []  # what, first time, last time, how often
     speeds: list[Event] = []
@@ -280,9 +281,9 @@ _DESCRIBED = {
     Kind.CLOSED: 'connection {0.link}: {0.text} by the other end',
     Kind.ENDED: 'connection {0.link}: {0.text} by the inspection',
     Kind.ANSWER: 'inspector, {0.text}: {1}',
-    Kind.HELD_UP: 'the inspecting computer was held up for {0.value:.2f} s',
-    Kind.UNANSWERED: 'connection {0.link}: TCP has not answered {0.value:.0f} bytes',
+    Kind.HELD_UP: 'the inspecting computer hung for {0.value:.2f} s',
+    Kind.UNANSWERED: 'connection {0.link}: TCP has not acknowledged {0.value:.0f} bytes',
     Kind.KILLED: 'the {0.text} of the kart was killed',
-    Kind.SILENT: 'no frame from here on: {0.text}',
+    Kind.SILENT: 'no frames from here on: {0.text}',
     Kind.BACK: 'connections are accepted again',
 }

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is checked, and what a check ends with: clauses, findings, verdicts. Pure."""
+"""Clauses, findings and verdicts: what is checked, and how a check ends. Pure."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 from evgp_inspection.traces import Event, Kind
 
 EARLY = 0.05
-"""A wait that ended this much before its limit was not cut short, s."""
+"""Maximum time by which a complete wait may end before its limit, s."""
 
 
 class Verdict(enum.Enum):
-    """The verdict on a clause; the value is how reports name it."""
+    """The verdict on a clause; the value is its name in reports."""
 
     PASS = 'pass'  # noqa: S105 - a verdict, not a password
     FAIL = 'fail'
@@ -27,10 +27,10 @@ class Verdict(enum.Enum):
 @dataclasses.dataclass(frozen=True)
 class Finding:
     """
-    What an inspection shows of a clause.
+    The finding of an inspection about a clause.
 
-    :ivar why: a sentence: what was seen, or why nothing could be.
-    :ivar measured: the time that counts, in seconds; None: this clause measures none.
+    :ivar why: a sentence: what was seen, or why nothing could be seen.
+    :ivar measured: the measured time, in seconds; None: this clause measures none.
     :ivar evidence: the events that led to it.
     """
 
@@ -40,22 +40,22 @@ class Finding:
     evidence: tuple[Event, ...] = ()
 
 
-NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not come to this.')
+NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not get this far.')
 
 
 @dataclasses.dataclass(frozen=True)
 class Clause:
     """
-    A sentence that an inspection shows: everything that names, selects or judges goes by it.
+    A sentence that an inspection checks. All names, selections and judgements refer to it.
 
-    :ivar source: where the sentence is: the proposal or a document.
+    :ivar source: the source of the sentence: the proposal or a document.
     :ivar name: K, the § of the proposal, and a number, such as ``K-3A-07``.
-    :ivar title: what a good one does, in a few words.
-    :ivar sentence: the sentence, as it is in the source.
+    :ivar title: what a good kart does, in a few words.
+    :ivar sentence: the sentence, as in the source.
     :ivar steps: the steps that show it; empty: the whole inspection does.
     :ivar limit: the name of its limit; empty: it has none.
-    :ivar starred: it is about whether the wheels turn or stand, and not judged where nobody and
-        nothing sees them. Without it no inspection is passed.
+    :ivar starred: it concerns whether the wheels turn or stand, and is not judged if neither eyes
+        nor odometry see them. Without it, no inspection is passed.
     """
 
     source: str
@@ -73,9 +73,9 @@ class Clause:
 
     def explain(self, done: Mapping[str, str]) -> str:
         """
-        Return all that the row says, for a person.
+        Return the complete description, for people.
 
-        :param done: what is done in each step.
+        :param done: the description of each step.
         """
         lines = [
             f'{self.name}  {self.title}',
@@ -86,16 +86,16 @@ class Clause:
         return '\n'.join(lines)
 
     def line(self) -> str:
-        """Return it in one line."""
+        """Return the clause in one line."""
         return f'{self.name}{"*" if self.starred else " "} {self.section:5} {self.title}'
 
 
 @dataclasses.dataclass(frozen=True)
 class Result:
     """
-    A clause and what was found.
+    A clause and its finding.
 
-    :ivar limit: the limit that was used, in seconds; None: the clause has none.
+    :ivar limit: the limit used, in seconds; None: the clause has none.
     """
 
     clause: Clause
@@ -110,10 +110,10 @@ class Result:
 
 def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
     """
-    Return the clauses that a person names.
+    Return the clauses that a user names.
 
-    :param wanted: identifiers or their beginnings, with commas between; empty: all.
-    :raises ValueError: a part of it names no clause.
+    :param wanted: names or their beginnings, separated by commas; empty: all.
+    :raises ValueError: if a part of it matches no clause.
     """
     parts = [part.strip().upper() for part in wanted.split(',') if part.strip()]
     for part in parts:
@@ -125,13 +125,13 @@ def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
 def results_of(
     findings: Mapping[str, Finding], clauses: Sequence[Clause], limits: Any
 ) -> list[Result]:
-    """Return the results of these clauses; where the inspecting computer was late, none fails."""
+    """Return the results of these clauses; no clause fails if the inspecting computer was late."""
     results = []
     for clause in clauses:
         finding = findings.get(clause.name, NOT_DONE)
         late = [each.value for each in finding.evidence if each.kind is Kind.HELD_UP]
         if finding.verdict is Verdict.FAIL and late:
-            why = f'The inspecting computer was held up for {max(late):.1f} s. Inspect again.'
+            why = f'The inspecting computer hung for {max(late):.1f} s. Inspect again.'
             finding = dataclasses.replace(finding, verdict=Verdict.NOT_JUDGED, why=why)
         limit = getattr(limits, clause.limit) if clause.limit else None
         results.append(Result(clause, finding, limit))
@@ -142,7 +142,7 @@ def verdict_on(results: Sequence[Result]) -> Verdict:
     """
     Return the verdict on the whole.
 
-    It is no pass if a starred clause was not judged: nobody knows whether the wheels stood.
+    It is not a pass if a starred clause was not judged: whether the wheels stood is unknown.
     """
     found = {each.verdict for each in results}
     if Verdict.FAIL in found:

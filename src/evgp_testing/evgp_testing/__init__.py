@@ -4,8 +4,7 @@
 """
 The parts of a race, for tests and the demonstration: all real, none a mock.
 
-With the workspace sourced, pytest finds the fixtures of ``evgp_testing.fixtures`` by itself, in a
-team's own tests too.
-Each part owns its process or its context, executor and domain, and gives everything back
-in ``close``; each can be used in a ``with`` statement.
+With the workspace sourced, pytest finds the fixtures of ``evgp_testing.fixtures`` automatically,
+even for a team's own tests. Each part owns its process, or its context, executor and domain, and
+releases everything in ``close``. Each can be used in a ``with`` statement.
 """

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart's base with inertia: obeys velocity commands, says its speed, brakes when left alone.
+A kart's base with inertia: it obeys velocity commands, reports its speed, and brakes without them.
 
-``setup/in-workspace python -m evgp_testing.base`` is one on this shell's ROS domain, until Ctrl-C.
+``setup/in-workspace python -m evgp_testing.base`` runs one on this shell's domain until Ctrl-C.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 
 COMMAND_TIMEOUT = 0.5
-"""Time without a command after which the base brakes by itself, s."""
+"""Time without a command after which the base brakes automatically, s."""
 
 ODOMETRY_RATE = 50.0
-"""How often the base says its speed by default, Hz."""
+"""Default rate at which the base publishes its speed, Hz."""
 
 
 class Motion:
     """
-    How a kart moves by its commands; it brakes once none has come for ``COMMAND_TIMEOUT``.
+    The motion of a kart under its commands; without any for ``COMMAND_TIMEOUT``, it brakes.
 
-    Pure: times are those of a monotonic clock, in seconds. ``speed`` is in m/s, ``distance`` the
-    way so far in m; ``x``, ``y`` (m) and ``heading`` (rad) are its pose, REP-103.
+    Pure: times are by a monotonic clock, in seconds. ``speed`` is in m/s, ``distance`` is the
+    distance driven in m; ``x``, ``y`` (m) and ``heading`` (rad) are its pose, REP-103.
 
-    :param now: when it begins, standing.
-    :param acceleration: how fast it gets faster, m/s².
-    :param braking: how fast it gets slower, m/s².
-    :param place: where it stands, x and y in m; it looks along x.
+    :param now: when it starts, at rest.
+    :param acceleration: maximum acceleration, m/s².
+    :param braking: maximum deceleration, m/s².
+    :param place: initial x and y in m; it faces along x.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class Motion:
 
     def command(self, now: float, speed: float, turn: float = 0.0) -> None:
         """
-        Take a command: a speed in m/s, and how fast it turns at that speed, in rad/s.
+        Apply a command: a speed in m/s, and the turn rate at that speed, in rad/s.
 
-        What it turns with is its steering: at a lower speed it turns less.
+        The steering angle follows from both, so at a lower speed the kart turns more slowly.
         """
         self.advance(now)
         self._wanted, self._commanded_at = max(speed, 0.0), now
         self._curvature = turn / speed if speed > 0.0 else self._curvature
 
     def advance(self, now: float) -> None:
-        """Bring it up to date: by the command until that is too old, then braking."""
+        """Advance to a time: by the command until that is too old, then by braking."""
         silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
         for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
             speed, change = self.speed, wanted - self.speed
@@ -85,7 +85,7 @@ class Motion:
 
     @property
     def speed_to_come(self) -> float:
-        """Return the higher one of the speed that it has and the one that it was told, m/s."""
+        """Return the higher of its present and its commanded speed, m/s."""
         return max(self.speed, self._wanted)
 
 
@@ -93,12 +93,12 @@ class SimulatedBase(RosSide):
     """
     A base that obeys ``/cmd_vel`` and publishes ``/odom`` on a kart's domain.
 
-    :param acceleration: how fast it gets faster, m/s².
-    :param braking: how fast it gets slower, m/s².
-    :param dead_time: time from a command to the moment at which the base begins to obey it, s.
-    :param odometry_rate: how often it says its speed, Hz.
-    :param place: where it stands, x and y in m; it looks along x.
-    :param arguments: ROS arguments, as ``('--ros-args', '-r', '__ns:=/kart7')``.
+    :param acceleration: maximum acceleration, m/s².
+    :param braking: maximum deceleration, m/s².
+    :param dead_time: time from a command until the base begins to obey it, s.
+    :param odometry_rate: rate of odometry, Hz.
+    :param place: initial x and y in m; it faces along x.
+    :param arguments: ROS arguments, such as ``('--ros-args', '-r', '__ns:=/kart7')``.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class SimulatedBase(RosSide):
         place: tuple[float, float] = (0.0, 0.0),
         arguments: Sequence[str] = (),
     ) -> None:
-        """Join the kart's domain and stand."""
+        """Join the kart's domain, at rest."""
         super().__init__(f'base_{domain}', domain, arguments)
         self._dead_time = dead_time
         self._moving = threading.Lock()
@@ -126,36 +126,36 @@ class SimulatedBase(RosSide):
 
     @property
     def motion(self) -> Motion:
-        """Return how it moves at this moment, whatever odometry has said so far."""
+        """Return its present motion, whatever odometry has published so far."""
         with self._moving:
             return copy.copy(self._move())
 
     @property
     def speed(self) -> float:
-        """Its true speed at this moment, m/s."""
+        """Return its true present speed, m/s."""
         return self.motion.speed
 
     @property
     def distance(self) -> float:
-        """Its way so far, m."""
+        """Return the distance driven so far, m."""
         return self.motion.distance
 
     @property
     def speed_to_come(self) -> float:
-        """Return the highest speed that it has, or is going to try by the commands it has, m/s."""
+        """Return the highest of its present speed and all pending commanded speeds, m/s."""
         with self._moving:
             return max([self._move().speed_to_come, *(speed for _, speed, _ in self._coming)])
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
         """
-        Return once its speed, m/s, is one for which `found` is true.
+        Wait until `found` is true for its speed, m/s.
 
-        :raises AssertionError: if it does not get there in time.
+        :raises AssertionError: if that does not happen in time.
         """
         self.wait_until(lambda: found(self.speed), lambda: f'such a speed; it is {self.speed}')
 
     def _move(self) -> Motion:
-        """Bring it up to date; whoever calls has the lock."""
+        """Advance it to the present; the caller holds the lock."""
         now = time.monotonic()
         while self._coming and self._coming[0][0] <= now:
             self._motion.command(*self._coming.popleft())
@@ -180,11 +180,11 @@ class SimulatedBase(RosSide):
 
 
 def main() -> None:
-    """Be a base on this shell's ROS domain until Ctrl-C."""
+    """Run a base on this shell's ROS domain until Ctrl-C."""
     domain = int(os.environ.get('ROS_DOMAIN_ID', '0'))
     with SimulatedBase(domain, arguments=sys.argv[1:]) as base:
         motors, odometry = map(base.node.resolve_topic_name, ('cmd_vel', 'odom'))
-        print(f'A base: it obeys {motors} and publishes {odometry}. Ctrl-C ends it.', flush=True)
+        print(f'The base obeys {motors} and publishes {odometry}. Ctrl-C ends it.', flush=True)
         with contextlib.suppress(KeyboardInterrupt):
             signal.pause()
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-ROS domains and TCP ports that nobody else on this machine uses at the same time.
+ROS domains and TCP ports that no other process on this machine uses at the same time.
 
 A bridge keeps looking for its race control at the same port, and all tests use the same kart
 addresses. If the system gave that port to another test, the bridge would connect to the wrong race
@@ -22,26 +22,26 @@ import socket
 
 from evgp_testing.part import Part
 
-# Above 101 the ports of a domain reach into those the system gives out by itself.
+# Above 101, the ports of a domain overlap with the system's ephemeral ports.
 _DOMAINS = range(20, 60)
 
 _BLOCK = 100
 
-# Above the ports of the domains, below those the system gives out by itself.
+# Above the ports of the domains, below the system's ephemeral ports.
 _BLOCKS = range(24000, 32000, _BLOCK)
 
 
 def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
     """
-    Return a number that nobody has, and its lock, which is let go by closing it.
+    Return a free number and its lock; closing the lock releases the number.
 
-    An abstract socket is the lock: the kernel lets it go with the process, however that ends. It
-    belongs to one network namespace, as a domain does.
+    The lock is an abstract socket, which the kernel releases with the process, however that ends.
+    It belongs to one network namespace, as a domain does.
 
-    :param what: is numbered.
+    :param what: the kind of number.
     :raises RuntimeError: if every number is taken.
     """
-    # Any, and not the first: in one that was let go just now, something may still be ending.
+    # A random one, because something may still be ending in one just released.
     for number in random.SystemRandom().sample(numbers, len(numbers)):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -56,10 +56,10 @@ def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
 @functools.cache
 def _own_ports() -> Iterator[int]:
     """
-    Return the ports that are this process's until it ends, each in its turn, without end.
+    Return an endless cycle of the ports that belong to this process until it ends.
 
-    A lock on a file counts in every network namespace, as the mark of a race control does
-    (``evgp_rcs.record.run_mark``). The kernel lets it go when the process ends.
+    A file lock works across network namespaces, like the mark of a race control
+    (``evgp_rcs.record.run_mark``). The kernel releases it when the process ends.
 
     :raises RuntimeError: if every port is taken.
     """
@@ -77,9 +77,9 @@ def _own_ports() -> Iterator[int]:
 
 def free_port() -> int:
     """
-    Return a port that nobody listens at, and that no other process gets from here.
+    Return a port at which no program listens and which no other process gets from here.
 
-    It comes again once this process has been given all the others of its own.
+    It is returned again only after all other ports of this process.
 
     :raises RuntimeError: if every port is taken.
     """
@@ -89,12 +89,12 @@ def free_port() -> int:
         except OSError:
             continue
         return number
-    raise RuntimeError('somebody listens at every port of this process')
+    raise RuntimeError('every port of this process is in use')
 
 
 class Domain(Part):
     """
-    A ROS domain of its own, until it is closed or the process ends.
+    A ROS domain reserved until it is closed or the process ends.
 
     :raises RuntimeError: if every domain is taken.
     """
@@ -103,5 +103,5 @@ class Domain(Part):
         self.number, self._lock = take_one('ros-domain', _DOMAINS)
 
     def close(self) -> None:
-        """Let the domain go."""
+        """Release the domain."""
         self._lock.close()

@@ -4,8 +4,8 @@
 """
 Pytest fixtures for the parts of a race.
 
-Each fixture starts parts and ends them after the test, in reverse order, also when it failed.
-What a fixture needs is imported when it is used: pytest loads this module in every run.
+Each fixture starts parts and ends them after the test in reverse order, even if the test failed.
+A fixture imports what it needs only when used, because pytest loads this module in every run.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ StartBase: TypeAlias = 'Callable[..., SimulatedBase]'
 
 @pytest.fixture
 def parts() -> Iterator[contextlib.ExitStack]:
-    """Return the stack of all parts of this test: what is entered here ends with the test."""
+    """Return the stack of this test's parts; everything entered here ends with the test."""
     with contextlib.ExitStack() as stack:
         yield stack
 
 
 @pytest.fixture
 def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartRaceControl:
-    """Return a function that starts a race control on a ROS domain of its own."""
+    """Return a function that starts a race control on its own ROS domain."""
     from evgp_testing.domains import Domain
     from evgp_testing.race_control import RaceControl
 
@@ -89,9 +89,9 @@ def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
 @pytest.fixture
 def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
     """
-    Return a function that starts a kart's bridge on a ROS domain of its own.
+    Return a function that starts a kart's bridge on its own ROS domain.
 
-    Without a port, nobody listens where it looks for race control.
+    Without a port, the bridge finds no race control.
     """
     from evgp_testing.domains import Domain, free_port
     from evgp_testing.kart import Bridge
