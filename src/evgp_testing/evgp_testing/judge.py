@@ -2,24 +2,23 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The judge of what was on the wire: by what karts are sent and say, and how calls are answered.
+The judge of the wire: it judges what karts are sent and say, and how calls are answered.
 
-Rules of what lives here:
+Principles of this module:
 
-- Nothing of race control is used but its catalogue of commands, its rules least of all. What is
-  known are the frames that arrived, the frames that were said, when connections began and ended,
-  and officials' calls.
-- No clock, socket or ROS: every input brings its time, s of one monotonic clock. Inputs may come
-  from any thread.
-- Never a false alarm. What is observed from outside has no instant but an interval: a call took
-  force somewhere between its beginning and its answer; a frame was written somewhere between the
-  last moment at which the socket was seen empty and the moment it was read. A rule speaks only
-  where every order of things within those intervals breaks it.
+- It uses only race control's catalogue of commands, and none of its rules. It knows the frames
+  that arrived, the frames that karts sent, when connections began and ended, and officials' calls.
+- It uses no clock, socket or ROS. Every input carries its time, in s of one monotonic clock.
+  Inputs may come from any thread.
+- It never raises a false alarm. An outside observation has an interval instead of an instant: a
+  call took effect between its beginning and its answer, and a frame was written between the last
+  moment at which the socket was seen empty and the moment it was read. A rule counts as broken
+  only if every order of events within those intervals breaks it.
 
-Theory of operation. Inputs wait in a heap until no call that began before them is unanswered, and
-are then judged in the order of time. What makes a kart stop is a *floor*, in force from the
-answer on; what may loosen it takes the floor away from the call's beginning on. So a frame breaks
-a floor only if it arrived after the one and was read before the other.
+How it works: inputs wait in a heap until no earlier call is unanswered, and are then judged in the
+order of time. A stop sets a *floor*, in force from its answer on. A command that may loosen it
+removes the floor from the beginning of its call on. A frame therefore breaks a floor only if it
+arrived after the stop's answer and was read before the loosening call began.
 """
 
 from __future__ import annotations
@@ -53,19 +52,19 @@ EXPLAINS: dict[tuple[str, str], tuple[CommandKind, ...]] = {
     ('RED_FLAG', 'IN_GARAGE'): RELEASES,
     ('RED_RED', 'IN_GARAGE'): RELEASES,
 }
-"""What loosens, and the commands one of which must explain it; nothing else may loosen."""
+"""Loosening changes, and the commands of which one must explain each; no other may loosen."""
 
 SETTLE = 0.5
-"""How late an input may be handed over, s; and how late a kart that reads may have read."""
+"""Maximum delay of an input, and of a reading kart's reading, s."""
 
 MARGIN = 0.05
-"""How long a frame that was written may be on its way, s."""
+"""Maximum time that a written frame may be on its way, s."""
 
 NOTICE = 2.0
-"""After how long at the latest race control knows that a connection was closed, s."""
+"""Maximum time until race control knows that a connection was closed, s."""
 
 KEPT = 4096
-"""How many of the frames that a kart said are remembered, of each state and connection."""
+"""Maximum number of a kart's frames remembered per state and connection."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +81,8 @@ class Call:
     """
     An official's call.
 
-    :param statement: what the official stated, where the command asks for it.
-    :param ended: when it was answered, s; ``None`` while it is not.
+    :param statement: whether the official made the statement that the command asks for.
+    :param ended: when it was answered, s; ``None`` until then.
     """
 
     command: CommandKind
@@ -95,14 +94,14 @@ class Call:
     message: str = ''
 
     def __str__(self) -> str:
-        """Return what an official would call it."""
+        """Return the command's name for officials, with its kart."""
         name = self.command.value
         return name if self.kart is None else f'{name} {self.kart}'
 
 
 @dataclass
 class _Floor:
-    """From `since` on, nothing looser than this state arrives."""
+    """From `since` on, no state looser than this one may arrive."""
 
     state: str
     since: float
@@ -124,10 +123,10 @@ class _Link:
 
     def may_have_acknowledged(self, state: str, judged: float, until: float) -> bool:
         """
-        Return whether the kart may have said this state in time, having been sent it.
+        Return whether the kart may have acknowledged this state in time.
 
-        :param judged: what it was sent from this time on may matter, and
-        :param until: what it said until this time.
+        :param judged: states sent from this time on may matter.
+        :param until: reports sent until this time count.
         """
         began = [
             run_began
@@ -146,9 +145,9 @@ class _Link:
 @dataclass
 class _Kart:
     """
-    What is known for certain of a kart.
+    The certain facts about a kart.
 
-    :ivar member: whether it is in the race; None while that is not certain.
+    :ivar member: whether it is in the race; None while that is uncertain.
     :ivar alone: it was held individually; ``lost``: it was lost in a race under way.
     """
 
@@ -167,9 +166,9 @@ class _Kart:
 
 class Judge:
     """
-    Takes what is observed, in any order within ``SETTLE``, and collects the violations.
+    Receives observations, in any order within ``SETTLE``, and collects the violations.
 
-    :param in_race: the karts that are in the race at first.
+    :param in_race: the karts that are in the race at the start.
     :param others: the other karts of the roster.
     :param now: the time, s.
     :raises LookupError: if nothing here judges a command by which karts are sent a state, or come
@@ -200,40 +199,40 @@ class Judge:
     # ----- inputs -------------------------------------------------------------------------
 
     def opened(self, link: int, kart: int, began: float) -> None:
-        """Take note of a new connection; `began`: before it was asked for."""
+        """Record a new connection; `began` is a time before it was requested."""
         self._put(began, 'opened', link, kart)
 
     def closed(self, link: int, earliest: float, seen: float) -> None:
-        """Take note that a connection ended, at `earliest` at the earliest."""
+        """Record that a connection ended, not before `earliest`."""
         self._put(seen, 'closed', link, earliest)
 
     def paused(self, link: int, at: float) -> None:
-        """Take note that the kart stops reading: what it was sent is not known from now on."""
+        """Record that the kart stops reading, so what it is sent is unknown from now on."""
         self._put(at, 'paused', link)
 
     def frame(self, link: int, state: str, after: float, read: float) -> None:
-        """Take a frame that a kart read; it arrived later than `after`."""
+        """Record a frame that a kart read; it arrived after `after`."""
         self._put(read, 'frame', link, state, after)
 
     def said(self, link: int, state: str, first: float, last: float) -> None:
-        """Take a frame that a kart said; its first byte was out at `first`, its last at `last`."""
+        """Record a kart's frame; its first byte was sent by `first`, its last after `last`."""
         self._put(last, 'said', link, state, first)
 
     def stranger(self, address: str, data: bytes, at: float) -> None:
-        """Take what somebody who is not in the roster was sent."""
+        """Record data sent to an address outside the roster."""
         self._put(at, 'stranger', address, data)
 
     def rubbish(self, kart: int, data: bytes, at: float) -> None:
-        """Take what a kart was sent that is no frame."""
+        """Record bytes sent to a kart that are no frame."""
         self._put(at, 'rubbish', kart, data)
 
     def called(self, call: Call) -> None:
-        """Take note that a call begins; to be called before it is sent."""
+        """Record the beginning of a call; call this before sending it."""
         with self._lock:
             self._unanswered.append(call)
 
     def answered(self, call: Call) -> None:
-        """Take note of the answer, which is in the call."""
+        """Record the answer, which is in the call."""
         assert call.ended is not None
         self._put(call.began, 'call_began', call)
         self._put(call.ended, 'call_ended', call)
@@ -241,7 +240,7 @@ class Judge:
             self._unanswered.remove(call)
 
     def judge(self, now: float) -> None:
-        """Judge what can be judged by now."""
+        """Judge everything that can be judged by now."""
         with self._lock:
             horizon = min([now - SETTLE, *(call.began for call in self._unanswered)])
             while self._inputs and self._inputs[0][0] < horizon:
@@ -251,7 +250,7 @@ class Judge:
                 getattr(self, f'_{kind}')(at, *arguments)
 
     def finish(self) -> None:
-        """Judge all that is left."""
+        """Judge everything that is left."""
         self.judge(float('inf'))
 
     def _put(self, at: float, kind: str, *arguments: object) -> None:
@@ -322,7 +321,7 @@ class Judge:
             kart.in_garage = at
 
     def _change(self, at: float, link: _Link, kart: _Kart, state: str) -> None:
-        """Judge a change on one connection: what loosens must be explained by a command."""
+        """Judge a change on one connection; a command must explain it if it loosens."""
         assert link.state is not None
         change = f'kart {kart.number}: {link.state}, then {state}'
         if state in REDS and STRICTNESS[state] > STRICTNESS[link.state]:
@@ -358,7 +357,7 @@ class Judge:
                 )
 
     def _first_frame(self, at: float, number: int, link: _Link, kart: _Kart, state: str) -> None:
-        """Judge what a kart is sent first on a connection (§3.E)."""
+        """Judge the first state sent on a connection (§3.E)."""
         if state == 'GREEN_GREEN':
             self._violated(
                 'unexplained GREEN_GREEN', at, f'kart {kart.number} is sent it as it connects'
@@ -381,7 +380,7 @@ class Judge:
             self._hold(kart, 'RED_RED', at, 'it was lost in a race under way')
 
     def _lost_at(self, kart: _Kart, present: int | None) -> float | None:
-        """Return when it was lost before this connection at the earliest; None: it was not."""
+        """Return the earliest time it was lost before this connection; None if it was not."""
         times: list[float] = []
         for number in reversed(kart.links):
             link = self._links[number]
@@ -405,7 +404,7 @@ class Judge:
     # ----- calls --------------------------------------------------------------------------
 
     def _call_began(self, at: float, call: Call) -> None:
-        """From here on the call may be in force: whatever it loosens is uncertain."""
+        """Process that the call may be in force from now on, so what it loosens is uncertain."""
         if not call.success:
             return
         self._accepted.setdefault(call.command, deque(maxlen=500)).append(call)
@@ -431,7 +430,7 @@ class Judge:
                     kart.member = None
 
     def _call_ended(self, at: float, call: Call) -> None:
-        """From here on the call is certainly in force."""
+        """Process that the call is certainly in force from now on."""
         if CATALOGUE[call.command].stop and not call.success:
             self._violated('stop refused', at, f'{call}: {call.message}')
         if not call.success:
@@ -442,7 +441,7 @@ class Judge:
             SEEN[call.command](self, at, call)
 
     def _stopped(self, at: float, call: Call) -> None:
-        """Take note of what the catalogue says of a stop: to whom, and at least which red."""
+        """Record a stop as the catalogue defines it: its karts, and its loosest red."""
         entry = CATALOGUE[call.command]
         state = self._stops[call.command]
         if not entry.to_one_kart:
@@ -537,12 +536,12 @@ class Judge:
     # ----- what calls have in common ------------------------------------------------------
 
     def _there(self, kart: _Kart, call: Call) -> list[_Link]:
-        """Return the connections that race control may have taken for open at a call."""
+        """Return the connections that race control may have considered open at a call."""
         links = (self._links[number] for number in kart.links)
         return [link for link in links if link.ended is None or link.ended > call.began - NOTICE]
 
     def _may_stand(self, kart: _Kart, call: Call, at: float) -> bool:
-        """Return whether a kart may have acknowledged a red on a connection that is there."""
+        """Return whether a kart may have acknowledged a red on an existing connection."""
         return any(
             link.may_have_acknowledged(state, call.began, at)
             for link in self._there(kart, call)
@@ -550,7 +549,7 @@ class Judge:
         )
 
     def _may_be_away(self, kart: _Kart) -> bool:
-        """Return whether a kart is gone that may have been at rest when it went."""
+        """Return whether a kart is gone and may have been at rest when it left."""
         links = [self._links[number] for number in kart.links]
         if kart.alone or any(link.ended is None for link in links):
             return False
@@ -578,7 +577,7 @@ class Judge:
             kart.hold = _Floor(state, at, cause)
 
     def _settle_loss(self, kart: _Kart, at: float) -> None:
-        """Hold a kart that is lost for certain, before a command that releases others."""
+        """Hold a certainly lost kart before a command that releases others."""
         if any(self._links[number].ended is None for number in kart.links):
             return
         lost = self._lost_at(kart, None)
@@ -630,8 +629,8 @@ SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
     CommandKind.LEAVE_RACE: Judge._accepted_membership,
 }
 """
-What is judged of a command that is accepted and stops nobody. Of any other one, by the catalogue,
-no kart is sent anything at once, or nobody here knows which.
+The judgement of each accepted command that is not a stop. By the catalogue, any other command
+sends no kart anything at once, or the judge cannot know which.
 """
 
 
@@ -640,7 +639,7 @@ def _joins(entry: Entry) -> bool:
 
 
 def _least_red(stop: CommandKind) -> str:
-    """Return the loosest red that is in force after a stop, by the catalogue."""
+    """Return the loosest red in force after a stop, by the catalogue."""
     result = CATALOGUE[stop].result
     after = [state.value for state in (*result.race, *result.hold) if state is not None]
     if not after or not {*after} <= {*REDS}:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A kart with ROS: the real bridge in a process, and the team's side of its domain."""
+"""A kart with ROS: the real bridge as a process, and the team's side of its domain."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Bridge(Process):
 
     :param local_address: the kart's own address.
     :param parameters: more ROS parameters of the node.
-    :param program: what is run: an executable of the package, or the path of another.
+    :param program: the program to run: an executable of the package, or another's path.
     :param arguments: more ROS arguments of the node, such as ``('-r', '~/odom:=/odom')``.
     """
 
@@ -67,7 +67,7 @@ class ExampleStack(Process):
     The example autonomy stack on the domain of its bridge.
 
     :param parameters: ROS parameters of the node.
-    :param program: what is run: an executable of the package, or the path of another.
+    :param program: the program to run: an executable of the package, or another's path.
     """
 
     def __init__(
@@ -84,9 +84,9 @@ class Team(RosSide):
     """
     A team's node beside its bridge.
 
-    ``state`` is the newest race state of the bridge and ``stop`` its lock; ``changes`` are the
-    race states heard, without repetitions, each with the monotonic time (s) of its first message,
-    and ``states`` the same without times; ``speed`` is the newest of odometry, m/s.
+    ``state`` is the newest race state of the bridge, and ``stop`` its lock. ``changes`` are the
+    received race states without repetitions, each with the monotonic time (s) of its first
+    message, and ``states`` the same without times. ``speed`` is the newest from odometry, m/s.
 
     :param bridge: the full name of the bridge's node.
     """
@@ -117,15 +117,15 @@ class Team(RosSide):
 
     @property
     def states(self) -> list[RaceState | None]:
-        """Return the race states heard, without repetitions."""
+        """Return the received race states, without repetitions."""
         with self.news:
             return [state for _, state in self.changes]
 
     def acknowledge(self, state: RaceState | None, order: int | None = None) -> Answer:
         """
-        Tell the bridge which state the kart has reached, and return its answer.
+        Report the state that the kart has reached to the bridge; return the bridge's answer.
 
-        :param order: the number of the command that it carried out; None: of the newest
+        :param order: the number of the command that was carried out; None: the one in the newest
             race state.
         :raises AssertionError: if the bridge does not answer in time.
         """
@@ -139,7 +139,7 @@ class Team(RosSide):
         """
         Press or release the team's safety remote.
 
-        :raises AssertionError: if the bridge does not listen to it in time.
+        :raises AssertionError: if the bridge does not listen in time.
         """
         if self._remote is None:
             self._remote = self._publisher(Bool, 'tsr', QoSProfile(depth=10))
@@ -151,7 +151,7 @@ class Team(RosSide):
         """
         Publish this speed, m/s, as odometry from now on, at 50 Hz.
 
-        :raises AssertionError: if the bridge does not listen to it in time.
+        :raises AssertionError: if the bridge does not listen in time.
         """
         self._driven = speed
         if self._odometry is None:
@@ -164,9 +164,9 @@ class Team(RosSide):
 
     def roll_at(self, speed: float) -> None:
         """
-        Publish a pose that moves at this speed, m/s, and a twist that says 0, from now on.
+        Publish a pose that moves at this speed, m/s, and a twist of 0, from now on.
 
-        :raises AssertionError: if the bridge does not listen to it in time.
+        :raises AssertionError: if the bridge does not listen in time.
         """
         self._rolls = speed
         self.drive_at(0.0)
@@ -197,7 +197,7 @@ class Team(RosSide):
 
     def wait_for_state(self, state: RaceState) -> msg.KartRaceState:
         """
-        Return once the state to obey is this one.
+        Wait until the state to obey is this one.
 
         :raises AssertionError: if it does not come in time.
         """
@@ -205,7 +205,7 @@ class Team(RosSide):
 
     def wait_for_stop(self, stop: bool) -> None:
         """
-        Return once the lock is this.
+        Wait until the lock has this value.
 
         :raises AssertionError: if it does not come in time.
         """
@@ -213,9 +213,9 @@ class Team(RosSide):
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
         """
-        Return once odometry has a speed, m/s, for which `found` is true.
+        Wait until odometry has a speed, m/s, for which `found` is true.
 
-        :raises AssertionError: if it does not in time.
+        :raises AssertionError: if that does not happen in time.
         """
         self.wait_until(
             lambda: self.speed is not None and found(self.speed),
@@ -224,9 +224,9 @@ class Team(RosSide):
 
     def wait_for_diagnostic(self, found: Callable[[DiagnosticStatus], bool]) -> None:
         """
-        Return once the bridge's diagnostics have a status for which `found` is true.
+        Wait until the bridge's diagnostics have a status for which `found` is true.
 
-        :raises AssertionError: if they do not in time.
+        :raises AssertionError: if that does not happen in time.
         """
         self.wait_until(
             lambda: any(map(found, self.diagnostics)),
@@ -234,7 +234,7 @@ class Team(RosSide):
         )
 
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-        """Create a publisher that wakes who waits once the bridge has met it."""
+        """Create a publisher that wakes waiting threads once the bridge has found it."""
 
         def matched(_: object) -> None:
             with self.news:
@@ -252,7 +252,7 @@ class Team(RosSide):
         odometry.twist.twist.linear.x = self._driven
         self._place += self._rolls * 0.02
         odometry.pose.pose.position.x = self._place
-        assert self._odometry is not None  # or there were no timer
+        assert self._odometry is not None  # otherwise there is no timer
         self._odometry.publish(odometry)
 
     def _hear_state(self, state: msg.KartRaceState) -> None:

@@ -23,14 +23,14 @@ from evgp_testing.ros_side import RosSide
 from rclpy.qos import QoSProfile
 
 SERVICES = {entry.service: service_class(entry.service_type) for entry in CATALOGUE.values()}
-"""Every command of an official, by the name of its service below ``/rcs/``."""
+"""Every official's command, by the name of its service below ``/rcs/``."""
 
 SEES = {
     entry.service: kind
     for kind, entry in CATALOGUE.items()
     if entry.names_karts or entry.names_hold
 }
-"""The commands that say what the official saw, by their services."""
+"""The commands whose requests contain what the official saw, by service."""
 
 
 _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
@@ -40,11 +40,11 @@ _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
     RaceState.GREEN_GREEN: (RaceState.GRID_ACTIVE, 'green_green', {}),
     RaceState.RED_FLAG: (RaceState.GREEN_GREEN, 'red_flag', {}),
 }
-"""How officials bring a race to a state: from which (None: from any), by which command."""
+"""How officials bring a race to a state: previous state (None: any), command, statement."""
 
 
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
-    """Return the fields of a request that say what the official saw in a snapshot."""
+    """Return the request fields for what the official saw in a snapshot."""
     if race is None or service not in SEES:
         return {}
     kind = SEES[service]
@@ -58,9 +58,9 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
 
 def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:
     """
-    Return which command it is to call a service with these fields.
+    Return the command that calling a service with these fields gives.
 
-    :raises ValueError: if it is none; the text has those that there are.
+    :raises ValueError: if there is none; the text lists the possible ones.
     """
     kinds = kinds_by_service().get(service)
     if kinds is None:
@@ -73,12 +73,12 @@ def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:
 
 
 TRIES = 5
-"""Maximum number of times that a command is given, each by a newer race."""
+"""Maximum number of attempts at a command, each with a newer race."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What race control answered to a command."""
+    """Race control's answer to a command."""
 
     success: bool
     message: str
@@ -88,11 +88,11 @@ class Official(RosSide):
     """
     A client of a running race control, on its domain.
 
-    ``race`` is the newest snapshot, ``results`` the newest of the timekeeper's, ``events`` every
-    event heard, in order.
+    ``race`` is the newest snapshot, ``results`` the timekeeper's newest results, and ``events``
+    every received event in order.
 
-    :param judge: is told every call, and its answer.
-    :param hears: which topics it listens to: `race`, `events`, `results`.
+    :param judge: receives every call and its answer.
+    :param hears: the topics it listens to: `race`, `events`, `results`.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Official(RosSide):
         self.events: list[msg.RaceEvent] = []
         self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
-            # With the usual depth of 10 a burst of answers would push out its first ones.
+            # With the usual depth of 10, a burst of answers would push out the first ones.
             service: self.node.create_client(
                 kind, f'/rcs/{service}', qos_profile=QoSProfile(depth=1000)
             )
@@ -129,11 +129,11 @@ class Official(RosSide):
         """
         Give a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
 
-        The official's name and what the official sees (which karts, which hold) go with it, unless
-        ``request`` says.
+        The request includes the official's name and what the official sees (karts, hold), unless
+        ``request`` gives them.
 
         :raises AssertionError: if race control does not answer in time.
-        :raises ValueError: if there is no such command; the text has those that there are.
+        :raises ValueError: if there is no such command; the text lists the possible ones.
         """
         kind = kind_of(service, request)
         if service in SEES:
@@ -160,9 +160,9 @@ class Official(RosSide):
 
     def call_all(self, service: str, requests: Iterable[Mapping[str, Any]]) -> list[Answer]:
         """
-        Give a command many times at once, and return the answers.
+        Give a command many times at once and return the answers.
 
-        :raises AssertionError: if race control does not answer each in time.
+        :raises AssertionError: if race control does not answer each call in time.
         """
         client = self._clients[service]
         assert client.wait_for_service(self.timeout), f'there is no service {service}'
@@ -182,12 +182,12 @@ class Official(RosSide):
 
     def command(self, service: str, **request: Any) -> Answer:
         """
-        Give a command that must be accepted, once the race says that it is available.
+        Give a command that must be accepted, once it is available.
 
-        Stops are given at once.
+        A stop is given at once.
 
-        :raises AssertionError: if it is refused; the text has the reason.
-        :raises ValueError: if there is no such command; the text has those that there are.
+        :raises AssertionError: if it is refused; the text contains the reason.
+        :raises ValueError: if there is no such command; the text lists the possible ones.
         """
         entry = CATALOGUE[kind_of(service, request)]
         if entry.stop:
@@ -199,7 +199,7 @@ class Official(RosSide):
             answer = self.call(service, **request)
             if answer.success:
                 break
-            # The race that it went by may have been older than what happened since.
+            # The snapshot used for the command may have been out of date.
             self.wait_for_race(lambda newer, seen=race: newer is not seen, 'a newer race')
         assert answer.success, f'{service}: {answer.message}'
         return answer
@@ -211,12 +211,11 @@ class Official(RosSide):
         acknowledge: Callable[[RaceState], object] = lambda state: None,
     ) -> None:
         """
-        Bring the race to a state, from the one that the newest snapshot shows, as officials do.
+        Bring the race from its present state to another, as officials do.
 
-        :param numbers: the karts whose acknowledgement is awaited at each step; none: those in
-            the race.
-        :param acknowledge: called at each step with its state, where a kart does not acknowledge
-            by itself.
+        :param numbers: the karts to wait for at each step; none: those in the race.
+        :param acknowledge: called at each step with its state, for karts that do not acknowledge
+            automatically.
         :raises AssertionError: if a step is refused, or a kart does not acknowledge in time.
         """
         race = self.wait_for_race(lambda race: True, 'a first look at the race')
@@ -236,7 +235,7 @@ class Official(RosSide):
 
     def wait_for_available(self, service: str, **request: Any) -> msg.Race:
         """
-        Return the first snapshot in which a command is available, as after a pause.
+        Return the first snapshot in which a command is available, for example after a pause.
 
         :raises AssertionError: if none comes in time.
         """
@@ -255,7 +254,7 @@ class Official(RosSide):
         """
         Return the first snapshot for which `found` is true.
 
-        :param what: what is awaited, for the message.
+        :param what: what is awaited, for the failure message.
         :raises AssertionError: if none comes in time.
         """
         self.wait_until(
@@ -280,7 +279,7 @@ class Official(RosSide):
 
     def wait_for_event(self, found: Callable[[msg.RaceEvent], object], what: str) -> msg.RaceEvent:
         """
-        Return the first event, heard already or still to come, for which `found` is true.
+        Return the first past or future event for which `found` is true.
 
         :raises AssertionError: if none comes in time.
         """
@@ -305,9 +304,9 @@ class Official(RosSide):
 
     def wait_for_acks(self, state: RaceState, *numbers: int, needs_ack: bool = True) -> None:
         """
-        Return once each of these karts is sent this state, and has acknowledged it.
+        Wait until each of these karts is sent this state and has acknowledged it.
 
-        :param needs_ack: False: it need not have, as in IN_GARAGE.
+        :param needs_ack: False: no acknowledgement is needed, as in IN_GARAGE.
         :raises AssertionError: if that does not happen in time.
         """
         for number in numbers:
@@ -319,7 +318,7 @@ class Official(RosSide):
 
     def wait_for_connected(self, *numbers: int) -> None:
         """
-        Return once each of these karts is connected.
+        Wait until each of these karts is connected.
 
         :raises AssertionError: if that does not happen in time.
         """
@@ -328,7 +327,7 @@ class Official(RosSide):
 
     @contextlib.contextmanager
     def telling(self, tell: Callable[[msg.RaceEvent], object]) -> Iterator[None]:
-        """Tell each event once, in order: those heard already, then each as it is heard."""
+        """Pass on each event once, in order: those already received, then each new one."""
         with self.news:
             for event in self.events:
                 tell(event)
@@ -339,7 +338,7 @@ class Official(RosSide):
             self._tell = _tell_nobody
 
     def _close_track(self) -> None:
-        """Close the track, if it is open: GRID_ACTIVE is for a track that is closed."""
+        """Close the track if it is open, because GRID_ACTIVE needs a closed track."""
         if self.race is not None and self.race.track.open:
             self.command('set_track_open', open=False)
             self.wait_for_race(lambda race: not race.track.open, 'the track closed')

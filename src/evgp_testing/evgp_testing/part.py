@@ -1,29 +1,29 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the parts of a race have in common."""
+"""The base of all parts of a race."""
 
 from __future__ import annotations
 
 from typing import TypeVar
 
 PATIENCE = 30.0
-"""How long anything is awaited before a test gives up, seconds: far more than it ever takes."""
+"""Maximum wait for anything before a test gives up, in seconds: far more than it ever takes."""
 
 P = TypeVar('P', bound='Part')
 
 
 class Part:
-    """A part of a race, which gives everything back in ``close``; it can be used in ``with``."""
+    """A part of a race; it releases everything in ``close`` and can be used in ``with``."""
 
     def close(self) -> object:
-        """End it."""
+        """End the part."""
         raise NotImplementedError
 
     def __enter__(self: P) -> P:
-        """Return it."""
+        """Return the part."""
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """End it."""
+        """End the part."""
         self.close()

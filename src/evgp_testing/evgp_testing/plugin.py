@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The pytest plugin: the fixtures of a race, and what processes printed where a test fails.
+The pytest plugin: the fixtures of a race, and the output of processes when a test fails.
 
-pytest loads it by itself wherever the workspace is sourced, so it imports neither ROS nor Qt.
+pytest loads it automatically wherever the workspace is sourced, so it imports neither ROS nor Qt.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from evgp_testing.process import started
 import pytest
 
 LAST_WORDS = 1.0
-"""Time that the processes of a test that failed have to print why, s. A kart sees its connection
-end before race control, or what is left of it, has said so."""
+"""Time for the processes of a failed test to print why, s. A kart sees its connection end before
+race control, or the rest of it, has printed anything."""
 
 MOST_LINES = 200
-"""Lines of each process that are shown where a test fails: its last."""
+"""Maximum number of last lines shown for each process when a test fails."""
 
 
 def pytest_configure() -> None:
-    """Have programs end by Ctrl-C."""
+    """Make sure that programs end at Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        # A shell starts what runs in the background so. Programs would inherit it, and some of
-        # them would not end by Ctrl-C.
+        # A shell starts background programs with SIGINT ignored. Programs would inherit that, and
+        # some would not end at Ctrl-C.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # ROS's messages bring numpy. Nobody computes with it here, and each process that imports it
-    # would start a thread for each further core.
+    # ROS's messages import numpy. Nothing here computes with it, but each process that imports it
+    # would start a thread per core.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
-    """Have a failure show what every process of the test has printed."""
+    """Add the output of every process of the test to a failure."""
     outcome = yield
     report: pytest.TestReport = outcome.get_result()
     if not report.failed:
@@ -62,5 +62,5 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
 
 
 def pytest_runtest_logfinish() -> None:
-    """Forget the processes that have ended; those of a wider fixture may go on in the next."""
+    """Forget the processes that have ended; those of a wider fixture may continue."""
     started[:] = [each for each in started if each.runs]

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Programs as real processes: what they print is kept, and they always end."""
+"""Programs as real processes, which keep their output and always end."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ament_index_python.packages import get_package_prefix
 from evgp_testing.part import Part, PATIENCE
 
 started: list[Program] = []
-"""What this process has started; the pytest plugin shows it where a test fails, and clears it."""
+"""Programs started by this process; the pytest plugin shows them on a failure and clears them."""
 
 
 def executable(package: str, name: str) -> str:
@@ -30,9 +30,9 @@ def executable(package: str, name: str) -> str:
 
 def freeze(pid: int) -> None:
     """
-    Stop a process with SIGSTOP; return once none of its threads runs any more.
+    Stop a process with SIGSTOP; return once none of its threads runs.
 
-    On a busy computer the others go on until the thread that takes the signal has its turn.
+    On a busy computer, other threads continue until the thread that gets the signal has its turn.
     """
     os.kill(pid, signal.SIGSTOP)
     while any(_runs(stat) for stat in pathlib.Path(f'/proc/{pid}/task').glob('*/stat')):
@@ -49,15 +49,15 @@ def _runs(stat: pathlib.Path) -> bool:
 
 class Program(Part):
     """
-    Any program, as a process: what it prints is kept, and it always ends.
+    Any program as a process; its output is kept, and it always ends.
 
-    ``lines`` are what it has printed.
+    ``lines`` are the lines it has printed.
 
-    :param name: what it is called where a test fails.
+    :param name: its name in the output of a failed test.
     :param domain: its ROS domain; None: that of the environment.
     :param environment: more environment variables.
-    :param end: the signal it gets if whoever started it is killed. It must not live on, on a
-        domain that others then take.
+    :param end: the signal it gets if its parent is killed, so that it does not live on in a domain
+        that others may then use.
     """
 
     def __init__(
@@ -100,20 +100,20 @@ class Program(Part):
 
     @property
     def runs(self) -> bool:
-        """Return whether it still runs."""
+        """Return whether it is still running."""
         return self.process.poll() is None
 
     @property
     def output(self) -> str:
-        """Return all it has printed."""
+        """Return everything it has printed."""
         with self._news:
             return '\n'.join(self.lines)
 
     def wait_for_line(self, pattern: str) -> re.Match[str]:
         """
-        Return the first match of a pattern in a line it has printed or prints.
+        Return the first match of a pattern in a past or future line of its output.
 
-        :raises AssertionError: if it ends, or the time does, without such a line.
+        :raises AssertionError: if it ends or time runs out without such a line.
         """
 
         def found() -> re.Match[str] | None:
@@ -128,14 +128,14 @@ class Program(Part):
         return match
 
     def wait(self) -> int:
-        """Return its exit code once it has ended by itself (negative: the signal's number)."""
+        """Wait until it ends and return its exit code (negative: the signal's number)."""
         code = self.process.wait(PATIENCE)
         self._reader.join(PATIENCE)
         return code
 
     @contextlib.contextmanager
     def output_held_up(self) -> Iterator[None]:
-        """Take nothing of what it prints, meanwhile: as a terminal after Ctrl-S."""
+        """Read nothing of its output meanwhile, like a terminal after Ctrl-S."""
         self._take_output.clear()
         try:
             yield
@@ -143,19 +143,19 @@ class Program(Part):
             self._take_output.set()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send it a signal; it is stopped on return from a SIGSTOP."""
+        """Send it a signal; after a SIGSTOP, return only once it has stopped."""
         if number is signal.SIGSTOP and self.process.poll() is None:
             freeze(self.process.pid)
         else:
             self.process.send_signal(number)
 
     def kill(self) -> None:
-        """End it as a crash does."""
+        """End it like a crash."""
         self.process.kill()
         self.wait()
 
     def close(self) -> int:
-        """End it in an orderly way, or by force if that takes too long; return its exit code."""
+        """End it in order, or by force if that takes too long; return its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
             self.process.terminate()
@@ -183,8 +183,8 @@ class Process(Program):
     An executable of a package, started with ROS parameters on a ROS domain.
 
     :param parameters: ROS parameters, as ``-p name:=value``.
-    :param arguments: further arguments behind ``--ros-args``.
-    :param under: a command that runs it, with its own arguments.
+    :param arguments: further arguments after ``--ros-args``.
+    :param under: a command that runs it, with the command's own arguments.
     """
 
     def __init__(
@@ -206,9 +206,9 @@ class Process(Program):
 
 def wait_until_ended(pid: int) -> None:
     """
-    Return once a process has ended, whoever its parent is.
+    Wait until a process has ended, whoever its parent is.
 
-    :raises AssertionError: if it does not in time.
+    :raises AssertionError: if it does not end in time.
     """
     with contextlib.suppress(ProcessLookupError):
         descriptor = os.pidfd_open(pid)

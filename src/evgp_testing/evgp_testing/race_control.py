@@ -18,14 +18,14 @@ from evgp_testing.usage import family
 import yaml
 
 SETTLE_TIME = 0.5
-"""Time for which a kart must stand in tests, in seconds; they have many races."""
+"""Time for which a kart must stand in tests, in seconds; short, because tests run many races."""
 
 
 Heats = Mapping[str, Iterable[int] | Mapping[str, object]]
 
 
 def address_of(number: int) -> str:
-    """Return the loopback address of a kart (1 to 60000), by which race control knows it."""
+    """Return the loopback address by which race control knows a kart (1 to 60000)."""
     if number < 255:
         return f'127.0.1.{number}'
     return f'127.{10 + number // 62500}.{number // 250 % 250}.{1 + number % 250}'
@@ -39,7 +39,7 @@ def write_roster(
     heats: Heats | None = None,
     addresses: Callable[[int], str] = address_of,
 ) -> pathlib.Path:
-    """Write a roster into a folder, and return its path; see ``RaceControl``."""
+    """Write a roster into a folder and return its path; see ``RaceControl``."""
     racing = set(in_race)
     content: dict[str, object] = {
         'karts': [
@@ -64,9 +64,9 @@ def write_roster(
 
 def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
     """
-    Return the parameters of a race control at a port of its own, with its files in a folder.
+    Return the parameters of a race control at its own port, with its files in a folder.
 
-    It begins as on a machine where none has run before.
+    It starts as on a machine where none has run before.
     """
     return {
         'roster': roster,
@@ -86,26 +86,26 @@ def new_port() -> int:
 
 
 def forget_runs_at(address: str, port: int) -> None:
-    """Have race control begin there as on a machine where none has run; never for a real race."""
-    place(address, port).unlink(missing_ok=True)  # the mark of one that another test has killed
+    """Let race control start there as if none had run on this machine; never for a real race."""
+    place(address, port).unlink(missing_ok=True)  # left by a killed one
 
 
 class RaceControl(Process):
     """
-    A real ``rcs_node`` on a domain, listening at a port of its own.
+    A real ``rcs_node`` on a domain, listening at its own port.
 
-    It begins in IN_GARAGE, as the very first one on a machine. To start it again as on the same
-    machine, name the same port in the parameters.
+    It starts in IN_GARAGE, like the very first one on a machine. To start it again as on the same
+    machine, give the same port in the parameters.
 
-    :param folder: where its roster is written.
+    :param folder: the folder for its roster.
     :param in_race: the numbers of the karts in the first race.
-    :param others: the numbers of the karts that are in the roster only.
+    :param others: the numbers of the karts that are only in the roster.
     :param parameters: more ROS parameters of the node.
     :param teams: the names of teams, by the numbers of their karts.
     :param arguments: more ROS arguments of the node.
-    :param heats: the heats of the roster, each of its karts, or of what else the roster has of it.
+    :param heats: the heats of the roster, each with its karts or with all its roster fields.
     :param addresses: returns the address of a kart in the roster.
-    :param under: a command that runs it, with its own arguments.
+    :param under: a command that runs it, with the command's own arguments.
     """
 
     def __init__(
@@ -139,20 +139,20 @@ class RaceControl(Process):
         return self.pid, self.kart_server_pid, self.record_pid
 
     def freeze(self) -> None:
-        """Stop all processes of race control, as a machine that hangs."""
+        """Stop all processes of race control, like a machine that hangs."""
         for pid in self._pids:
             freeze(pid)
 
     def lose_power(self) -> None:
-        """End all processes at once: what any would still write is lost with it."""
+        """End all processes at once, so that anything not yet written is lost."""
         self.freeze()
-        # The record's first: it writes on when the kart server ends.
+        # The record's process first, because it keeps writing when the kart server ends.
         for pid in reversed(self._pids):
             os.kill(pid, signal.SIGKILL)
         self.wait()
 
     def thaw(self) -> None:
-        """Let all go on."""
+        """Let all processes continue."""
         for pid in self._pids:
             os.kill(pid, signal.SIGCONT)
 
@@ -161,7 +161,7 @@ class Timekeeper(Process):
     """
     A real ``timekeeper`` beside a race control, with the same roster.
 
-    :param folder: that of race control; the book is there too.
+    :param folder: race control's folder, which also gets the book.
     :param parameters: more ROS parameters of the node.
     """
 

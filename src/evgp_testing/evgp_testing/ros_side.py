@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A ROS context, node and executor of one's own, spun in the background."""
+"""A separate ROS context, node and executor, spun in the background."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ T = TypeVar('T')
 
 class RosSide(Part):
     """
-    A node on a domain, in this process, and a place to await what it hears.
+    A node on a domain, in this process, with methods that wait for what it receives.
 
-    Subclasses subscribe, change what they keep inside ``with self.news:`` and notify.
-    Anything is awaited for ``timeout`` seconds.
+    Subclasses subscribe, change their data inside ``with self.news:`` and notify. Every wait lasts
+    at most ``timeout`` seconds.
     """
 
     timeout = PATIENCE
@@ -43,8 +43,8 @@ class RosSide(Part):
         self.failures: list[BaseException] = []
         self.context = Context()
         with environment_kept():
-            # As our programs do: without DDS's shared memory. Tests freeze and kill processes, and
-            # one that holds a lock in that memory holds up every other one, for seconds.
+            # Like our programs, without DDS's shared memory. Tests freeze and kill processes, and
+            # one that holds a lock in that memory would delay every other one for seconds.
             bind_graph()
             rclpy.init(context=self.context, domain_id=domain)
             self.node = Node(
@@ -58,17 +58,17 @@ class RosSide(Part):
 
     def spin(self, only_serves: bool = False) -> None:
         """
-        Begin to hear; called once everything is subscribed.
+        Start to receive; call this once everything is subscribed.
 
-        :param only_serves: as ``Spinning`` has it.
+        :param only_serves: see ``Spinning``.
         """
         self._spinning = Spinning(self.node, self.failures.append, only_serves)
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
-        Return what `found` returns as soon as that is true.
+        Wait until `found` returns a true value, and return it.
 
-        :param what: says what was awaited and what there is, if it never becomes true.
+        :param what: for the failure: returns what was awaited and what came instead.
         :raises AssertionError: if it does not become true in time.
         """
         with self.news:
@@ -78,7 +78,7 @@ class RosSide(Part):
 
     def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
         """
-        Return once `found` is true, of which nothing gives notice.
+        Wait until `found` is true, by polling, because nothing notifies of it.
 
         :raises AssertionError: if it does not become true in time.
         """
@@ -116,7 +116,7 @@ class RosSide(Part):
 
 @contextlib.contextmanager
 def environment_kept() -> Iterator[None]:
-    """Take back what is changed meanwhile in the environment of this process."""
+    """Restore this process's environment afterwards."""
     before = dict(os.environ)
     try:
         yield

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a process, with those it has started, has taken of this machine so far."""
+"""The resources that a process and its children use on this machine."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import re
 
 
 def family(pid: int) -> list[int]:
-    """Return a process and all that it has started."""
+    """Return a process and all its descendants."""
     children = pathlib.Path(f'/proc/{pid}/task/{pid}/children').read_text(encoding='ascii')
     return [pid, *(each for child in children.split() for each in family(int(child)))]
 
 
 def resident(pid: int) -> int:
-    """Return how much memory a process and those it has started have, in KiB."""
+    """Return the memory of a process and its descendants, in KiB."""
     return sum(map(_resident, family(pid)))
 
 
@@ -28,5 +28,5 @@ def _resident(pid: int) -> int:
 
 
 def open_files(pid: int) -> int:
-    """Return how many files a process has open."""
+    """Return the number of files that a process has open."""
     return len(list(pathlib.Path(f'/proc/{pid}/fd').iterdir()))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart without ROS: a TCP client, as teams have them today, well-behaved or not.
+A kart without ROS: a TCP client like those of today's teams, well-behaved or not.
 
-It reads whole frames by itself, and takes anything else for malformed. It does not use the decoder
-of race control and the bridge, so a mistake in that decoder cannot hide one on the wire.
+It finds whole frames itself and counts anything else as malformed. It does not use the decoder of
+race control and the bridge, so a mistake in that decoder cannot hide one on the wire.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from evgp_testing.part import Part, PATIENCE
 FRAMES = {encode(state): state for state in RaceState}
 """Every frame that race control may send."""
 
-# What race control takes for what; `$READY;` stands for GRID_ACTIVE (§3.A).
+# The frames that race control accepts; `$READY;` means GRID_ACTIVE (§3.A).
 _SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
 _LONGEST = max(map(len, FRAMES))
 
@@ -36,7 +36,7 @@ _links = itertools.count(1)
 
 
 class Acknowledges(enum.Enum):
-    """When a plain kart says back what it is sent."""
+    """When a plain kart acknowledges what it is sent."""
 
     NEVER = enum.auto()
     EACH_CHANGE = enum.auto()
@@ -49,8 +49,8 @@ def kart_socket(
     """
     Connect to race control from a kart's address.
 
-    :param receive_buffer: in bytes; 0: as large as usual.
-    :param timeout: of this and all that is done with the socket, s.
+    :param receive_buffer: size in bytes; 0: the usual size.
+    :param timeout: timeout of this and all later operations of the socket, s.
     :raises OSError: if race control cannot be reached.
     """
     kart = socket.socket()
@@ -68,7 +68,7 @@ def kart_socket(
 
 
 def read_until(kart: socket.socket, state: RaceState) -> bytes:
-    """Return everything up to and with the first frame of this state."""
+    """Return everything up to and including the first frame of this state."""
     wanted, heard = encode(state), b''
     while wanted not in heard:
         data = kart.recv(4096)
@@ -79,7 +79,7 @@ def read_until(kart: socket.socket, state: RaceState) -> bytes:
 
 
 def read_to_end(kart: socket.socket) -> bytes:
-    """Return everything until the connection ends, in whatever way."""
+    """Return everything until the connection ends in any way."""
     heard = b''
     with contextlib.suppress(ConnectionError):
         while data := kart.recv(4096):
@@ -91,13 +91,13 @@ class KartLink:
     """
     One connection of a plain kart; its owner reads it with ``take``.
 
-    ``changes`` are the states it was sent, each with the monotonic time (s) of its first frame;
-    ``times`` has the time of every frame, ``frames`` counts them; ``malformed`` is what it was
-    sent that is no frame.
+    ``changes`` are the states it was sent, each with the monotonic time (s) of its first frame.
+    ``times`` has the time of every frame, ``frames`` counts them, and ``malformed`` has the bytes
+    that are no frame.
 
     :param address: its own address, by which race control knows it.
     :param to: race control's address and port.
-    :param judge: is told what is seen on this connection; `kart` is the kart's number there.
+    :param judge: receives everything seen on this connection; `kart` is the kart's number there.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -128,21 +128,21 @@ class KartLink:
 
     @property
     def state(self) -> RaceState | None:
-        """Return the state it was sent last; None before the first frame."""
+        """Return the last state sent to it; None before the first frame."""
         return self.changes[-1][1] if self.changes else None
 
     def take(self, after: float) -> list[tuple[RaceState, bool]] | None:
         """
-        Read what there is, and return each state, and whether it is a change.
+        Read the available data; return each state and whether it is a change.
 
-        :param after: a time (monotonic, s) at which nothing was left to be read.
+        :param after: a time (monotonic, s) at which nothing was left to read.
         :return: None at the end of the connection.
         """
         data = self.receive()
         return None if data == b'' else self.note(data or b'', after)
 
     def receive(self) -> bytes | None:
-        """Return what there is to be read: nothing at the end; None: only not yet."""
+        """Return the available bytes: empty at the end of the connection; None: none yet."""
         try:
             return self.socket.recv(1 << 16)
         except BlockingIOError:
@@ -151,7 +151,7 @@ class KartLink:
             return b''
 
     def note(self, data: bytes, after: float) -> list[tuple[RaceState, bool]]:
-        """Take note of what was read; see ``take``."""
+        """Process the bytes that were read; see ``take``."""
         now = time.monotonic()
         *frames, self._unread = (self._unread + data).split(b';')
         heard = []
@@ -173,15 +173,15 @@ class KartLink:
         return heard
 
     def say(self, *states: RaceState) -> None:
-        """Send frames, asked or unasked."""
+        """Send frames, whether due or not."""
         self.send(b''.join(map(encode, states)))
 
     def send(self, data: bytes) -> None:
         """
         Send bytes, whatever they are.
 
-        :raises OSError: if not all of it could be sent, such as on a full socket that may not
-            block.
+        :raises OSError: if not all of them could be sent, for example on a full non-blocking
+            socket.
         """
         while data:
             before = time.monotonic()
@@ -191,16 +191,16 @@ class KartLink:
             data = data[sent:]
 
     def half_close(self) -> None:
-        """Say that nothing more will be said, and go on to listen."""
-        with contextlib.suppress(OSError):  # gone: the reader is told next
+        """Close the sending half of the connection, and continue to listen."""
+        with contextlib.suppress(OSError):  # it is gone; the reader notices next
             self.socket.shutdown(socket.SHUT_WR)
 
     def end(self, earliest: float, reset: bool = False) -> None:
         """
-        Let the connection go.
+        Close the connection.
 
         :param earliest: a time (monotonic, s) before which it had not ended.
-        :param reset: as a machine does that has lost it.
+        :param reset: reset it, as a machine does that no longer knows the connection.
         """
         if reset:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
@@ -209,7 +209,7 @@ class KartLink:
             self._judge.closed(self.number, earliest, time.monotonic())
 
     def _note_said(self, data: bytes, before: float, after: float, judge: Judge) -> None:
-        """Tell the judge which frames are complete now, whatever pieces they went out in."""
+        """Report newly complete frames to the judge, however they were split."""
         kept = b''.join(piece for piece, _ in self._tail)
         for match in _SAID.finditer(kept + data):
             if match.end() <= len(kept):
@@ -229,13 +229,13 @@ class KartLink:
 
 class WireKart(KartLink, Part):
     """
-    A plain TCP kart that reads all the time; see ``KartLink`` for what it knows.
+    A plain TCP kart that reads all the time; see ``KartLink`` for its attributes.
 
     ``ended`` is true once the connection is gone.
 
-    :param acknowledges: when it says back what it is sent; may be changed at any time.
+    :param acknowledges: when it acknowledges what it is sent; can be changed at any time.
     :param host: race control's address.
-    :param timeout: to connect, s.
+    :param timeout: maximum time to connect, s.
     """
 
     def __init__(
@@ -258,9 +258,9 @@ class WireKart(KartLink, Part):
 
     def answer(self, state: RaceState, change: bool) -> None:
         """
-        Answer a frame, in the thread that reads; a kart with a mind of its own does it otherwise.
+        Answer a frame, in the thread that reads; subclasses may answer differently.
 
-        :param change: it was sent something else before.
+        :param change: the state differs from the one before.
         """
         if self.acknowledges is Acknowledges.EACH_FRAME or (
             change and self.acknowledges is Acknowledges.EACH_CHANGE

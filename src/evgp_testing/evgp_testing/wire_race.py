@@ -19,14 +19,14 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 
 class WireRace(Part):
     """
-    Race control, an official, and a plain kart for each number but the absent ones.
+    Race control, an official, and a plain kart for each number except the absent ones.
 
-    ``karts`` has those in the race first.
+    ``karts`` lists those in the race first.
 
-    :param folder: where race control's files are written.
+    :param folder: the folder for race control's files.
     :param racing: the numbers of the karts in the race.
-    :param others: those in the roster only.
-    :param absent: those of the roster that do not connect.
+    :param others: the numbers of the karts that are only in the roster.
+    :param absent: the numbers of roster karts that do not connect.
     :param parameters: more ROS parameters of race control.
     """
 
