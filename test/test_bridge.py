@@ -319,7 +319,7 @@ def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
     ('is_read', 'missing'),
     [
         (True, 'its stack sends the motors no speed'),
-        (False, 'no stack drives it: nobody reads /kart_bridge/race_state'),
+        (False, 'no stack drives it: no node reads /kart_bridge/race_state'),
     ],
 )
 def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told_what_is_missing(
@@ -447,10 +447,10 @@ def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
         read.append((bridge, side, reader))
     time.sleep(UNREAD + 1.0)  # that time passes is itself what is awaited
     for bridge, side, reader in read:
-        assert 'Nobody has read' not in bridge.output
+        assert 'No node has read' not in bridge.output
         side.node.destroy_subscription(reader)
         where = f'/kart_bridge/race_state in ROS domain {bridge.domain}'
-        bridge.wait_for_line(f'Nobody has read {where} .*{INTERFACE}')
+        bridge.wait_for_line(f'No node has read {where} .*{INTERFACE}')
 
 
 def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
@@ -458,15 +458,15 @@ def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
 ) -> None:
     race = start_race()
     race.grid()
-    race.bridge.wait_for_line('Nobody has acknowledged GRID_ACTIVE for 5 s.*/kart_bridge/acknowl')
+    race.bridge.wait_for_line('GRID_ACTIVE has not been acknowledged for 5 s.*/kart_bridge/acknowl')
     assert race.team.acknowledge(GRID_ACTIVE).success
     race.start()
     race.team.drive_at(3.0)
     race.official.command('all_kill')
     race.bridge.wait_for_line('The stop is not acknowledged yet: odometry says 3.00')
     race.team.drive_at(0.0)
-    race.bridge.wait_for_line('Nobody has acknowledged RED_RED for 5 s')
-    assert 'Nobody has acknowledged IN_GARAGE' not in race.bridge.output
+    race.bridge.wait_for_line('RED_RED has not been acknowledged for 5 s')
+    assert 'IN_GARAGE has not been acknowledged' not in race.bridge.output
 
 
 def refused(

@@ -400,9 +400,10 @@ def why_not_connected(settings: LinkSettings, error: BaseException) -> str:
     if number == errno.EADDRNOTAVAIL and settings.local_address:
         return f'this machine has no address {settings.local_address}: check local_address'
     if number == errno.ECONNREFUSED:
-        return f'{peer} refuses: is race control running, and are address and port right?'
+        why = 'is race control running, and are address and port right?'
+        return f'{peer} refuses the connection: {why}'
     if number in (errno.ENETUNREACH, errno.EHOSTUNREACH):
-        return f"there is no way to {settings.host}: is the kart in race control's network?"
+        return f"{settings.host} cannot be reached: is the kart on race control's network?"
     if number is None or number == errno.ETIMEDOUT:
-        return f"{peer} does not answer: is the kart in race control's network?"
+        return f"{peer} does not answer: is the kart on race control's network?"
     return f'connecting to {peer_of(settings)} failed: {error}'

@@ -97,7 +97,7 @@ ODOMETRY_QOS = QoSProfile(
 """QoS of ``~/odom``: only the newest counts, from a publisher of any reliability."""
 
 MOST_FIRST_ORDER = 2**52
-"""Maximum number of a bridge's first order. JSON and JavaScript keep integers below 2**53."""
+"""Maximum number of a bridge's first order; JSON and JavaScript keep integers below 2**53."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -147,7 +147,7 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
-        # Volatile: a late subscriber hears no old state, and silence means that nothing is known.
+        # Volatile: a late subscriber gets no old state, and silence means that nothing is known.
         self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
@@ -220,7 +220,7 @@ class KartBridge(StrictNode):
         """Disconnect from race control, and publish RED_RED last."""
         self._link.stop()
         try:
-            self._publish(_ENDED, 0.0)  # at this time the lamp is lit
+            self._publish(_ENDED, 0.0)  # the lamp is lit at time 0
         except PublishError as error:  # then the bridge's silence stops the kart
             self.get_logger().error(str(error))
         wait_until_heard(self._race_state, self._stop, self._state, self._lamp)
@@ -334,7 +334,7 @@ class KartBridge(StrictNode):
         elif self._unread_at is not None and clock.now() >= self._unread_at + UNREAD:
             self._unread_at = None
             self.get_logger().warning(
-                f'Nobody has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
+                f'No node has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
                 's: is the stack running, with the same ROS_DOMAIN_ID, and without '
                 f'{" or ".join(KEEPS_APART)} in its shell? On two computers, both need '
                 'EVGP_GRAPH_INTERFACE'
@@ -357,7 +357,7 @@ class KartBridge(StrictNode):
             missing = (
                 'its stack sends the motors no speed'
                 if self._is_read()
-                else f'no stack drives it: nobody reads {self._race_state.topic_name}'
+                else f'no stack drives it: no node reads {self._race_state.topic_name}'
             )
             self.get_logger().warning(
                 f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
@@ -484,8 +484,8 @@ class KartBridge(StrictNode):
             self._awaited = verdict.order, math.inf
             does = 'drives' if awaited is RaceState.GREEN_GREEN else 'stands still'
             self.get_logger().warning(
-                f'Nobody has acknowledged {awaited.value} for {UNACKNOWLEDGED:g} s, and this '
-                f'bridge sees no reason for that. Once the kart {does}, its stack must call '
+                f'{awaited.value} has not been acknowledged for {UNACKNOWLEDGED:g} s, although '
+                f'nothing prevents it. Once the kart {does}, its stack must call '
                 f'{self.resolve_service_name("~/acknowledge")}'
             )
 

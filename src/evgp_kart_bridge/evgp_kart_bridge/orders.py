@@ -125,7 +125,7 @@ class Orders:
 
     def hear(self, heard: Sequence[Said], since: float, now: float) -> None:
         """
-        Take the bridge's messages, oldest first; the last one counts.
+        Process the bridge's messages, oldest first; the last one counts.
 
         :param since: time before which none of them was sent.
         """
@@ -138,7 +138,7 @@ class Orders:
             self.order(now)
 
     def count_bridges(self, alive: int) -> None:
-        """Take the number of bridges that the middleware reports as alive."""
+        """Process the number of bridges that the middleware reports as alive."""
         self._bridges_alive = alive
         if alive > 1:
             self._armed_by = None

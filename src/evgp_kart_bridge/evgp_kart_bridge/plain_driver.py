@@ -41,7 +41,7 @@ class Driver(Node):
         self.create_timer(0.05, self.step, clock=steady)
 
     def hear(self, message: String) -> None:
-        """Take the state: GRID_ACTIVE arms; then everything but GREEN_GREEN disarms."""
+        """Process a state: GRID_ACTIVE arms; then everything except GREEN_GREEN disarms."""
         now = boot_time()
         unbroken = now - self.heard_at <= LEASE
         self.armed = message.data == 'GRID_ACTIVE' or (

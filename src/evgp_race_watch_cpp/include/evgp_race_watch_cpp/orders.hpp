@@ -151,7 +151,7 @@ public:
     return "";
   }
 
-  /// Take the bridge's messages, oldest first; none of them was sent before `since`.
+  /// Process the bridge's messages, oldest first; none of them was sent before `since`.
   void hear(const std::vector<Said> & heard, double since, double now)
   {
     settle(now);  // a doubt or another state in between ends the previous order
@@ -164,7 +164,7 @@ public:
     order(now);  // only now: glance() must not return a GREEN_GREEN that is already over
   }
 
-  /// Take the number of bridges that the middleware reports as alive.
+  /// Process the number of bridges that the middleware reports as alive.
   void count_bridges(int alive)
   {
     bridges_alive_ = alive;
