@@ -220,7 +220,7 @@ def test_a_race_only_is_passed_by_the_client_of_the_document_and_says_that_it_is
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert (report['verdict'], code) == ('pass', 0)
-    assert 'no inspection' in ' '.join(report['remarks'])
+    assert 'not an inspection' in ' '.join(report['remarks'])
 
 
 def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
