@@ -376,7 +376,7 @@ class Desk:
         if act is Act.PUBLISH and laps.ended == math.inf:
             return 'the race is still under way'
         if act is Act.CHOOSE and not laps.is_result:
-            return 'that race has no heat, or no counted lap'
+            return 'that race has no heat, or no lap counted in it'
         return ''
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
