@@ -399,7 +399,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
 
     console.wait_for('danger', visible=False)
     console.wait_for('state', text='RED RED')
-    console.wait_for('log', text='started again')
+    console.wait_for('log', text='restarted')
     console.wait_for('kart_1', text='held: since race control started')
     # It still commands: the race is brought home.
     connect_kart(again, 1, EACH_CHANGE)
