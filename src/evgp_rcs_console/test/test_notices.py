@@ -277,7 +277,7 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
         'Kart 3: RED FLAG (finished, P1)',
         'Kart 7: RED FLAG (finished, P2)',
         'Karts 3, 7 acknowledged RED FLAG',
-        'Every kart of the race acknowledged what it is sent',
+        'Every kart of the race acknowledged its order',
         'ALL KILL · Anna',
         'Every kart of the race acknowledged RED RED',
     ]
