@@ -458,7 +458,9 @@ def test_a_bridge_says_that_nobody_acknowledges_though_the_kart_stands(
 ) -> None:
     race = start_race()
     race.grid()
-    race.bridge.wait_for_line('GRID_ACTIVE has not been acknowledged for 5 s.*/kart_bridge/acknowl')
+    race.bridge.wait_for_line(
+        'GRID_ACTIVE has not been acknowledged for 5 s.*/kart_bridge/acknowl'
+    )
     assert race.team.acknowledge(GRID_ACTIVE).success
     race.start()
     race.team.drive_at(3.0)

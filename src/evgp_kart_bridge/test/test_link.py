@@ -272,7 +272,7 @@ def test_a_closed_port_is_named_and_tried_until_it_opens(
         port = reserved.getsockname()[1]
     running = start_link(port)
     refused = running.wait_for(lambda verdict: 'refuses' in verdict.reason)
-    assert f'127.0.0.1, port {port}, refuses the connection: is race control running' in refused.reason
+    assert f'127.0.0.1, port {port}, refuses the connection: is race' in refused.reason
     opened = parts.enter_context(socket.create_server(('127.0.0.1', port)))
     opened.settimeout(PATIENCE)
     accept(opened).sendall(encode(IN_GARAGE))
