@@ -229,7 +229,6 @@ class StandIn:
     """Stands in for whatever a launch file makes, and keeps what it was given."""
 
     def __init__(self, kind: str, positional: tuple[Any, ...], named: dict[str, Any]) -> None:
-        """Keep it."""
         self.kind = kind
         self.positional = positional
         self.named = named

@@ -804,7 +804,6 @@ class Driven:
         self.race, self.base, self.driver = race, base, driver
 
     def go(self) -> None:
-        """Bring the kart to speed."""
         self.race.green()
         self.base.wait_for_speed(lambda speed: speed > 1.0)
 

@@ -38,20 +38,17 @@ FILE = ROOT / 'src' / 'evgp_rehearsal' / 'config' / 'rehearsal.yaml'
 
 
 def the_plan(laps: int = 6, seed: int = 2) -> Plan:
-    """Return the plan that is shipped."""
     text = FILE.read_text(encoding='utf-8')
     return read_plan(text.replace('laps: 6', f'laps: {laps}').replace('seed: 1', f'seed: {seed}'))
 
 
 @pytest.fixture
 def rehearsal(tmp_path: pathlib.Path) -> Iterator[Rehearsal]:
-    """Return a rehearsal."""
     with Rehearsal(the_plan(), tmp_path) as each:
         yield each
 
 
 def ask(url: str, data: dict[str, Any] | None = None, **headers: str) -> Any:
-    """Return what the page answers."""
     body = None if data is None else json.dumps(data).encode()
     request = urllib.request.Request(url, body, headers)  # noqa: S310 - of our own page
     with urllib.request.urlopen(request, timeout=10) as answer:  # noqa: S310
@@ -66,7 +63,6 @@ def start(rehearsal: Rehearsal) -> None:
 
 
 def wait(rehearsal: Rehearsal, seconds: float) -> None:
-    """Let time pass in the field."""
     with rehearsal.lock:
         until = rehearsal.field.tick + round(seconds / TICK_LENGTH)
         assert rehearsal.lock.wait_for(lambda: rehearsal.field.tick >= until, PATIENCE)

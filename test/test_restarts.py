@@ -37,7 +37,6 @@ class Kept(Process):
     """A race control that is kept running."""
 
     def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
-        """Start it."""
         self.port = new_port()
         own = settings(folder, write_roster(folder, [1]))
         super().__init__(
@@ -92,7 +91,6 @@ def start_kept(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
 
 
 def is_there(pid: int) -> bool:
-    """Return whether a process runs."""
     with contextlib.suppress(FileNotFoundError):
         return ') Z ' not in pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii')
     return False
@@ -223,7 +221,6 @@ class Terminal:
 
 @pytest.fixture
 def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[Terminal]:
-    """Return a terminal with `make run`."""
     opened = Terminal(tmp_path, parts.enter_context(Domain()).number)
     yield opened
     opened.close()

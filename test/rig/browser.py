@@ -127,7 +127,6 @@ class Browser(Part):
         self.requested.clear()
 
     def close(self) -> None:
-        """End the browser."""
         os.close(self._write)  # it ends when nobody is at the pipe any more
         try:
             self._process.wait(PATIENCE)

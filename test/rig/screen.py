@@ -87,12 +87,10 @@ class Screen(Part):
         self._x.XSync(self._open, 0)
 
     def move(self, x: int, y: int) -> None:
-        """Move the pointer."""
         self._test.XTestFakeMotionEvent(self._open, -1, x, y, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
 
     def press_button(self) -> None:
-        """Press the left mouse button."""
         self._button(1)
 
     def right_click(self, x: int, y: int) -> None:
@@ -132,11 +130,9 @@ class Screen(Part):
         )
 
     def release_button(self) -> None:
-        """Release the left mouse button."""
         self._button(0)
 
     def click(self, x: int, y: int) -> None:
-        """Click there."""
         self.move(x, y)
         self.press_button()
         self.release_button()
@@ -160,18 +156,15 @@ class Screen(Part):
         self._x.XSync(self._open, 0)
 
     def wait_for_window(self) -> None:
-        """Return once a window has opened."""
         event = (ctypes.c_long * 24)()  # XEvent
         while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
             self._x.XNextEvent(self._open, ctypes.byref(event))
 
     @property
     def is_there(self) -> bool:
-        """Return whether the server runs."""
         return self._server.poll() is None
 
     def close(self) -> None:
-        """End the server."""
         self._x.XCloseDisplay(self._open)
         self._server.terminate()
         self._server.wait()
@@ -216,6 +209,5 @@ class Screens:
                 self._idle.append(screen)
 
     def close(self) -> None:
-        """End them."""
         while self._idle:
             self._idle.pop().close()

@@ -99,13 +99,11 @@ class RaceControl:
         self.port: int = self.listening.getsockname()[1]
 
     def start_link(self, frame_timeout: float = PATIENCE, local_address: str = '') -> Running:
-        """Start a link to it."""
         running = Running(self.port, frame_timeout, local_address)
         self._parts.callback(running.link.stop)
         return running
 
     def accept(self) -> socket.socket:
-        """Return the next connection."""
         connection = self._parts.enter_context(self.listening.accept()[0])
         connection.settimeout(PATIENCE)
         return connection

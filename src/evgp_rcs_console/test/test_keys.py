@@ -97,7 +97,6 @@ def field() -> KartField:
 
 
 def type_number(field: KartField, digits: str, at: float = 0.0) -> None:
-    """Type digits at once."""
     for digit in digits:
         field.add(digit, at)
 

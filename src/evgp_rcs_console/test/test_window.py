@@ -108,20 +108,17 @@ class Console:
                 return
 
     def tell(self, race: Snapshot) -> None:
-        """Tell it of a race."""
         self._race = race
         self.inbox.on_race(race, clock.now(), False)
         self.settle()
 
     def find(self, name: str) -> Any:
-        """Return a widget by its name."""
         found = self.window.findChild(QtWidgets.QWidget, name)
         assert found is not None, name
         return found
 
     @property
     def buttons(self) -> list[Any]:
-        """Return every button of a command."""
         return list(self.window.findChildren(CommandButton))
 
     def row(self, number: int) -> QtCore.QRect:
@@ -162,7 +159,6 @@ class Console:
         self.settle()
 
     def click(self, name: str) -> None:
-        """Click a widget."""
         self._in_time(lambda: self.click_at(self.place(name)))
 
     def _in_time(
@@ -202,7 +198,6 @@ class Console:
         return found
 
     def close(self) -> None:
-        """Close it."""
         self.window.close()
         self.window.deleteLater()
         self.application.removeEventFilter(self.window)
@@ -298,7 +293,6 @@ def every(**fields: Any) -> tuple[Availability, ...]:
 def event(
     sequence: int, text: str, official: str = '', kind: EventKind = EventKind.COMMAND
 ) -> StampedEvent:
-    """Return an event."""
     return StampedEvent(sequence, 0, 0.0, Event(kind, text, official=official))
 
 
