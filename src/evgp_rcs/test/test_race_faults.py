@@ -583,6 +583,7 @@ a button at fault stops the race: there-acts, effect [people in green] attended:
 
 
 def search(rules: ModuleType) -> None:
+    """Search all worlds."""
     for bound, options in WORLDS.values():
         oracle.Search(rules, **options).run(bound)
 
