@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
-import functools
 import os
 import pathlib
 import signal
@@ -82,13 +81,9 @@ def open_console(
     """Return a function that opens an official's window on a screen of its own."""
 
     def open_(
-        control: RaceControl,
-        width: int = 1366,
-        height: int = 768,
-        arguments: Sequence[str] = (),
-        **environment: str,
+        control: RaceControl | Speaker, arguments: Sequence[str] = (), **environment: str
     ) -> Console:
-        screen = parts.enter_context(screens.one(width, height))
+        screen = parts.enter_context(screens.one())
         console = Console(tmp_path, control.domain, screen, environment, arguments)
         parts.callback(console.close)
         return console
@@ -105,13 +100,11 @@ def open_beside(
     def open_(
         *connected: int,
         in_race: Iterable[int] = (),
-        acknowledges: Acknowledges = EACH_CHANGE,
-        size: tuple[int, int] = (1366, 768),
         **settings: Any,
     ) -> tuple[Console, list[WireKart], RaceControl]:
         control = start_race_control(in_race=in_race or connected, **settings)
-        console = open_console(control, *size)
-        karts = [connect_kart(control, number, acknowledges) for number in connected]
+        console = open_console(control)
+        karts = [connect_kart(control, number, EACH_CHANGE) for number in connected]
         see_karts(console, *connected)
         return console, karts, control
 
@@ -130,11 +123,6 @@ def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
         return control
 
     return start
-
-
-def is_past(at: float) -> bool:
-    """Return whether this time has come, in seconds."""
-    return time.monotonic() > at
 
 
 def hold_down(console: Console, button: str) -> None:
@@ -601,7 +589,7 @@ def test_stops_go_out_without_timing_as_with_it_and_the_letter_says_that_it_send
         # Each crossing is a lap after the last one: the letter was LAP, is LAP, and then FINISH.
         for lap, button in ((1, 'kart_finish_1'), (2, 'kart_undo_finish_1')):
             crosses = time.monotonic() + 1.2
-            official.wait_until_polled(functools.partial(is_past, crosses), 'a lap')
+            official.wait_until_polled(lambda at=crosses: time.monotonic() > at, 'a lap')
             console.press('a', see=button)
             console.wait_for('kart_1', text=f'{lap}/2')
         official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')

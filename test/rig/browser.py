@@ -26,16 +26,6 @@ from typing import Any
 
 from evgp_testing.part import Part, PATIENCE
 
-KEY_CODES = {
-    'End': 35,
-    'Home': 36,
-    'ArrowLeft': 37,
-    'ArrowUp': 38,
-    'ArrowRight': 39,
-    'ArrowDown': 40,
-}
-"""What some keys are to the browser's own controls, which do not go by their names."""
-
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
 

@@ -45,15 +45,15 @@ class Screen(Part):
     Clicks and keys go in by the XTEST extension: to a program they are those of a real device.
     """
 
-    def __init__(self, width: int = 1366, height: int = 768) -> None:
+    width, height = 1366, 768
+
+    def __init__(self) -> None:
         """Start the server, at the first display that is free."""
-        self.width = width
-        self.height = height
         self.is_remapped = False
         reading, writing = os.pipe()
         try:
             self._server = subprocess.Popen(
-                f'Xvfb -displayfd {writing} -screen 0 {width}x{height}x24 '
+                f'Xvfb -displayfd {writing} -screen 0 {self.width}x{self.height}x24 '
                 '-nolisten tcp -noreset'.split(),
                 pass_fds=(writing,),
                 stdin=subprocess.DEVNULL,
@@ -191,15 +191,13 @@ class Screens:
         self._idle: list[Screen] = []
 
     @contextlib.contextmanager
-    def one(self, width: int = 1366, height: int = 768) -> Iterator[Screen]:
-        """Have a screen of this size meanwhile, as if it were a new one."""
-        fitting = [each for each in self._idle if (each.width, each.height) == (width, height)]
-        if fitting:
-            screen = fitting[0]
-            self._idle.remove(screen)
+    def one(self) -> Iterator[Screen]:
+        """Have a screen meanwhile, as if it were a new one."""
+        if self._idle:
+            screen = self._idle.pop()
             screen.put_back()
         else:
-            screen = Screen(width, height)
+            screen = Screen()
         try:
             yield screen
         finally:
