@@ -106,6 +106,7 @@ class Console:
                 self.application.processEvents()
             if time.monotonic() >= ends:
                 return
+            time.sleep(0.005)  # others need the processor
 
     def tell(self, race: Snapshot) -> None:
         self._race = race
