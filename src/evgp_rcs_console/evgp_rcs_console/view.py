@@ -741,7 +741,9 @@ class _Buttons:
     def needs_msr(self, kart: KartSnapshot | None) -> bool:
         """Return whether an alert about a kart asks for the MSR."""
         alerts = self.snapshot.alerts
-        return kart is not None and any(each.use_msr and each.kart == kart.number for each in alerts)
+        return kart is not None and any(
+            each.use_msr and each.kart == kart.number for each in alerts
+        )
 
     def place(self, kart: KartSnapshot) -> str:
         """Return its position and laps, or without timing its place in the order of FINISH."""
