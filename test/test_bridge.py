@@ -24,16 +24,13 @@ from evgp_node.graph import INTERFACE, kept_apart_by
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
-    JoinOfficial,
     JoinTeam,
     StartBase,
     StartBridge,
-    StartRaceControl,
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
@@ -228,25 +225,6 @@ def test_the_lock_is_on_in_the_garage_unless_the_team_may_drive_there(
     start_race: StartRace, may_drive: bool
 ) -> None:
     start_race(drive_in_garage=may_drive).team.wait_for_stop(not may_drive)
-
-
-def test_a_race_control_that_hangs_stops_the_kart(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    start_bridge: StartBridge,
-    join_team: JoinTeam,
-) -> None:
-    control = start_race_control(in_race=[1])
-    bridge = start_bridge(control.port, 1)
-    race = OneKartRace(Desk(control, join_official(control)), bridge, join_team(bridge))
-    race.green()
-    race.control.freeze()
-    try:
-        told = race.team.wait_for_state(RED_RED)
-        race.team.wait_for_stop(True)
-    finally:
-        race.control.thaw()
-    assert f'port {race.control.port} was silent for 1 s' in told.reason
 
 
 # ----- acknowledgements --------------------------------------------------------------------
@@ -676,37 +654,6 @@ def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names
 # ----- a kart that stops itself ------------------------------------------------------------
 
 
-def reports(state: RaceState) -> Callable[[KartStatus], bool]:
-    return lambda kart: state_of(kart.reported) is state
-
-
-def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
-    start_race: StartRace,
-) -> None:
-    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
-    race.green()
-    race.team.drive_at(3.0)
-    race.team.wait_until_polled(
-        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
-    )
-    race.official.wait_for_acks(GREEN_GREEN, 1)
-    stopped = race.team.team_stop(True)
-    told = race.team.wait_for_state(RED_RED)
-    assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
-    assert (state_of(told.reached), told.acknowledged) == (RED_RED, False)
-    moving = race.team.acknowledge(RED_RED)
-    assert 'odometry says 3.00 m/s' in moving.message
-    assert 'standstill_speed' in moving.message
-    race.official.wait_for_kart(1, reports(GREEN_GREEN), 'racing')
-    race.team.drive_at(0.0)
-    race.official.wait_for_kart(1, reports(RED_RED), 'reported as standing')
-    race.bridge.wait_for_line('RED_RED is acknowledged')
-    assert race.team.team_stop(False).success
-    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
-    assert (state_of(told.commanded), state_of(told.state)) == (GREEN_GREEN, RED_RED)
-    assert race.team.stop is True
-
-
 # ----- the bridge's own end ----------------------------------------------------------------
 
 
@@ -760,22 +707,6 @@ def test_a_stack_that_fails_brakes_to_a_stop(
         assert stack.wait() == 1
         assert 'LookupError: the fault' in stack.output
     race.team.wait_for_speed(lambda speed: speed == 0.0)
-
-
-def test_its_names_are_private(desk: Desk, parts: contextlib.ExitStack) -> None:
-    domain = parts.enter_context(Domain())
-    parts.enter_context(
-        Process(
-            'evgp_kart_bridge',
-            'kart_bridge_node',
-            domain.number,
-            {'host': '127.0.0.1', 'port': desk.control.port, 'local_address': '127.0.1.1'},
-            ('-r', '__ns:=/kart1', '-r', '__node:=link'),
-        )
-    )
-    team = parts.enter_context(Team(domain.number, bridge='/kart1/link'))
-    team.wait_for_state(IN_GARAGE)
-    team.wait_for_stop(True)
 
 
 # ----- wrong settings ----------------------------------------------------------------------
@@ -875,7 +806,6 @@ class Driven:
         self.race, self.base, self.driver = race, base, driver
 
     def go(self) -> None:
-        """Bring the kart to speed."""
         self.race.green()
         self.base.wait_for_speed(lambda speed: speed > 1.0)
 

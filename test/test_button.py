@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import contextlib
 import errno
 import pathlib
@@ -28,12 +28,22 @@ from test_security import allowed
 Start = Callable[..., tuple[StopButton, Ear]]
 
 
+@pytest.fixture(scope='module')
+def the_race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
+    """Return a race of three karts, and one that is not in it: no test here ends it."""
+    with WireRace(tmp_path_factory.mktemp('race'), (1, 2, 3), (4,)) as race:
+        yield race
+
+
 @pytest.fixture
-def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
-    """Return a race of three karts in GREEN_GREEN, and one that is not in it."""
-    race = parts.enter_context(WireRace(tmp_path, (1, 2, 3), (4,)))
-    race.bring_to(RaceState.GREEN_GREEN)
-    return race
+def race(the_race: WireRace) -> WireRace:
+    """Return that race in GREEN_GREEN, once the button of the test before is gone."""
+    the_race.official.wait_for_race(lambda seen: not seen.able_to_stop, 'nobody any more')
+    the_race.bring_to(RaceState.IN_GARAGE)
+    the_race.bring_to(RaceState.GREEN_GREEN)
+    with the_race.official.news:
+        the_race.official.events.clear()
+    return the_race
 
 
 @pytest.fixture

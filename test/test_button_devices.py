@@ -40,7 +40,6 @@ class Pad:
     """A gamepad that the kernel holds for real."""
 
     def __init__(self) -> None:
-        """Plug it in."""
         self._hand = os.open(UINPUT, os.O_WRONLY)
         for request, value in ((SET_EVENT, KEY), (SET_EVENT, ABS), (SET_STICK, 0)):
             fcntl.ioctl(self._hand, request, value)
@@ -53,7 +52,6 @@ class Pad:
         self.path = f'/dev/input/{event.name}'
 
     def say(self, kind: int, code: int, value: int) -> None:
-        """Let something of it move."""
         os.write(self._hand, EVENT.pack(0, 0, kind, code, value) + EVENT.pack(0, 0, 0, 0, 0))
 
     def press(self, key: int = 30) -> None:
@@ -64,7 +62,6 @@ class Pad:
         time.sleep(0.03)
 
     def unplug(self) -> None:
-        """Pull it out."""
         fcntl.ioctl(self._hand, DESTROY)
         os.close(self._hand)
 
@@ -73,7 +70,6 @@ class Button:
     """The loop of `rcs_button` on a path, in a thread, and what it tells."""
 
     def __init__(self, path: pathlib.Path) -> None:
-        """Start it."""
         self.presses, self.pressed, self.trouble, self.looks = PressCounter(), 0, '?', 0
         self._ending = threading.Event()
         given = (str(path), self.presses, self._press, self._look, self._ending)
@@ -88,7 +84,6 @@ class Button:
         self.looks += 1
 
     def close(self) -> None:
-        """End it."""
         self._ending.set()
         self._thread.join()
 

@@ -247,21 +247,6 @@ def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
     assert not meeting.official.call('set_track_open', open=True).success
 
 
-def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(
-    meeting: Event,
-) -> None:
-    crashed_in_green(meeting)
-    meeting.harmed = True
-    for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
-        beside.unlink()
-    meeting.start(connect=())
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert state_of(race.state) is RED_RED
-    assert [kart.may_be_moving for kart in race.karts[:2]] == [True, True]
-    assert not race.track.allowed
-    assert not meeting.official.call('in_garage', track_safe=True).success
-
-
 def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks_for_one_look(
     meeting: Event,
 ) -> None:
@@ -281,21 +266,6 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
         assert [state for _, state in kart.changes] == [RED_RED]
     assert not meeting.official.call('in_garage', track_safe=False).success
     meeting.home()
-
-
-@pytest.mark.parametrize('dies', [False, True], ids=['ended', 'killed'])
-def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garage(
-    meeting: Event, dies: bool
-) -> None:
-    meeting.official.command('set_track_open', open=True, no_race_anywhere=True)
-    if dies:
-        meeting.kill()
-    else:
-        meeting.run.close()
-    meeting.start()
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert state_of(race.state) is (RED_RED if dies else IN_GARAGE)
-    assert race.track.open
 
 
 def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_closed(

@@ -126,7 +126,22 @@ def test_diagnostics_have_the_level_of_the_gravest_alert(
     assert health.wait_for('rcs: race', ERROR).message.endswith(tuple(gravest))
 
 
-def test_diagnostics_have_every_kart(
+def analyzers(package: str) -> dict[str, list[str]]:
+    """Return, by the path of each analyzer of a package, what the names have that it takes."""
+    text = (ROOT / 'src' / package / 'config/analyzers.yaml').read_text(encoding='utf-8')
+    given = yaml.safe_load(text)['analyzers']['ros__parameters']
+    return {each['path']: each['contains'] for each in given.values() if isinstance(each, dict)}
+
+
+def taken(package: str, health: Health) -> dict[str, list[str]]:
+    """Return, by the name of each status, the analyzers that take it."""
+    return {
+        name: [path for path, parts in analyzers(package).items() if any(map(name.count, parts))]
+        for name in health.statuses
+    }
+
+
+def test_diagnostics_have_every_kart_and_each_status_is_taken_by_one_analyzer(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
@@ -137,6 +152,8 @@ def test_diagnostics_have_every_kart(
     missing = health.wait_for('rcs: kart 1', WARN)
     assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
     health.wait_for('rcs: kart 2', OK)  # it is not in the race
+    expected = {'rcs: race': ['Race'], 'rcs: kart 1': ['Karts'], 'rcs: kart 2': ['Karts']}
+    assert taken('evgp_rcs', health) == expected
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     health.wait_for('rcs: kart 1', OK)
     official.command('all_kill')
@@ -158,30 +175,6 @@ def test_diagnostics_have_every_kart(
         )
 
     health.wait_until(as_shown, lambda: f'kart 1 as it stands; heard {health.statuses}')
-
-
-def analyzers(package: str) -> dict[str, list[str]]:
-    """Return, by the path of each analyzer of a package, what the names have that it takes."""
-    text = (ROOT / 'src' / package / 'config/analyzers.yaml').read_text(encoding='utf-8')
-    given = yaml.safe_load(text)['analyzers']['ros__parameters']
-    return {each['path']: each['contains'] for each in given.values() if isinstance(each, dict)}
-
-
-def taken(package: str, health: Health) -> dict[str, list[str]]:
-    """Return, by the name of each status, the analyzers that take it."""
-    return {
-        name: [path for path, parts in analyzers(package).items() if any(map(name.count, parts))]
-        for name in health.statuses
-    }
-
-
-def test_each_status_of_race_control_is_taken_by_one_analyzer(
-    start_race_control: StartRaceControl, look: Look
-) -> None:
-    health = look(start_race_control([1], [2]))
-    health.wait_for('rcs: kart 2', OK)
-    expected = {'rcs: race': ['Race'], 'rcs: kart 1': ['Karts'], 'rcs: kart 2': ['Karts']}
-    assert taken('evgp_rcs', health) == expected
 
 
 def test_the_status_of_the_bridge_is_taken_by_one_analyzer(

@@ -70,7 +70,6 @@ class Hostile(RosSide):
     """A node that calls whatever there is, with whatever can be sent."""
 
     def __init__(self, domain: int, chance: random.Random) -> None:
-        """Join the domain."""
         super().__init__('hostile', domain)
         self.chance = chance
         self.spin()
@@ -314,8 +313,6 @@ def test_a_stop_acts_whatever_its_official_is_called(
 
 
 class Broken(RosSide):
-    """A node whose callbacks raise."""
-
     def __init__(self, domain: int, only_serves: bool = False) -> None:
         """Offer a service that raises; listen to a topic so, unless it only serves."""
         super().__init__('broken', domain)

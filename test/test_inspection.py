@@ -186,20 +186,28 @@ def free_udp_port() -> int:
         return int(found.getsockname()[1])
 
 
-@pytest.mark.early
-def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(
-    tmp_path: pathlib.Path,
-) -> None:
+def inspect_client(folder: pathlib.Path, *words: str) -> tuple[dict[str, Any], int]:
+    """Inspect the client of the document, and return the report and the exit code."""
+
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         udp = free_udp_port()
-        program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
+        words_and_odometry = [*words, '--odometry', f'udp:{udp}', *UNATTENDED]
+        program = parts.enter_context(inspection(folder, *words_and_odometry))
         client = client_of_the_document(port_of(program), udp)
         kart = Program('client', [sys.executable, '-c', client])
         parts.callback(kart.kill)
         return wait_to_end(program)
 
-    report, code = undisturbed(tmp_path, inspect)
+    report, code = undisturbed(folder, inspect)
     assert those(report, 'fail') == {}
+    return report, code
+
+
+@pytest.mark.early
+def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(
+    tmp_path: pathlib.Path,
+) -> None:
+    report, code = inspect_client(tmp_path)
     assert set(those(report, 'not judged')) == KILLED
     assert (report['verdict'], code) == ('not judged', 2)
 
@@ -207,17 +215,7 @@ def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it
 def test_a_race_only_is_passed_by_the_client_of_the_document_and_says_that_it_is_no_inspection(
     tmp_path: pathlib.Path,
 ) -> None:
-    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
-        udp = free_udp_port()
-        words = ['--race', '--odometry', f'udp:{udp}', *UNATTENDED]
-        program = parts.enter_context(inspection(folder, *words))
-        client = client_of_the_document(port_of(program), udp)
-        kart = Program('client', [sys.executable, '-c', client])
-        parts.callback(kart.kill)
-        return wait_to_end(program)
-
-    report, code = undisturbed(tmp_path, inspect)
-    assert those(report, 'fail') == {}
+    report, code = inspect_client(tmp_path, '--race')
     assert those(report, 'not judged') == {}
     assert (report['verdict'], code) == ('pass', 0)
     assert 'not an inspection' in ' '.join(report['remarks'])

@@ -88,7 +88,6 @@ class Launch(Program):
         arguments: Mapping[str, object],
         environment: Mapping[str, str],
     ) -> None:
-        """Launch it."""
         words = [f'{name}:={value}' for name, value in arguments.items()]
         command = [sys.executable, '-c', LAUNCH, str(path), *words]
         super().__init__(path.name, command, environment=environment, end='INT')
@@ -172,7 +171,6 @@ def race_control(folder: pathlib.Path, domain: int) -> dict[str, object]:
 
 
 def wait_for_timekeeper(official: Official) -> None:
-    """Return once the timekeeper is there."""
     official.wait_until_polled(
         lambda: official.node.count_publishers('/rcs/timekeeper/results') == 1, 'the timekeeper'
     )

@@ -109,35 +109,3 @@ def test_a_race_is_stopped_once_nobody_is_heard_any_more_and_only_if_somebody_wa
     programs.say('rcs_button')
     wait_for(race, lambda seen: seen.able_to_stop and not alerts(seen), 'no alert')
     assert race.karts[0].state is RaceState.RED_FLAG
-
-
-def test_the_timekeeper_gives_finish_and_never_counts_as_somebody_there(
-    race: WireRace, programs: Programs
-) -> None:
-    programs.say('rcs_gui', official='Anna')
-    programs.say('timekeeper')
-    programs.say('some program', official='timekeeper')
-    race.bring_to(GREEN_GREEN)
-    seen = wait_for(race, lambda seen: seen.able_to_stop, 'the window')
-    assert seen.who_can_stop == 'Anna (window)'
-    del programs.words['rcs_gui 1']
-
-    race.official.call('kart/finish', kart=1, official='timekeeper')
-
-    race.karts[0].wait_for_state(RaceState.RED_FLAG)
-    raised = race.official.wait_for_event(
-        lambda event: event.kind == event.ALERT_RAISED and event.alert == NOBODY_THERE, 'the alert'
-    )
-    assert raised.text.startswith('Open a window')
-
-
-def test_a_button_that_is_gone_in_a_race_is_told_and_stops_nothing(
-    race: WireRace, programs: Programs
-) -> None:
-    programs.say('rcs_gui')
-    programs.say('rcs_button')
-    race.bring_to(GREEN_GREEN)
-    wait_for(race, lambda seen: seen.able_to_stop == 2, 'both')
-    programs.words.pop('rcs_button 1')
-    wait_for(race, lambda seen: seen.button_fault and BUTTON_FAULT in alerts(seen), 'the alert')
-    assert race.karts[0].state is GREEN_GREEN

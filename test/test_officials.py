@@ -19,11 +19,10 @@ from evgp_rcs.rules.catalogue import CATALOGUE
 from evgp_rcs.rules.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import Official, seen
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
-from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
 
@@ -56,100 +55,6 @@ def race(the_race: WireRace) -> WireRace:
     with official.news:
         official.events.clear()
     return the_race
-
-
-def in_the_race(official: Official, *numbers: int) -> msg.Race:
-    """Return the race once these karts, and no others, are in it."""
-    return official.wait_for_race(
-        lambda race: [kart.number for kart in race.karts if kart.in_race] == [*numbers], 'the heat'
-    )
-
-
-def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_grid(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(
-        in_race=(1,), others=(2, 3), heats={'Heat 1': (1, 2), 'Final': (2, 3)}
-    )
-    official = join_official(control)
-    for number in (1, 2, 3):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2, 3)
-    race = official.wait_for_race(lambda race: True, 'a look at the race')
-    assert [(heat.name, list(heat.karts)) for heat in race.heats] == [
-        ('Heat 1', [1, 2]),
-        ('Final', [2, 3]),
-    ]
-    assert not official.call('set_heat', heat='Heat 7').success
-    official.command('set_heat', heat='Heat 1')
-    in_the_race(official, 1, 2)
-    official.bring_to(GRID_ACTIVE)
-    official.bring_to(GREEN_GREEN)
-    official.command('kart/finish', kart=2)
-    official.command('race_over')
-    official.wait_for_acks(RED_RED, 1, 2)
-    official.bring_to(IN_GARAGE)
-    official.command('set_heat', heat='Final')
-    race = in_the_race(official, 2, 3)
-    assert [kart.place for kart in race.karts] == [0, 1, 0]
-    told = [event.kind for event in official.events]
-    assert told.count(msg.RaceEvent.ORDER_OF_FINISH) == 1
-    official.command('grid_active', track_clear=True)
-    official.wait_for_race(
-        lambda race: not any(kart.place for kart in race.karts), 'no places of the last race'
-    )
-
-
-def test_a_refused_command_says_why_and_changes_nothing(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2), others=(7,))
-    official = join_official(control)
-    kart = connect_kart(control, 1)
-    official.wait_for_connected(1)
-    race = official.wait_for_race(
-        lambda race: bool(seen(race, 'grid_active', 0)['karts']), 'what GRID_ACTIVE would start'
-    )
-    green = msg.CommandAvailability.GREEN_GREEN
-    announced = next(each for each in race.commands if each.command == green)
-    assert not announced.available
-    waiting = 'kart 1 (Team 1): no GRID_ACTIVE yet; kart 2 (Team 2): not connected'
-    for service, request, why in (
-        ('kart/finish', {'kart': 9}, 'the roster has no kart 9; it has 1, 2, 7'),
-        ('kart/finish', {'kart': 7}, 'kart 7 (Team 7) is not in the race'),
-        ('grid_active', {'track_clear': False}, 'state that the track is clear of humans'),
-        ('green_green', {}, announced.reason),
-        ('green_green', {}, f'waiting for {waiting}'),
-    ):
-        if waiting in why:
-            official.command('grid_active', track_clear=True)
-        answer = official.call(service, **request)
-        assert not answer.success
-        assert why in answer.message
-    kart.wait_for_frames(3)
-    assert [state for _, state in kart.changes] == [IN_GARAGE, GRID_ACTIVE]
-
-
-def test_the_race_says_until_when_a_pause_refuses_a_command_and_then_that_it_is_available(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
-) -> None:
-    official = join_official(start_race_control(in_race=(1,), pause=5.0))
-    garage = msg.CommandAvailability.IN_GARAGE
-
-    def offered(race: msg.Race) -> msg.CommandAvailability:
-        return next(each for each in race.commands if each.command == garage)
-
-    official.command('record_msr')  # after it no kart is waited for
-    race = official.wait_for_race(lambda race: offered(race).available_from.sec, 'the pause')
-    refused = official.call('in_garage', track_safe=True, karts=[1])
-    ended = official.wait_for_race(lambda race: offered(race).available, 'its end')
-
-    assert not offered(race).available
-    assert not refused.success
-    assert offered(race).reason in refused.message
-    assert offered(race).available_from.sec - race.stamp.sec <= 5
-    assert not offered(ended).available_from.sec
-    official.command('in_garage', track_safe=True)
 
 
 def test_the_document_of_the_interface_has_the_longest_times_to_an_answer() -> None:

@@ -42,7 +42,6 @@ class Officials:
     """
 
     def __init__(self, folder: pathlib.Path, parts: contextlib.ExitStack) -> None:
-        """Bring the race to GREEN_GREEN."""
         self._folder, self._parts = folder, parts
         self._track = parts.enter_context(Track())
         self.desks: list[Machine] = []
@@ -112,7 +111,6 @@ class Officials:
 
 @pytest.fixture
 def officials(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Officials:
-    """Return a race and its officials."""
     need_networks()
     return Officials(tmp_path, parts)
 

@@ -17,7 +17,6 @@ import subprocess
 import sys
 import time
 
-from evgp_node.process import IN_THE_WAY
 from evgp_node.states import state_of
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
@@ -179,46 +178,6 @@ def test_an_old_race_control_that_comes_back_beside_a_new_one_ends_and_no_kart_i
     come_back(masters, RaceState.IN_GARAGE, RaceState.GREEN_GREEN, seen=False)
 
 
-def test_two_plain_race_controls_with_one_address_that_are_plugged_together_end_and_say_so(
-    masters: Masters,
-) -> None:
-    masters.reach('first-karts', False)
-    masters.spare.ip('addr del 10.77.0.2/24 dev eth0', f'addr add {RACE_CONTROL}/24 dev eth0')
-    machines = (masters.first, masters.spare)
-    controls = [masters.start(each, address='0.0.0.0') for each in machines]
-    officials = [masters.official(each) for each in machines]
-    for official in officials:
-        official.wait_for_race(lambda race: True, 'the race')
-
-    masters.reach('first-karts', True)
-
-    texts = [says_why_it_ended(each) for each in officials]
-    assert [each.wait() for each in controls] == [1, 1]
-    for text, other in zip(texts, reversed(machines), strict=True):
-        assert hardware_of(other) in text
-        assert RACE_CONTROL in text
-
-
-def test_a_race_goes_to_red_red_when_race_control_loses_its_cable_and_the_process_stays(
-    masters: Masters,
-) -> None:
-    control = masters.start(masters.first)
-    official = masters.official(masters.first)
-    official.wait_for_connected(*NUMBERS)
-    official.bring_to(RaceState.GREEN_GREEN, *NUMBERS)
-    cut_at = time.monotonic()
-
-    masters.plug('first-karts', up=False)
-
-    official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
-    masters.plug('first-karts', up=True)
-    masters.wait_for(RaceState.RED_RED)
-    for number in NUMBERS:
-        _, after = masters.sent(number, cut_at)
-        assert after <= {RaceState.RED_RED}
-    assert control.runs
-
-
 @pytest.mark.parametrize('lost', ['the address', 'the interface', 'a moment of the cable'])
 def test_a_race_goes_to_red_red_when_its_address_or_its_interface_is_lost_and_is_followed(
     lost: str, masters: Masters
@@ -339,18 +298,6 @@ def test_a_second_interface_of_this_machine_on_that_network_is_no_rival_and_hide
             found = done.stdout.split()[0]
             right = 'ANSWER' if turn else 'NOTHING'
             assert found == right or (found == 'NOT_KNOWN' and not raw), done.stdout
-
-
-def test_race_control_as_the_shipped_service_asks_and_does_not_start_beside_another(
-    masters: Masters, tmp_path: pathlib.Path
-) -> None:
-    masters.spare.ip(f'addr add {RACE_CONTROL}/24 dev eth0')
-    with (
-        masters.first.inside(),
-        start(masters, tmp_path / 'service', under=under_the_unit()) as control,
-    ):
-        assert control.wait() == IN_THE_WAY
-    assert hardware_of(masters.spare) in control.output
 
 
 def test_where_it_cannot_be_known_no_proof_of_an_orderly_end_is_believed_and_nothing_is_hidden(

@@ -25,7 +25,6 @@ state: RaceState = Kart().verdict.state
 
 
 def pip(*arguments: object) -> None:
-    """Run pip, without any index."""
     subprocess.run(
         [sys.executable, '-m', 'pip', '--disable-pip-version-check', *map(str, arguments)],
         check=True,

@@ -16,10 +16,8 @@ import random
 from typing import NamedTuple
 
 from evgp_node.codec import message_of, value_of
-from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import (
     Command,
     Doubt,
@@ -190,7 +188,6 @@ class Walk:
 
 
 def numbers(karts: tuple[KartSnapshot, ...]) -> set[int]:
-    """Return the numbers of karts."""
     return {kart.number for kart in karts}
 
 
@@ -289,28 +286,3 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
             nobody_connected = not any(kart.connected for kart in shown.karts)
             assert bool(button.warning) is nobody_connected
     assert against
-
-
-def test_a_start_names_the_karts_whose_link_was_poor_in_the_last_minute_and_is_given() -> None:
-    race = Race([Kart(number, 'T', in_race=True) for number in NUMBERS], RaceTimes(), now=1.0)
-    race.track_open = False
-    for number in NUMBERS:
-        race.connected(number, 1.0)
-    for grade, number, at in ((Grade.POOR, 2, 2.0), (Grade.POOR, 4, 50.0), (Grade.GOOD, 4, 60.0)):
-        race.measured(number, NOT_MEASURED._replace(grade=grade, worst_answer=0.7), at)
-
-    told = {}
-    for now in (61.0, 70.0, 120.0):
-        shown = published(race, now)
-        button = show(shown, 0.0, {}).button(CommandKind.GRID_ACTIVE)
-        assert button is not None
-        assert button.enabled
-        told[now] = button.caution
-
-    assert 'karts 2, 4 was poor' in told[61.0]
-    assert 'kart 4 was poor' in told[70.0]
-    assert told[120.0] == ''
-    assert (shown.karts[3].link.grade, shown.karts[3].link.worst_answer) == (Grade.GOOD, 0.7)
-    answer = race.command(given(button), 120.0).answer
-    assert answer is not None
-    assert answer.success

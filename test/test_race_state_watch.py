@@ -277,7 +277,6 @@ class BareBridge(RosSide):
         self._publisher.publish(self.message)
 
     def answer(self) -> None:
-        """Offer the service, from now on."""
         self.node.create_service(Acknowledge, '/kart_bridge/acknowledge', self._answer)
 
     def _answer(
@@ -372,13 +371,6 @@ def start_green(start_bare: StartBare, *stacks: Stack) -> BareBridge:
     return bridge
 
 
-def test_a_stack_is_told_what_the_bridge_says(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_green(start_bare, stack)
-    bridge.say(RaceState.RED_FLAG)
-    stack.wait_for_state(RaceState.RED_FLAG)
-    stack.wait_for_reason('')
-
-
 @pytest.mark.parametrize('how', ['falls silent', 'leaves', RaceStateMessage.UNKNOWN, 99])
 def test_a_bridge_that_falls_silent_leaves_or_says_no_race_state_is_red_red(
     stack: Stack, start_bare: StartBare, how: str | int
@@ -422,14 +414,6 @@ def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
         time.sleep(LEASE)  # that time passes is itself what is awaited
     stack.wait_for_message(GREEN_GREEN)
     assert GREEN_GREEN not in stack.told
-
-
-def test_a_stack_that_begins_in_mid_race_does_not_drive_off(
-    stack: Stack, start_bare: StartBare
-) -> None:
-    start_bare(says=GREEN_GREEN)
-    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
-    assert stack.told == [RED_RED]
 
 
 def test_a_bridge_that_was_away_for_long_is_back_without_its_start(
@@ -562,17 +546,6 @@ def bridge(start_bare: StartBare) -> BareBridge:
     bare = start_bare(says=RED_RED)
     bare.answer()
     return bare
-
-
-def test_a_stack_acknowledges_the_order_that_it_was_given(
-    stack: Stack, bridge: BareBridge
-) -> None:
-    bridge.command(RED_RED, 7)
-    order = wait_for_order(stack, 7)
-    assert order.state is RED_RED
-    assert stack.watch.order is order
-    acknowledge_until(stack, order, lambda: bridge.asked)
-    assert bridge.asked[0] == (7, RED_RED)
 
 
 def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_commanded_again(

@@ -77,7 +77,6 @@ class Event:
         return 1000.0 + self.field.tick * TICK_LENGTH
 
     def tell(self, what: What, kart: int = 0, after: float = 0.0) -> None:
-        """Have race control say something."""
         at = self.now + after
         self._coming.append((at, Told(at, what, f'run {self.run}', 1, HEAT.name, kart)))
 
@@ -119,7 +118,6 @@ class Event:
         return self.field.crossings[before:]
 
     def wait(self, seconds: float) -> None:
-        """Let time pass."""
         for _ in range(round(seconds / TICK_LENGTH)):
             self.step()
 

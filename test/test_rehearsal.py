@@ -23,7 +23,6 @@ import urllib.request
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import EventKind
-from evgp_rcs_msgs import msg
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
@@ -38,20 +37,17 @@ FILE = ROOT / 'src' / 'evgp_rehearsal' / 'config' / 'rehearsal.yaml'
 
 
 def the_plan(laps: int = 6, seed: int = 2) -> Plan:
-    """Return the plan that is shipped."""
     text = FILE.read_text(encoding='utf-8')
     return read_plan(text.replace('laps: 6', f'laps: {laps}').replace('seed: 1', f'seed: {seed}'))
 
 
 @pytest.fixture
 def rehearsal(tmp_path: pathlib.Path) -> Iterator[Rehearsal]:
-    """Return a rehearsal."""
     with Rehearsal(the_plan(), tmp_path) as each:
         yield each
 
 
 def ask(url: str, data: dict[str, Any] | None = None, **headers: str) -> Any:
-    """Return what the page answers."""
     body = None if data is None else json.dumps(data).encode()
     request = urllib.request.Request(url, body, headers)  # noqa: S310 - of our own page
     with urllib.request.urlopen(request, timeout=10) as answer:  # noqa: S310
@@ -66,7 +62,6 @@ def start(rehearsal: Rehearsal) -> None:
 
 
 def wait(rehearsal: Rehearsal, seconds: float) -> None:
-    """Let time pass in the field."""
     with rehearsal.lock:
         until = rehearsal.field.tick + round(seconds / TICK_LENGTH)
         assert rehearsal.lock.wait_for(lambda: rehearsal.field.tick >= until, PATIENCE)
@@ -146,22 +141,6 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
     (grid,) = re.findall(r'^.* Anna gave GRID_ACTIVE: .*$', second, re.MULTILINE)
     assert grid.endswith(' - WITH A PERSON ON THE TRACK')
     assert 'a person is off the track' in second
-
-
-def test_a_kart_that_takes_its_word_back_on_the_grid_can_be_taken_out_of_the_race(
-    rehearsal: Rehearsal,
-) -> None:
-    official = rehearsal.official
-    rehearsal.gather()
-    official.bring_to(RaceState.GRID_ACTIVE)
-    rehearsal.inject('not_ready', kart=2)
-    official.wait_for_race(
-        lambda race: any(a.kart == 2 and a.kind == msg.Alert.NOT_READY for a in race.alerts),
-        'an alert that kart 2 is not ready',
-    )
-    assert not official.call('green_green').success
-    official.command('set_in_race', kart=2, in_race=False)
-    official.command('green_green')
 
 
 def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:

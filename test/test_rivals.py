@@ -54,16 +54,6 @@ def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes
     race.official.command('all_kill')
 
 
-def test_race_control_starts_again_at_once_after_it_was_killed(
-    start_race_control: StartRaceControl, tmp_path: pathlib.Path
-) -> None:
-    control = start_race_control(in_race=[1])
-    control.kill()
-
-    with second(tmp_path, control.domain) as again:
-        again.wait_for_line('listens for')
-
-
 def test_race_controls_of_other_names_or_domains_are_no_rivals(
     start_race_control: StartRaceControl, tmp_path: pathlib.Path
 ) -> None:
@@ -101,7 +91,6 @@ class Publisher(RosSide):
     """A node called rcs that publishes a race, as race control does."""
 
     def __init__(self, domain: int) -> None:
-        """Join and publish."""
         super().__init__('rcs', domain)
         self.publisher = self.node.create_publisher(msg.Race, '~/race', latched(1))
         self.spin()

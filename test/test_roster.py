@@ -60,10 +60,6 @@ def test_a_right_roster_gives_its_karts_in_the_order_of_the_file() -> None:
     )
 
 
-def test_the_shipped_roster_is_right() -> None:
-    assert len(load_roster(SHIPPED).entries) == 3
-
-
 def test_the_refusal_of_a_double_address_is_one_sentence_an_official_can_act_on() -> None:
     assert fault_of_two_karts_with('10.0.0.2', '10.0.0.1') == (
         "karts.yaml:8: kart 2: address 10.0.0.1 is already kart 1's (line 4); "
@@ -466,10 +462,6 @@ def test_heats_are_read_in_the_order_of_the_file_with_their_karts_ascending() ->
     )
 
 
-def test_a_roster_without_heats_has_none() -> None:
-    assert parse_roster(TWO_KARTS, 'karts.yaml').heats == ()
-
-
 @pytest.mark.parametrize(
     ('heats', 'fault'),
     [
@@ -535,10 +527,6 @@ def test_every_fault_of_a_wrong_roster_is_printed_with_its_line(
     first, second = captured.err.splitlines()
     assert first.startswith(f'{path}:6: ')
     assert second.startswith(f'{path}:7: ')
-
-
-def test_a_roster_that_is_not_there_is_refused(tmp_path: pathlib.Path) -> None:
-    assert check_roster(['check', str(tmp_path / 'absent.yaml')]) == 2
 
 
 ONE_KART = """\

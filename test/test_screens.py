@@ -71,7 +71,6 @@ class Timed:
         self._heard = 0
 
     def correct(self, act: Act, kart: int, **terms: int | bool | str) -> None:
-        """Have the timekeeper correct something."""
         self.hear()
         asked = Correction(act, 'Ben', kart, reason='it was seen')._replace(**terms)
         self.desk.feed(Corrected(self.paper.now, asked))

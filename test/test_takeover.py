@@ -51,7 +51,6 @@ class Event(Masters):
         return control
 
     def copy(self) -> None:
-        """Copy as `make spare` does."""
         (self.folder / 'first' / 'rcs.yaml').write_text(
             '/**:\n  ros__parameters:\n    pause: 1.0\n'
         )
@@ -68,7 +67,6 @@ class Event(Masters):
         )
 
     def take_over(self) -> Program:
-        """Start a takeover on the spare."""
         with self.spare.inside():
             return self.stack.enter_context(
                 Program(

@@ -85,10 +85,6 @@ class Line(RosSide):
         self._passings.publish(passing)
         return passing
 
-    def ahead(self, kart: int) -> float:
-        """Return the time of the last crossing of a kart by its clock, in seconds."""
-        return self._ahead[kart]
-
     def laps(self, kart: int, crossings: int) -> list[msg.Passing]:
         """Have a kart cross so many times more, one lap after the other."""
         first = max(self.now(), self._ahead[kart] + LAP)
@@ -166,18 +162,6 @@ class Event(Part):
         }
         return self._stack.enter_context(Process('evgp_timing', 'timekeeper', self.domain, given))
 
-    def restart_race_control(self) -> None:
-        """Kill race control, start it again as on the same machine, and have karts connect."""
-        assert self.official.race is not None
-        before = self.official.race.run
-        self.control.lose_power()
-        given = {'port': self.control.port}
-        self.control = self._stack.enter_context(
-            RaceControl(self._folder, self.domain, KARTS, heats=HEATS, parameters=given)
-        )
-        self.official.wait_for_race(lambda race: race.run != before, 'race control again')
-        self.connect()
-
     def bring_to(self, state: RaceState) -> None:
         """Bring the race to a state, with the heat in it."""
         self.official.bring_to(RaceState.IN_GARAGE, *KARTS)
@@ -186,12 +170,7 @@ class Event(Part):
 
     def race(self, number: int) -> None:
         """Start a race of the heat, which is the one with this number in the event."""
-        self.bring_to(RaceState.GRID_ACTIVE)
-        self.race_from_grid(number)
-
-    def race_from_grid(self, number: int) -> None:
-        """Start the race whose grid has formed."""
-        self.official.bring_to(RaceState.GREEN_GREEN, *KARTS)
+        self.bring_to(RaceState.GREEN_GREEN)
         self.line.wait_for(
             lambda seen: len(seen.races) == number and len(seen.karts) == len(KARTS),
             f'race {number}',
@@ -213,7 +192,6 @@ class Event(Part):
         ]
 
     def close(self) -> None:
-        """End everything."""
         self._stack.close()
 
 
@@ -342,63 +320,6 @@ def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_
     event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
 
 
-def test_a_finish_for_another_run_race_or_attempt_is_refused(event: Event) -> None:
-    official = event.official
-    event.race(1)
-    race = official.wait_for_race(lambda race: race.number == 1, 'the race')
-    right = {'kart': 1, 'run': race.run, 'race': 1, 'attempt': 0}
-    for wrong in ({'run': 'another'}, {'race': 0}, {'race': 2}, {'attempt': 1}):
-        assert not official.call('kart/finish', **{**right, **wrong}).success
-    event.assert_green()
-    assert official.call('kart/finish', **right).success
-    official.command('kart/undo_finish', kart=1)
-    official.wait_for_kart(1, lambda kart: kart.attempt == 1 and not kart.place, 'it is undone')
-    assert not official.call('kart/finish', **right).success
-
-
-def test_after_a_restart_of_race_control_in_mid_race_its_results_stay_and_the_next_race_is_timed(
-    event: Event,
-) -> None:
-    line = event.line
-    event.race(1)
-    line.laps(1, 2)
-    line.wait_for_laps(1, 1)
-    event.restart_race_control()
-    ended = line.wait_for(lambda seen: seen.karts[0].status == msg.KartResult.DNF, 'the end')
-    assert ended.karts[0].kart == 1
-    event.race(2)
-    line.laps(1, 3)
-    line.wait_for_laps(1, 2)
-    event.official.wait_for_kart(1, lambda kart: kart.place == 1, 'the finish')
-    event.official.command('all_kill')
-    seen = line.wait_for(lambda seen: seen.races[1].counts, 'the race that counts')
-    assert [(each.heat, each.counts) for each in seen.races] == [(HEAT, False), (HEAT, True)]
-    assert line.correct(Act.CHOOSE, race=1)[0]
-    line.wait_for(lambda seen: seen.races[0].counts and not seen.races[1].counts, 'the choice')
-    assert line.correct(Act.PUBLISH)[0]
-    line.wait_for(lambda seen: seen.published, 'the publication')
-
-
-def test_a_crossing_of_before_green_green_never_counts_however_late_it_comes(
-    event: Event,
-) -> None:
-    line = event.line
-    event.race(1)
-    line.laps(1, 2)
-    line.wait_for_laps(1, 1)
-    event.official.command('all_kill')
-    event.bring_to(RaceState.GRID_ACTIVE)
-    line.wait_until_polled(lambda: line.now() > line.ahead(1), 'the present')
-    early = line.now()
-    # A source's clock is known as exactly as its first passing came: some milliseconds.
-    line.wait_until_polled(lambda: line.now() > early + 0.3, 'a crossing of clearly before')
-    event.race_from_grid(2)
-    line.sees(1, early)
-    line.wait_for(lambda seen: marks(seen) == [NOT_COUNTED], 'the crossing')
-    line.laps(1, 2)
-    line.wait_for_laps(1, 1)
-
-
 # ----- events that do not come ---------------------------------------------------------------
 
 
@@ -411,7 +332,6 @@ class Teller(RosSide):
         self.spin()
 
     def tell(self, after: int, *events: msg.RaceEvent) -> None:
-        """Publish events in one message."""
         for number, each in enumerate(events, after + 1):
             each.sequence, each.race, each.monotonic = number, 1, self._now()
         self._events.publish(msg.RaceEvents(run='a run', events=events))

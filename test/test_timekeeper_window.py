@@ -96,7 +96,6 @@ class Event(RosSide):
         self._race.publish(race)
 
     def tell(self, kind: int, state: int = 0, **fields: Any) -> None:
-        """Say an event of race control."""
         self._sequence += 1
         event = EVENT(kind=kind, sequence=self._sequence, race=self._number, heat=HEAT, **fields)
         event.state.state = state
@@ -105,7 +104,6 @@ class Event(RosSide):
         self._events.publish(msg.RaceEvents(run='run', events=[event]))
 
     def start(self) -> None:
-        """Start a race of both karts."""
         self._number += 1
         self.tell(EVENT.COMMAND, command=COMMAND.GRID_ACTIVE, success=True)
         self.tell(EVENT.RACE_STATE, GREEN_GREEN)
@@ -117,7 +115,6 @@ class Event(RosSide):
         self.tell(EVENT.COMMAND, command=COMMAND.KART_FINISH, success=True, kart=kart)
 
     def stop(self) -> None:
-        """Say that the race was stopped."""
         self.tell(EVENT.RACE_STATE, RED_FLAG)
 
     def cross(self, transponder: str) -> None:
@@ -269,7 +266,6 @@ def application() -> Any:
 
 @pytest.fixture
 def domain() -> Iterator[int]:
-    """Return a ROS domain."""
     with Domain() as taken:
         yield taken.number
 
@@ -282,7 +278,6 @@ def event(parts: contextlib.ExitStack, domain: int) -> Event:
 
 @pytest.fixture
 def timekeeper(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Process:
-    """Return a real timekeeper."""
     write_roster(tmp_path, TEAMS, heats={HEAT: {'karts': [*TEAMS], 'laps': 3}})
     settings = {'min_lap_time': 1.0, 'clock_tolerance': 9.0}
     return parts.enter_context(Timekeeper(tmp_path, domain, settings))

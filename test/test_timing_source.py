@@ -40,7 +40,6 @@ class Listener(RosSide):
     """The timekeeper's ear, and that of whoever looks at diagnostics."""
 
     def __init__(self, domain: int, name: str = 'listener') -> None:
-        """Subscribe."""
         super().__init__(name, domain)
         self.passings: list[msg.Passing] = []
         self.status: DiagnosticStatus | None = None

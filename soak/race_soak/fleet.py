@@ -97,11 +97,9 @@ class Fleet:
         self._thread = threading.Thread(target=self._run, name='karts', daemon=True)
 
     def start(self) -> None:
-        """Connect every kart."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Close every connection."""
         self._stopper.send(b'\0')
         self._thread.join()
         self._stopper.close()

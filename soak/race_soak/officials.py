@@ -42,7 +42,6 @@ class Officials(Part):
         rng: random.Random,
         disciplined: threading.Event,
     ) -> None:
-        """Join race control's domain."""
         self.races = 0
         self.greens = 0
         self.calls = 0
@@ -85,7 +84,6 @@ class Officials(Part):
             self._stopped(race)
 
     def close(self) -> None:
-        """End both officials."""
         self._stop.set()
         self._beside.shutdown()
         self._first.close()

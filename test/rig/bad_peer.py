@@ -43,7 +43,6 @@ class Attack:
         self._ready = False
 
     def run(self, name: str) -> None:
-        """Attack until the standard input ends."""
         threading.Thread(target=self._wait_for_the_end, daemon=True).start()
         attack: Callable[[], None] = getattr(self, name)
         while not self._over.is_set():
@@ -55,11 +54,9 @@ class Attack:
     # ----- what it sends ------------------------------------------------------------------
 
     def flood(self) -> None:
-        """Send frames without a pause."""
         self._pour(lambda: b'$GREEN_GREEN;$RED_RED;' * 200)
 
     def random_bytes(self) -> None:
-        """Send what the chance say."""
         self._pour(lambda: os.urandom(4096))
 
     # ----- what it does not do ------------------------------------------------------------
@@ -74,7 +71,6 @@ class Attack:
     # ----- how it comes and goes ----------------------------------------------------------
 
     def half_close(self) -> None:
-        """Close one direction and stay."""
         with self._connected() as peer:
             peer.shutdown(socket.SHUT_WR)
             self._is_ready()

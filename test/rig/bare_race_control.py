@@ -96,7 +96,6 @@ class BareRaceControl(Part):
             assert self._connections >= count
 
     def close(self) -> None:
-        """Disconnect."""
         self._ending.set()
         self._listening.shutdown(socket.SHUT_RDWR)
         with self._news:

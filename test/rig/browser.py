@@ -26,16 +26,6 @@ from typing import Any
 
 from evgp_testing.part import Part, PATIENCE
 
-KEY_CODES = {
-    'End': 35,
-    'Home': 36,
-    'ArrowLeft': 37,
-    'ArrowUp': 38,
-    'ArrowRight': 39,
-    'ArrowDown': 40,
-}
-"""What some keys are to the browser's own controls, which do not go by their names."""
-
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
 
@@ -127,7 +117,6 @@ class Browser(Part):
         self.requested.clear()
 
     def close(self) -> None:
-        """End the browser."""
         os.close(self._write)  # it ends when nobody is at the pipe any more
         try:
             self._process.wait(PATIENCE)

@@ -118,7 +118,6 @@ class Console(Program):
         self.screen.click(x, y)
 
     def hover(self, name: str) -> None:
-        """Move the pointer onto a widget."""
         self.screen.move(*self.place(name))
 
     def place(self, name: str, **wanted: object) -> tuple[int, int]:
@@ -127,7 +126,6 @@ class Console(Program):
         return widget['x'] + widget['width'] // 2, widget['y'] + widget['height'] // 2
 
     def key(self, *names: str) -> None:
-        """Press keys, one after the other."""
         for name in names:
             self.screen.key(name)
 

@@ -101,17 +101,14 @@ class Place(NamedTuple):
 
 
 def is_statement(place: Place) -> bool:
-    """Return whether it is one."""
     return isinstance(place.node, ast.stmt)
 
 
 def is_expression(place: Place) -> bool:
-    """Return whether it is one."""
     return isinstance(place.node, ast.expr)
 
 
 def is_condition(place: Place) -> bool:
-    """Return whether it is one."""
     of = getattr(place.parent, 'op', None)
     return (
         place.field in ('test', 'ifs')

@@ -65,7 +65,6 @@ class ForeignNode:
     def __init__(
         self, domain: int, environment: Mapping[str, str], seconds: float = LOOKS_FOR
     ) -> None:
-        """Start it."""
         self._seconds = seconds
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
         self._process = subprocess.Popen(

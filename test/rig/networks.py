@@ -138,7 +138,6 @@ class Namespace(Part):
                 raise NetworkError(f'ip {"; ".join(commands)}: {error.stderr.strip()}') from error
 
     def close(self) -> None:
-        """Let it go."""
         os.close(self._file)
 
 
@@ -208,7 +207,6 @@ class Machine(Namespace):
         return at
 
     def close(self) -> None:
-        """Unplug it and let it go."""
         try:
             if self.plugged:
                 self.unplug()

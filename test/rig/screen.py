@@ -45,15 +45,15 @@ class Screen(Part):
     Clicks and keys go in by the XTEST extension: to a program they are those of a real device.
     """
 
-    def __init__(self, width: int = 1366, height: int = 768) -> None:
+    width, height = 1366, 768
+
+    def __init__(self) -> None:
         """Start the server, at the first display that is free."""
-        self.width = width
-        self.height = height
         self.is_remapped = False
         reading, writing = os.pipe()
         try:
             self._server = subprocess.Popen(
-                f'Xvfb -displayfd {writing} -screen 0 {width}x{height}x24 '
+                f'Xvfb -displayfd {writing} -screen 0 {self.width}x{self.height}x24 '
                 '-nolisten tcp -noreset'.split(),
                 pass_fds=(writing,),
                 stdin=subprocess.DEVNULL,
@@ -87,12 +87,10 @@ class Screen(Part):
         self._x.XSync(self._open, 0)
 
     def move(self, x: int, y: int) -> None:
-        """Move the pointer."""
         self._test.XTestFakeMotionEvent(self._open, -1, x, y, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
 
     def press_button(self) -> None:
-        """Press the left mouse button."""
         self._button(1)
 
     def right_click(self, x: int, y: int) -> None:
@@ -132,11 +130,9 @@ class Screen(Part):
         )
 
     def release_button(self) -> None:
-        """Release the left mouse button."""
         self._button(0)
 
     def click(self, x: int, y: int) -> None:
-        """Click there."""
         self.move(x, y)
         self.press_button()
         self.release_button()
@@ -160,18 +156,15 @@ class Screen(Part):
         self._x.XSync(self._open, 0)
 
     def wait_for_window(self) -> None:
-        """Return once a window has opened."""
         event = (ctypes.c_long * 24)()  # XEvent
         while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
             self._x.XNextEvent(self._open, ctypes.byref(event))
 
     @property
     def is_there(self) -> bool:
-        """Return whether the server runs."""
         return self._server.poll() is None
 
     def close(self) -> None:
-        """End the server."""
         self._x.XCloseDisplay(self._open)
         self._server.terminate()
         self._server.wait()
@@ -198,15 +191,13 @@ class Screens:
         self._idle: list[Screen] = []
 
     @contextlib.contextmanager
-    def one(self, width: int = 1366, height: int = 768) -> Iterator[Screen]:
-        """Have a screen of this size meanwhile, as if it were a new one."""
-        fitting = [each for each in self._idle if (each.width, each.height) == (width, height)]
-        if fitting:
-            screen = fitting[0]
-            self._idle.remove(screen)
+    def one(self) -> Iterator[Screen]:
+        """Have a screen meanwhile, as if it were a new one."""
+        if self._idle:
+            screen = self._idle.pop()
             screen.put_back()
         else:
-            screen = Screen(width, height)
+            screen = Screen()
         try:
             yield screen
         finally:
@@ -216,6 +207,5 @@ class Screens:
                 self._idle.append(screen)
 
     def close(self) -> None:
-        """End them."""
         while self._idle:
             self._idle.pop().close()

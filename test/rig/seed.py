@@ -42,5 +42,4 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header(config: pytest.Config) -> str:
-    """Say the seed."""
     return f'random numbers: --seed {config.option.seed}'

@@ -68,5 +68,4 @@ class SteppableClock(Part):
         os.pwrite(self._file, struct.pack('=qq', *nanoseconds), 0)
 
     def close(self) -> None:
-        """Let the file go."""
         os.close(self._file)

@@ -41,7 +41,6 @@ class StopButton(Part):
     """
 
     def __init__(self, folder: pathlib.Path, domain: int, official: str = 'Anna') -> None:
-        """Start it."""
         self._path = folder / 'usb-button'
         self.plug()
         parameters = ['-p', f'device:={self._path}', '-p', f'official:={official}']
@@ -49,13 +48,11 @@ class StopButton(Part):
         self.program = Program('rcs_button', command, domain)
 
     def plug(self) -> None:
-        """Plug the device in."""
         self._line, self._port = os.openpty()
         tty.setraw(self._port)
         self._path.symlink_to(os.ttyname(self._port))
 
     def unplug(self) -> None:
-        """Pull the device out."""
         self._path.unlink()
         os.close(self._port)
         os.close(self._line)
@@ -65,7 +62,6 @@ class StopButton(Part):
         os.write(self._line, EVENT.pack(0, 0, 1, key, down) + EVENT.pack(0, 0, 0, 0, 0))
 
     def close(self) -> None:
-        """End it."""
         self.program.close()
         if self._path.is_symlink():
             self.unplug()
@@ -75,7 +71,6 @@ class Ear(RosSide):
     """Whoever hears that somebody is there; `heard` has it all."""
 
     def __init__(self, domain: int) -> None:
-        """Subscribe."""
         super().__init__('ear', domain)
         self.heard: list[Presence] = []
         self.node.create_subscription(Presence, '/rcs/presence', self._hear, PRESENCE_QOS)

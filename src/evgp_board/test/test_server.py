@@ -90,7 +90,6 @@ def to_end(asking: socket.socket) -> str:
 
 
 def messages(watching: socket.socket) -> Iterator[dict[str, Any]]:
-    """Yield what a stream says."""
     with watching.makefile(encoding='utf-8') as lines:
         for line in lines:
             if line.startswith('data: '):

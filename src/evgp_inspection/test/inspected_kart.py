@@ -221,7 +221,6 @@ class InspectedKart:
         self._begins = False  # it was told to drive just before a stop
 
     async def run(self) -> None:
-        """Drive until it is cancelled."""
         ticking = asyncio.create_task(self._tick_for_ever())
         second: socket.socket | None = None
         try:

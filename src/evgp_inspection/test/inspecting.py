@@ -96,7 +96,6 @@ class OneInspection:
         return simulated.run(self.run())
 
     async def run(self) -> Inspection:
-        """Inspect to the end."""
         try:
             return await inspect(
                 self,

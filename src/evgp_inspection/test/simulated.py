@@ -42,7 +42,6 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         super().__init__(self._clock)
 
     def time(self) -> float:
-        """Return the simulated time, s."""
         return self._clock.now
 
 

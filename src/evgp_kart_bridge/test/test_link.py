@@ -84,51 +84,35 @@ class Running:
             self._news.notify_all()
 
 
-StartLink = Callable[..., Running]
+class RaceControl:
+    """Race control's end of links: a listening socket, and the links that the test starts."""
 
+    def __init__(self, parts: contextlib.ExitStack) -> None:
+        self._parts = parts
+        self.open()
 
-@pytest.fixture
-def parts() -> Iterator[contextlib.ExitStack]:
-    with contextlib.ExitStack() as stack:
-        yield stack
+    def open(self, port: int = 0) -> None:
+        """Listen, at any port or at this one."""
+        listening = socket.create_server(('127.0.0.1', port))
+        self.listening = self._parts.enter_context(listening)
+        self.listening.settimeout(PATIENCE)
+        self.port: int = self.listening.getsockname()[1]
 
-
-@pytest.fixture
-def race_control(parts: contextlib.ExitStack) -> socket.socket:
-    """Return a listening socket in race control's place."""
-    listening = parts.enter_context(socket.create_server(('127.0.0.1', 0)))
-    listening.settimeout(PATIENCE)
-    return listening
-
-
-@pytest.fixture
-def start_link(parts: contextlib.ExitStack) -> StartLink:
-    """Return a function that starts a link; at the end it must have had no failure."""
-
-    def start(
-        to: socket.socket | int, frame_timeout: float = PATIENCE, local_address: str = ''
-    ) -> Running:
-        port = to if isinstance(to, int) else to.getsockname()[1]
-        running = Running(port, frame_timeout, local_address)
-        parts.callback(running.link.stop)
+    def start_link(self, frame_timeout: float = PATIENCE, local_address: str = '') -> Running:
+        running = Running(self.port, frame_timeout, local_address)
+        self._parts.callback(running.link.stop)
         return running
 
-    return start
-
-
-@pytest.fixture
-def accept(parts: contextlib.ExitStack) -> Callable[[socket.socket], socket.socket]:
-    """Return a function that accepts the next connection."""
-
-    def take(listening: socket.socket) -> socket.socket:
-        connection = parts.enter_context(listening.accept()[0])
+    def accept(self) -> socket.socket:
+        connection = self._parts.enter_context(self.listening.accept()[0])
         connection.settimeout(PATIENCE)
         return connection
 
-    return take
 
-
-Accept = Callable[[socket.socket], socket.socket]
+@pytest.fixture
+def race_control() -> Iterator[RaceControl]:
+    with contextlib.ExitStack() as stack:
+        yield RaceControl(stack)
 
 
 def is_over(connection: socket.socket) -> bool:
@@ -138,11 +122,9 @@ def is_over(connection: socket.socket) -> bool:
         return True
 
 
-def test_what_race_control_commands_is_told_whatever_the_cuts(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+def test_what_race_control_commands_is_told_whatever_the_cuts(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    connection = race_control.accept()
     connection.sendall(b'$IN_GA')
     connection.sendall(b'RAGE;\r\n$')
     running.wait_for_state(IN_GARAGE)
@@ -151,10 +133,10 @@ def test_what_race_control_commands_is_told_whatever_the_cuts(
 
 
 def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
+    race_control: RaceControl,
 ) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+    running = race_control.start_link()
+    connection = race_control.accept()
     running.obey(connection, IN_GARAGE, GRID_ACTIVE)
     before = len(running.verdicts)
     connection.sendall(encode(GREEN_GREEN) * 100 + encode(RED_RED))
@@ -163,21 +145,19 @@ def test_of_all_frames_that_came_together_the_last_alone_is_obeyed(
     assert GREEN_GREEN not in {verdict.state for verdict in running.verdicts[before:]}
 
 
-def test_the_state_is_told_again_and_again(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    running.obey(accept(race_control), IN_GARAGE)
+def test_the_state_is_told_again_and_again(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    running.obey(race_control.accept(), IN_GARAGE)
     since = len(running.verdicts)
     running.wait_for(lambda verdict: len(running.verdicts) >= since + 3)
     assert {verdict.state for verdict in running.verdicts[since:]} == {IN_GARAGE}
 
 
 def test_an_accepted_acknowledgement_goes_out_and_a_refused_one_does_not(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
+    race_control: RaceControl,
 ) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+    running = race_control.start_link()
+    connection = race_control.accept()
     connection.sendall(encode(GRID_ACTIVE))
     running.wait_for_state(GRID_ACTIVE)
     refused = running.acknowledge(RED_RED).answer
@@ -189,21 +169,17 @@ def test_an_accepted_acknowledgement_goes_out_and_a_refused_one_does_not(
     assert connection.recv(1024) == encode(GRID_ACTIVE)
 
 
-def test_malformed_frames_are_counted_and_hide_no_valid_one(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    accept(race_control).sendall(b'$PARTY;\x00\xff$' + b'x' * 5000 + encode(IN_GARAGE))
+def test_malformed_frames_are_counted_and_hide_no_valid_one(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    race_control.accept().sendall(b'$PARTY;\x00\xff$' + b'x' * 5000 + encode(IN_GARAGE))
     running.wait_for_state(IN_GARAGE)
     assert running.status.malformed > 1
     assert running.status.last_malformed
 
 
-def test_malformed_frames_do_not_keep_a_connection_alive(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control, frame_timeout=0.3)
-    connection = accept(race_control)
+def test_malformed_frames_do_not_keep_a_connection_alive(race_control: RaceControl) -> None:
+    running = race_control.start_link(frame_timeout=0.3)
+    connection = race_control.accept()
     running.obey(connection, IN_GARAGE)
     ended = threading.Event()
 
@@ -223,41 +199,35 @@ def test_malformed_frames_do_not_keep_a_connection_alive(
         babbling.join()
 
 
-def test_silence_is_red_red_and_the_socket_is_given_up(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control, frame_timeout=0.3)
-    connection = accept(race_control)
+def test_silence_is_red_red_and_the_socket_is_given_up(race_control: RaceControl) -> None:
+    running = race_control.start_link(frame_timeout=0.3)
+    connection = race_control.accept()
     running.obey(connection, GRID_ACTIVE, GREEN_GREEN)
     since = len(running.verdicts)
     lost = running.wait_for(lambda verdict: not verdict.connected, since)
     assert (lost.state, lost.may_drive) == (RED_RED, False)
-    port = race_control.getsockname()[1]
+    port = race_control.port
     assert f'the host at {port} was silent for 0.3 s' in lost.reason
     connection.recv(1024)  # the acknowledgement
     assert is_over(connection)
 
 
-def test_green_green_is_not_obeyed_on_a_new_connection(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+def test_green_green_is_not_obeyed_on_a_new_connection(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    connection = race_control.accept()
     running.obey(connection, GRID_ACTIVE, GREEN_GREEN)
     since = len(running.verdicts)
     connection.close()
-    accept(race_control).sendall(encode(GREEN_GREEN))
+    race_control.accept().sendall(encode(GREEN_GREEN))
     again = running.wait_for(lambda verdict: verdict.commanded is GREEN_GREEN, since)
     assert (again.state, again.may_drive) == (RED_RED, False)
     assert {verdict.may_drive for verdict in running.verdicts[since:]} == {False}
 
 
-def test_it_reconnects_after_every_loss(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
+def test_it_reconnects_after_every_loss(race_control: RaceControl) -> None:
+    running = race_control.start_link()
     for count in range(1, 4):
-        connection = accept(race_control)
+        connection = race_control.accept()
         connection.sendall(encode(IN_GARAGE))
         running.wait_for(lambda verdict: verdict.connected, len(running.verdicts))
         assert running.status.connections == count
@@ -265,27 +235,24 @@ def test_it_reconnects_after_every_loss(
         running.wait_for(lambda verdict: not verdict.connected, len(running.verdicts))
 
 
-def test_a_closed_port_is_named_and_tried_until_it_opens(
-    start_link: StartLink, parts: contextlib.ExitStack, accept: Accept
-) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as reserved:
-        port = reserved.getsockname()[1]
-    running = start_link(port)
+def test_a_closed_port_is_named_and_tried_until_it_opens(race_control: RaceControl) -> None:
+    race_control.listening.close()
+    port = race_control.port
+    running = race_control.start_link()
     refused = running.wait_for(lambda verdict: 'refuses' in verdict.reason)
     assert f'127.0.0.1, port {port}, refuses the connection: is race' in refused.reason
-    opened = parts.enter_context(socket.create_server(('127.0.0.1', port)))
-    opened.settimeout(PATIENCE)
-    accept(opened).sendall(encode(IN_GARAGE))
+    race_control.open(port)
+    race_control.accept().sendall(encode(IN_GARAGE))
     running.wait_for_state(IN_GARAGE)
 
 
 @pytest.mark.parametrize('own', ['', '127.0.1.7'])
 def test_a_connection_closed_at_once_names_its_ends_and_the_way_out(
-    start_link: StartLink, race_control: socket.socket, accept: Accept, own: str
+    race_control: RaceControl, own: str
 ) -> None:
-    port = race_control.getsockname()[1]
-    running = start_link(race_control, local_address=own)
-    connection = accept(race_control)
+    port = race_control.port
+    running = race_control.start_link(local_address=own)
+    connection = race_control.accept()
     assert connection.getpeername()[0] == (own or '127.0.0.1')
     connection.close()
     closed = running.wait_for(lambda verdict: 'roster' in verdict.reason)
@@ -296,66 +263,56 @@ def test_a_connection_closed_at_once_names_its_ends_and_the_way_out(
 
 
 def test_race_control_that_was_heard_before_is_not_suspected_of_another_roster(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
+    race_control: RaceControl,
 ) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+    running = race_control.start_link()
+    connection = race_control.accept()
     running.obey(connection, IN_GARAGE)
     connection.close()
     for count in (2, 3):
-        accept(race_control).close()
+        race_control.accept().close()
         running.wait_for(
             lambda verdict, count=count: running.status.failures >= count, len(running.verdicts)
         )
     assert not any('roster' in verdict.reason for verdict in running.verdicts)
 
 
-def test_a_host_that_accepts_and_says_nothing_is_named(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control, frame_timeout=0.3)
-    accept(race_control)
-    port = race_control.getsockname()[1]
+def test_a_host_that_accepts_and_says_nothing_is_named(race_control: RaceControl) -> None:
+    running = race_control.start_link(frame_timeout=0.3)
+    race_control.accept()
+    port = race_control.port
     running.wait_for(
         lambda verdict: f'the host at {port} accepts but sends no race state' in verdict.reason
     )
 
 
-def test_a_connection_closed_in_the_race_says_so(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+def test_a_connection_closed_in_the_race_says_so(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    connection = race_control.accept()
     running.obey(connection, IN_GARAGE)
     connection.shutdown(socket.SHUT_WR)
     running.wait_for(lambda verdict: 'closed the connection' in verdict.reason)
 
 
-def test_an_address_this_machine_does_not_have_is_named(
-    start_link: StartLink, race_control: socket.socket
-) -> None:
+def test_an_address_this_machine_does_not_have_is_named(race_control: RaceControl) -> None:
     # Of a block that nobody has (RFC 5737); it is only bound, and nothing is sent.
-    running = start_link(race_control, local_address='192.0.2.1')
+    running = race_control.start_link(local_address='192.0.2.1')
     running.wait_for(lambda verdict: 'this machine has no address 192.0.2.1' in verdict.reason)
 
 
-def test_race_control_that_does_not_read_is_lost(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    race_control.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
-    running = start_link(race_control)
-    running.obey(accept(race_control), IN_GARAGE)
+def test_race_control_that_does_not_read_is_lost(race_control: RaceControl) -> None:
+    race_control.listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+    running = race_control.start_link()
+    running.obey(race_control.accept(), IN_GARAGE)
     outcome = running.acknowledge(IN_GARAGE)
     while outcome.verdict.connected:
         outcome = running.acknowledge(IN_GARAGE)
     running.wait_for(lambda verdict: "does not read the kart's replies" in verdict.reason)
 
 
-def test_the_end_closes_the_connection(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+def test_the_end_closes_the_connection(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    connection = race_control.accept()
     running.link.stop()
     assert is_over(connection)
     assert not running.failures
@@ -363,11 +320,9 @@ def test_the_end_closes_the_connection(
         running.acknowledge(RED_RED)
 
 
-def test_a_fault_ends_the_link_and_nothing_is_told_any_more(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control)
-    connection = accept(race_control)
+def test_a_fault_ends_the_link_and_nothing_is_told_any_more(race_control: RaceControl) -> None:
+    running = race_control.start_link()
+    connection = race_control.accept()
 
     def break_it(arbiter: Arbiter, now: float) -> Reaction:
         raise ZeroDivisionError

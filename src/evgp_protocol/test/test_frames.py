@@ -159,17 +159,6 @@ def test_buffer_may_be_reused_after_feed() -> None:
     assert decoder.feed(b'RED;') == [StateFrame(RaceState.RED_RED)]
 
 
-def test_what_fills_a_fixed_buffer_is_ignored_between_frames_and_not_in_one() -> None:
-    in_buffers = b''.join(encode(state).ljust(16, b'\0') for state in RaceState)
-    assert decode([in_buffers]) == [StateFrame(state) for state in RaceState]
-    assert [type(event) for event in decode([b'$RED\0_RED;'])] == [MalformedFrame]
-
-
-def test_ready_counts_only_where_it_is_asked_for() -> None:
-    assert decode([b'$READY;'], ready=True) == [StateFrame(RaceState.GRID_ACTIVE)]
-    assert [type(event) for event in decode([b'$READY;'])] == [MalformedFrame]
-
-
 @pytest.mark.parametrize(
     ('stream', 'word'),
     [

@@ -32,7 +32,6 @@ class OneKart:
         self._serial = 0
 
     def order(self, *states: RaceState, answered: bool = True) -> None:
-        """Send it these orders."""
         for state in states:
             self._sent += len(encode(state))
             self._serial += 1
@@ -51,7 +50,6 @@ class OneKart:
         return [serial for _, serial in self.hearing.decode(memoryview(data))]
 
     def beats(self, count: int) -> None:
-        """Let so many beats pass."""
         for _ in range(count):
             self.hearing.beat(0.0)
 

@@ -166,8 +166,6 @@ PROPERTIES = {
 
 
 class RuleBrokenError(AssertionError):
-    """The rules broke a property."""
-
     def __init__(self, name: str, detail: str) -> None:
         assert name in PROPERTIES, name
         super().__init__(f'[{name}] {PROPERTIES[name]}: {detail}')
@@ -1721,7 +1719,6 @@ class Scratch:
         ]
 
     def save(self) -> Saved:
-        """Return the whole state."""
         own = self.race.__dict__
         fields = {name: own[name] for name in self._fields}
         for name in self._holders:
@@ -1729,7 +1726,6 @@ class Scratch:
         return fields, [self._getter(kart) for kart in self.karts]
 
     def load(self, saved: Saved) -> None:
-        """Go to a state."""
         fields, karts = saved
         own = self.race.__dict__
         own.update(fields)

@@ -95,6 +95,7 @@ class Running:
             outside,
         )
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
+        self._connected = contextlib.ExitStack()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
         self.address = self._listening.result(TIMEOUT)
@@ -120,8 +121,14 @@ class Running:
         hold = self.race.karts[kart].hold if kart is not None else None
         return Command(kind, kart or 0, statement, frozenset(offered.karts), hold)
 
+    def connect(self, kart: int, receive_buffer: int = 0) -> socket.socket:
+        """Return a connection from a kart's address, with a bounded receive buffer."""
+        client = kart_socket(address_of(kart), self.address, receive_buffer)
+        return self._connected.enter_context(client)
+
     def stop(self) -> None:
-        """End the server, and return once it has."""
+        """Close all connections, end the server, and return once it has."""
+        self._connected.close()
         if self._thread.is_alive():
             try:
                 self._loop.call_soon_threadsafe(self.server.end)
@@ -224,53 +231,25 @@ class Running:
         return self.record_trouble
 
 
-@pytest.fixture
-def parts() -> Iterator[contextlib.ExitStack]:
-    with contextlib.ExitStack() as stack:
-        yield stack
-
-
-@pytest.fixture
-def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
-    def start(beat_rate: float = 50.0, karts: int = 3, **times: float) -> Running:
-        running = Running(beat_rate, RaceTimes(**{'pause': 0.0, **times}), karts)
-        parts.callback(running.stop)
-        return running
-
-    return start
-
-
-@pytest.fixture
-def connect(parts: contextlib.ExitStack) -> Callable[..., socket.socket]:
-    """Return a function that connects from a kart's address, with a bounded receive buffer."""
-
-    def connection(running: Running, kart: int, receive_buffer: int = 0) -> socket.socket:
-        client = kart_socket(address_of(kart), running.address, receive_buffer)
-        return parts.enter_context(client)
-
-    return connection
-
-
 Run = Callable[..., Running]
-Connect = Callable[..., socket.socket]
 
 
-def test_a_kart_is_sent_in_garage_as_it_connects(run: Run, connect: Connect) -> None:
-    client = connect(run(NO_BEAT), 1)
-    assert client.recv(4096) == encode(IN_GARAGE)
+@pytest.fixture
+def run() -> Iterator[Run]:
+    """Return a function that starts a server."""
+    with contextlib.ExitStack() as stack:
+
+        def start(beat_rate: float = 50.0, karts: int = 3, **times: float) -> Running:
+            running = Running(beat_rate, RaceTimes(**{'pause': 0.0, **times}), karts)
+            stack.callback(running.stop)
+            return running
+
+        yield start
 
 
-def test_a_state_is_sent_again_and_again(run: Run, connect: Connect) -> None:
-    client = connect(run(), 1)
-    heard = b''
-    while heard.count(encode(IN_GARAGE)) < 10:
-        heard += client.recv(4096)
-    assert heard == encode(IN_GARAGE) * (len(heard) // len(encode(IN_GARAGE)))
-
-
-def test_a_stop_has_been_written_when_it_is_answered(run: Run, connect: Connect) -> None:
+def test_a_stop_has_been_written_when_it_is_answered(run: Run) -> None:
     running = run(NO_BEAT)
-    clients = [connect(running, kart) for kart in (1, 2, 3)]
+    clients = [running.connect(kart) for kart in (1, 2, 3)]
     for client in clients:
         read_until(client, IN_GARAGE)
     running.give(CommandKind.ALL_KILL)
@@ -279,20 +258,18 @@ def test_a_stop_has_been_written_when_it_is_answered(run: Run, connect: Connect)
         assert client.recv(4096) == encode(RED_RED)
 
 
-def test_an_address_outside_the_roster_gets_no_frame(run: Run, connect: Connect) -> None:
+def test_an_address_outside_the_roster_gets_no_frame(run: Run) -> None:
     running = run()
-    assert read_to_end(connect(running, 9)) == b''
+    assert read_to_end(running.connect(9)) == b''
     (event,) = running.wait_for(EventKind.REFUSED_CONNECTION)
     assert address_of(9) in event.text
 
 
-def test_a_second_connection_from_an_address_replaces_the_first(
-    run: Run, connect: Connect
-) -> None:
+def test_a_second_connection_from_an_address_replaces_the_first(run: Run) -> None:
     running = run()
-    first = connect(running, 1)
+    first = running.connect(1)
     read_until(first, IN_GARAGE)
-    second = connect(running, 1)
+    second = running.connect(1)
     read_until(second, IN_GARAGE)
     read_to_end(first)
     assert len(running.wait_for(EventKind.DISCONNECTED, 1)) == 1
@@ -301,13 +278,13 @@ def test_a_second_connection_from_an_address_replaces_the_first(
 
 
 def test_two_programs_that_push_each_other_out_raise_one_alert_and_few_events(
-    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+    run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kart_server, 'TAKEOVERS', (3, 1.0))
     monkeypatch.setattr(kart_server, 'CONNECTIONS', (50, 2.0))
     running = run()
     for _ in range(40):
-        read_until(connect(running, 1), IN_GARAGE)
+        read_until(running.connect(1), IN_GARAGE)
     assert running.race.karts[1].contested
     assert not running.give(CommandKind.GRID_ACTIVE).success
     raised = running.wait_for(EventKind.ALERT_RAISED, 1)
@@ -328,7 +305,7 @@ def many_files() -> Iterator[None]:
 
 
 def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
-    run: Run, connect: Connect, many_files: None
+    run: Run, many_files: None
 ) -> None:
     running = run(karts=1100)
     all_there = threading.Event()
@@ -340,7 +317,7 @@ def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
     running.on_event = be_busy
     try:
         # Each waits until the kernel has taken it; one that finds the queue full waits in vain.
-        clients = [connect(running, kart) for kart in running.race.karts]
+        clients = [running.connect(kart) for kart in running.race.karts]
     finally:
         all_there.set()
     for client in clients:
@@ -351,14 +328,14 @@ Green = tuple[Running, socket.socket, socket.socket]
 
 
 @pytest.fixture
-def grid(run: Run, connect: Connect) -> Green:
+def grid(run: Run) -> Green:
     """Return a race in GRID_ACTIVE with karts 1 and 2, which have acknowledged it."""
-    return on_the_grid(run(), connect)
+    return on_the_grid(run())
 
 
-def on_the_grid(running: Running, connect: Connect) -> Green:
+def on_the_grid(running: Running) -> Green:
     """Have karts 1 and 2 acknowledge GRID_ACTIVE."""
-    one, two = connect(running, 1), connect(running, 2)
+    one, two = running.connect(1), running.connect(2)
     running.wait_for(EventKind.CONNECTED, 1)
     running.wait_for(EventKind.CONNECTED, 2)
     running.give(CommandKind.GRID_ACTIVE)
@@ -378,15 +355,6 @@ def green(grid: Green) -> Green:
     return grid
 
 
-def test_a_kart_that_closes_in_a_race_is_held_in_red_red_when_it_is_back(
-    green: Green, connect: Connect
-) -> None:
-    running, one, _ = green
-    one.close()
-    running.wait_for(EventKind.DISCONNECTED, 1)
-    assert read_until(connect(running, 1), RED_RED) == encode(RED_RED)
-
-
 def test_a_kart_that_half_closes_is_disconnected(green: Green) -> None:
     running, one, _ = green
     one.shutdown(socket.SHUT_WR)
@@ -394,10 +362,10 @@ def test_a_kart_that_half_closes_is_disconnected(green: Green) -> None:
 
 
 def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_nothing(
-    run: Run, connect: Connect
+    run: Run,
 ) -> None:
     running = run(NO_BEAT)
-    client = connect(running, 1)
+    client = running.connect(1)
     running.wait_for(EventKind.CONNECTED, 1)
 
     def say_early(event: Event) -> None:
@@ -408,7 +376,7 @@ def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_
             running.submit(running.command(CommandKind.GRID_ACTIVE))
 
     running.on_event = say_early
-    other = connect(running, 2)
+    other = running.connect(2)
     running.wait_for(EventKind.REPORTED, 1)
     read_until(other, GRID_ACTIVE)
     other.sendall(encode(GRID_ACTIVE))
@@ -422,11 +390,9 @@ def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_
     assert (refused.success, accepted.success) == (False, True)
 
 
-def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(
-    run: Run, connect: Connect
-) -> None:
+def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> None:
     running = run(NO_BEAT)
-    client = connect(running, 1)
+    client = running.connect(1)
     read_until(client, IN_GARAGE)
     answers: list[Answer] = []
     # Nothing wakes the server but the kart.
@@ -440,9 +406,9 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(
     assert not running.race.karts[1].acknowledged
 
 
-def test_ready_counts_as_grid_active(run: Run, connect: Connect) -> None:
+def test_ready_counts_as_grid_active(run: Run) -> None:
     running = run()
-    client = connect(running, 1)
+    client = running.connect(1)
     running.wait_for(EventKind.CONNECTED, 1)
     running.give(CommandKind.GRID_ACTIVE)
     read_until(client, GRID_ACTIVE)
@@ -451,9 +417,9 @@ def test_ready_counts_as_grid_active(run: Run, connect: Connect) -> None:
     assert event.state is GRID_ACTIVE
 
 
-def test_a_kart_that_goes_on_flooding_is_dropped(run: Run, connect: Connect) -> None:
+def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:
     running = run(beat_rate=100.0)
-    client = connect(running, 1)
+    client = running.connect(1)
     running.wait_for(EventKind.CONNECTED, 1)
     with contextlib.suppress(ConnectionError):
         while True:
@@ -462,29 +428,11 @@ def test_a_kart_that_goes_on_flooding_is_dropped(run: Run, connect: Connect) -> 
     assert 'floods' in event.text
 
 
-def test_an_answer_that_is_under_way_is_no_answer_to_a_later_stop(
-    run: Run, connect: Connect
-) -> None:
-    running = run()
-    client = connect(running, 3)
-    running.give(CommandKind.KART_RED_RED, 3)
-    read_until(client, RED_RED)
-    client.sendall(encode(RED_RED))
-    running.wait_for(EventKind.ACKNOWLEDGED, 3)
-    assert running.give(CommandKind.KART_IN_GARAGE, 3).success
-    running.give(CommandKind.KART_RED_RED, 3)
-    client.sendall(encode(RED_RED) + b'.')  # an echo of the first
-    running.wait_for(EventKind.MALFORMED, 3)
-    assert not running.race.karts[3].acknowledged
-    client.sendall(encode(IN_GARAGE) + encode(RED_RED))
-    running.wait_for(EventKind.ACKNOWLEDGED, 3, count=2)
-
-
 @pytest.fixture
-def stuck(run: Run, connect: Connect) -> tuple[Running, socket.socket, KartLink]:
+def stuck(run: Run) -> tuple[Running, socket.socket, KartLink]:
     """Return a kart that has read nothing, whose link takes nothing more: as on a slow way."""
     running = run(beat_rate=500.0)
-    client = connect(running, 3, receive_buffer=1024)
+    client = running.connect(3, receive_buffer=1024)
     running.wait_for(EventKind.CONNECTED, 3)
     link = running.server._links[3]
     link._send_timeout = TIMEOUT
@@ -497,10 +445,10 @@ def stuck(run: Run, connect: Connect) -> tuple[Running, socket.socket, KartLink]
 
 
 def test_an_order_is_delivered_when_the_karts_kernel_answers_and_before_it_is_acknowledged(
-    run: Run, connect: Connect
+    run: Run,
 ) -> None:
     running = run(beat_rate=20.0)
-    client = connect(running, 3)
+    client = running.connect(3)
     running.give(CommandKind.KART_RED_RED, 3)
     *_, event = running.wait_for(EventKind.DELIVERED, 3)  # though its program has read nothing
     assert event.state is RED_RED
@@ -515,11 +463,9 @@ def test_an_order_is_delivered_when_the_karts_kernel_answers_and_before_it_is_ac
     assert told == [EventKind.KART_STATE, EventKind.DELIVERED, EventKind.ACKNOWLEDGED]
 
 
-def test_each_link_is_measured_and_a_new_connection_begins_unknown(
-    run: Run, connect: Connect
-) -> None:
+def test_each_link_is_measured_and_a_new_connection_begins_unknown(run: Run) -> None:
     running = run(beat_rate=20.0)
-    client = connect(running, 1)
+    client = running.connect(1)
     (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
     link = running.race.karts[1].link
     assert link is not None
@@ -531,12 +477,10 @@ def test_each_link_is_measured_and_a_new_connection_begins_unknown(
     assert running.race.karts[1].link is None
 
 
-def test_a_kernel_of_another_kind_is_no_error(
-    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kernel_of_another_kind_is_no_error(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('evgp_rcs.karts.link.read', lambda link: None)
     running = run(beat_rate=20.0)
-    connect(running, 1)
+    running.connect(1)
     (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
     link = running.race.karts[1].link
     assert link is not None
@@ -574,10 +518,10 @@ def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
 
 
 def test_a_stop_is_behind_one_frame_at_most_that_has_not_left(
-    stuck: tuple[Running, socket.socket, KartLink], connect: Connect
+    stuck: tuple[Running, socket.socket, KartLink],
 ) -> None:
     running, _, link = stuck
-    other = connect(running, 1)
+    other = running.connect(1)
     received = b''
     while received.count(b';') < 50:  # so many beats later
         received += other.recv(65536)
@@ -614,9 +558,7 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
     assert other.recv(4096).startswith(encode(RED_RED))
 
 
-def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
-    run: Run, connect: Connect
-) -> None:
+def test_a_start_that_waited_while_race_control_was_held_up_is_refused(run: Run) -> None:
     running = run(pause=TIMEOUT)
     waiting = []
 
@@ -626,7 +568,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
             time.sleep(STALL + 0.1)  # as a machine that was suspended
 
     running.on_event = hold_up
-    connect(running, 1)
+    running.connect(1)
     running.wait_for(EventKind.COMMAND)
     answer = waiting[0].result(TIMEOUT)
     assert not answer.success
@@ -634,9 +576,9 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
 
 
 def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
-    run: Run, connect: Connect
+    run: Run,
 ) -> None:
-    running, one, two = on_the_grid(run(journal_timeout=TIMEOUT), connect)
+    running, one, two = on_the_grid(run(journal_timeout=TIMEOUT))
     running.record_works_at_once = False
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     _, done = running.wait_for_memory()
@@ -669,12 +611,10 @@ def test_a_start_that_waits_too_long_for_the_disk_does_not_go_out(
     assert running.remembered[-1].state is GRID_ACTIVE
 
 
-def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(
-    run: Run, connect: Connect
-) -> None:
+def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(run: Run) -> None:
     running = run(beat_rate=2000.0)
-    connect(running, 1, receive_buffer=1024)
-    other = connect(running, 2)
+    running.connect(1, receive_buffer=1024)
+    other = running.connect(2)
     gone = threading.Event()
 
     def read() -> None:
@@ -694,10 +634,10 @@ def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(
 
 
 def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server(
-    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+    run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running = run()
-    client = connect(running, 3)
+    client = running.connect(3)
     read_until(client, IN_GARAGE)
 
     def broken(now: float) -> None:
@@ -710,10 +650,10 @@ def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server
 
 
 def test_a_failed_end_of_race_control_is_told_before_the_disconnections_that_it_causes(
-    run: Run, connect: Connect
+    run: Run,
 ) -> None:
     running = run()
-    client = connect(running, 1)
+    client = running.connect(1)
     read_until(client, IN_GARAGE)
     running._loop.call_soon_threadsafe(running.server.end, OSError('lightning'))
     running._thread.join(TIMEOUT)
@@ -746,18 +686,11 @@ def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr
 
 
 @pytest.fixture
-def ready(run: Run, connect: Connect) -> Green:
+def ready(run: Run) -> Green:
     """Return a race whose karts are ready, and whose record may take as long as it needs."""
-    race = on_the_grid(run(journal_timeout=TIMEOUT), connect)
+    race = on_the_grid(run(journal_timeout=TIMEOUT))
     race[0].record_works_at_once = False
     return race
-
-
-@pytest.fixture
-def impatient(grid: Green) -> Green:
-    """Return a race whose karts are ready, and whose record has 1 s."""
-    grid[0].record_works_at_once = False
-    return grid
 
 
 def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) -> None:
@@ -817,14 +750,6 @@ def test_a_start_that_the_disk_does_not_take_is_refused_until_the_record_works(
     read_until(one, GREEN_GREEN)
 
 
-def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(impatient: Green) -> None:
-    running, _, _ = impatient
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
-    running.wait_for_memory()
-    assert not starting.result(TIMEOUT).success
-    assert running.race.state is GRID_ACTIVE
-
-
 def test_a_start_that_would_be_refused_does_not_wait_for_the_disk(run: Run) -> None:
     running = run()
     running.record_works_at_once = False
@@ -835,9 +760,7 @@ def test_a_start_that_would_be_refused_does_not_wait_for_the_disk(run: Run) -> N
 # ----- the ROS half ------------------------------------------------------------------------
 
 
-def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
-    run: Run, connect: Connect
-) -> None:
+def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(run: Run) -> None:
     running = run()
 
     def hold_up(event: Event) -> None:
@@ -848,7 +771,7 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
             running.on_event = lambda event: None
 
     running.on_event = hold_up
-    connect(running, 1)
+    running.connect(1)
     running.wait_for(EventKind.CONNECTED, 1)
     assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None
@@ -868,11 +791,11 @@ def logged(running: Running, kind: type[Any]) -> list[Any]:
 
 
 def test_what_an_input_has_made_is_handed_to_the_record_with_it(
-    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+    run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(kart_server, 'MOST_GATHERED', 1)  # so that it is handed on all the time
     running = run()
-    clients = [connect(running, kart) for kart in (1, 2)]
+    clients = [running.connect(kart) for kart in (1, 2)]
     for client in clients:
         read_until(client, IN_GARAGE)
     running.submit(Command(CommandKind.ALL_KILL)).result(TIMEOUT)

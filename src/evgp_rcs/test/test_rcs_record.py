@@ -139,7 +139,6 @@ class Terminal(io.StringIO):
     """What a person looks at."""
 
     def isatty(self) -> bool:
-        """Return that it is a terminal."""
         return True
 
 
@@ -189,7 +188,6 @@ def changed(statement: str) -> Harm:
 
 
 def overwritten(path: pathlib.Path, at: int) -> None:
-    """Overwrite one page of the file."""
     with path.open('r+b') as file:
         file.seek(at // PAGE * PAGE)
         file.write(b'\xff' * PAGE)
@@ -253,7 +251,6 @@ def test_a_file_that_is_locked_gets_one_sentence(
 
 
 def pages_overwritten(path: pathlib.Path) -> None:
-    """Overwrite two pages within the file."""
     for share in (0.3, 0.6):
         overwritten(path, int(path.stat().st_size * share))
 

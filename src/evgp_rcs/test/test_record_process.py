@@ -47,7 +47,6 @@ def record(path: pathlib.Path) -> Iterator[RecordProcess]:
 
 
 def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
-    """Hand events over."""
     told = Event(EventKind.CONNECTED, text)
     stamped = [StampedEvent(number, time.time_ns(), 0.1, told) for number in numbers]
     record.put(Batch(numbers[0] - 1, [None] * len(stamped), pack(Happened(stamped))))

@@ -44,7 +44,6 @@ class Meeting:
         return self.race.command(command, self.now)
 
     def home(self) -> None:
-        """Bring the race to IN_GARAGE."""
         self.now = max(self.now, self.race.paused_until)
         self.do('IN_GARAGE', karts=frozenset(self.offered('IN_GARAGE').karts))
 

@@ -35,6 +35,8 @@ def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
         ('red-flag 7', NO_STOP_SENT),
         ('all-kill --wait nan', NO_STOP_SENT),
         ('red-flag --wait -1', NO_STOP_SENT),
+        ('kart-red-red 70000', NO_STOP_SENT),
+        ('record-msr', NO_STOP_SENT),
         ('stop', NO_STOP_SENT),
         ('', NO_STOP_SENT),
         ('leave 3 4', NOTHING_SENT),

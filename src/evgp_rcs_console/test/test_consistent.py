@@ -44,7 +44,6 @@ MSR_KINDS = (
 
 @st.composite
 def karts(draw: st.DrawFn, number: int) -> KartSnapshot:
-    """Return any kart."""
     hold = draw(st.sampled_from((None, *RED)))
     sent = hold or draw(st.sampled_from(RaceState))
     reported = draw(st.sampled_from((None, *RaceState)))

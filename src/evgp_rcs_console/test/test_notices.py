@@ -32,7 +32,6 @@ KART_ALERTS = [each for each in AlertKind if '{kart}' in texts.ALERT_WAS[each]]
 
 
 def alert(kart: int) -> Alert:
-    """Return an alert of a kart."""
     return Alert(AlertKind.KART_LOST, kart, 0.0, f'Kart {kart} lost its connection', False)
 
 
@@ -42,7 +41,6 @@ def sentences(book: AlertBook) -> list[str]:
 
 
 def see_all(book: AlertBook) -> None:
-    """Mark every alert as seen."""
     book.see([notice.number for notice in book.unseen])
 
 
@@ -63,7 +61,6 @@ def unsafe(text: str) -> Alert:
 
 
 def event(sequence: int, text: str, kart: int = 0, success: bool = True) -> StampedEvent:
-    """Return an event."""
     happened = Event(EventKind.COMMAND, text, kart, success=success)
     return StampedEvent(sequence, 0, 0.0, happened)
 

@@ -7,21 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_node.codec import message_of, value_of
-from evgp_node.results import (
-    HeatGrid,
-    Judged,
-    KartResult,
-    Mark,
-    Passing,
-    Penalty,
-    RaceOfEvent,
-    Standings,
-    Status,
-)
-from evgp_node.roster import Format
 from evgp_rcs_console.client import Sources, spoken, WITHIN
-from evgp_rcs_msgs import msg
 import pytest
 
 
@@ -75,19 +61,3 @@ def test_a_state_has_one_name_wherever_it_is_read() -> None:
     assert spoken(told) == (
         'GREEN GREEN refused: the race is in IN GARAGE; kart 7 (A_B) says RED RED; MSR WAS USED'
     )
-
-
-def test_results_come_out_of_a_message_as_the_timekeeper_put_them_in() -> None:
-    penalty = Penalty(7, 5, 1, True, 'cut the corner', 'Anna')
-    passing = Passing('line', 'today', 17, transponder='4711')
-    results = (
-        KartResult(7, 1, Status.CLASSIFIED, 1, 64.5, (30.5, 29.0), (penalty,)),
-        KartResult(8, 0, Status.DNF, 0, None, (), ()),
-    )
-    judged = Judged(passing, 7, Mark.STRUCK, 64.5, 'nobody crossed, by Anna')
-    of_race = 'run', 2, 'Final', Format.PRACTICE, 6, (7,)
-    of_event = (HeatGrid('Final', (7, 8)),), 'TT 3', (RaceOfEvent(1, 'Final', 8.0, 1, True),)
-    known = results, results[:1], (judged,), 3, *of_event, ('look at it',), True
-    standings = Standings(9.0, *of_race, *known)
-
-    assert value_of(message_of(standings, msg.Results), Standings) == standings

@@ -23,7 +23,6 @@ STOPS = [kind for kind, entry in CATALOGUE.items() if entry.stop]
 
 
 def found(_: Given) -> bool:
-    """Find race control."""
     return True
 
 

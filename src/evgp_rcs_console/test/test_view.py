@@ -58,7 +58,6 @@ SILENT = Danger('gone', 'MSR', 'long ago', texts.GONE_REASON, stale=True)
 
 
 def link(grade: Grade, **figures: float) -> LinkQuality:
-    """Return how good a link is."""
     return NOT_MEASURED._replace(grade=grade, **figures)  # type: ignore[arg-type]
 
 
@@ -428,7 +427,6 @@ def test_the_last_results_are_shown_until_the_next_race_is_green_and_never_in_it
 
 
 def alerting(kind: AlertKind) -> Snapshot:
-    """Return a race with an alert."""
     return replace(RACE, alerts=(Alert(kind, 0, 0.0, 'It is so.', False),))
 
 
@@ -975,11 +973,3 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
     assert screen.rows[0].note.tone is Tone.WAIT
     assert screen.reminder in '\n'.join(table(screen, ()))
     assert not show(race, 0.0, {}, SILENT, known).reminder
-
-
-def test_the_heat_in_the_race_is_what_race_control_says_and_not_what_the_karts_suggest() -> None:
-    karts = tuple(kart.number for kart in RACE.karts if kart.in_race)
-    heats = tuple(Heat(name, karts) for name in ('Practice', 'Final'))
-
-    assert replace(RACE, heats=heats, heat='Final').heat_in_race == heats[1]
-    assert replace(RACE, heats=heats).heat_in_race is None

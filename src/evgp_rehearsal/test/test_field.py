@@ -27,7 +27,6 @@ def run(field: Field, seconds: float) -> list[tuple[int, RaceState]]:
 
 
 def send(field: Field, state: RaceState) -> None:
-    """Send a state to every kart."""
     for number in field.karts:
         field.hear(number, state)
 

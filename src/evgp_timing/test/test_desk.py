@@ -41,7 +41,6 @@ class Event:
         self.desk.feed(Told(self.now, what, self.run, self.race, self.heat, kart))
 
     def start(self, heat: str, *karts: int) -> None:
-        """Start a race."""
         self.race += 1
         self.heat = heat
         self.tell(What.GRID_ACTIVE)

@@ -260,18 +260,6 @@ def test_a_finish_that_is_undone_at_once_changes_nothing(story: Story, kart: int
     assert (undone.marks, undone.counted) == (before.marks, before.counted)
 
 
-def test_a_passing_that_comes_just_after_the_finish_still_counts() -> None:
-    """An official who sees the kart cross is quicker than the source."""
-    story = Story(race(1))
-    story.passing('line', 1, '', 0.0)
-    story.now = 20.0
-    story.laps = story.laps.finish(1, GREEN + 20.0)
-    story.now = 20.3
-    story.passing('line', 1, '', -0.3)
-
-    assert story.laps.is_done(1)
-
-
 def test_an_official_counts_a_lap_that_lacks_after_the_finish_until_all_are_there() -> None:
     """Such as in place of a false last lap that was struck out too late."""
     story = Story(race(1))

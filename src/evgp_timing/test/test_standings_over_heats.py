@@ -43,7 +43,6 @@ class Day(Event):
         self.tell(What.OVER)
 
     def next(self) -> str:  # noqa: A003 - what officials call it
-        """Return the heat that is next."""
         return self.desk.standings().next_heat
 
     def overall(self) -> list[tuple[int, int]]:
@@ -53,7 +52,6 @@ class Day(Event):
 
 @pytest.fixture
 def day() -> Day:
-    """Return an event after practice."""
     return Day()
 
 
