@@ -506,6 +506,7 @@ class Display(QtCore.QObject):
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._danger_title = ''
+        self._drawn: object = None
 
     # ----- what is heard ------------------------------------------------------------------
 
@@ -513,15 +514,15 @@ class Display(QtCore.QObject):
         """Process all waiting snapshots with all their alerts, and show the newest."""
         if not waiting:
             return
-        _, *shown = self._race or NOTHING
+        one = len(waiting) == 1
         while waiting:
             heard, self._heard_at, self._two = waiting.popleft()
             self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
-        stamp, *news = self._race
-        if news != shown or self._danger_title:
-            self.refresh()  # else only ages change, which need not be shown twice a second
+        # Ages need not be shown twice a second. Of several snapshots one may have had an alert.
+        if not one or self._danger_title or self._news != self._drawn:
+            self.refresh()
 
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event, except a delivery in time, which would only hide others."""
@@ -555,6 +556,12 @@ class Display(QtCore.QObject):
 
     # ----- what is shown ------------------------------------------------------------------
 
+    @property
+    def _news(self) -> object:
+        """Return what was heard, without its time."""
+        results = None if self._results is None else self._results._replace(stamp=0.0)
+        return (self._race or NOTHING)._replace(stamp=0.0), results, self._two
+
     def look(self, now: float) -> None:
         """Show what has changed because time (s) has passed, and sound the alarm if needed."""
         danger_now = self._danger(now)
@@ -572,6 +579,7 @@ class Display(QtCore.QObject):
         """Show the newest snapshot as it is now."""
         now = clock.now()
         self._shown_at = now
+        self._drawn = self._news
         danger_now = self._danger(now)
         title = danger_now.title if danger_now else ''
         if title != self._danger_title:
