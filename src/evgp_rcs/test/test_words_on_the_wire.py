@@ -23,7 +23,7 @@ from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.wire_kart import kart_socket
 from heard_karts import Habit, HABITS, Says
 import pytest
-from test_kart_server import connect, parts, run, Running  # noqa: F401 - fixtures
+from test_kart_server import run, Running  # noqa: F401 - a fixture
 
 IN_GARAGE, RED_RED = RaceState.IN_GARAGE, RaceState.RED_RED
 
@@ -63,10 +63,9 @@ class Client:
 def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_garage(
     habit: Habit,
     run: Callable[..., Running],  # noqa: F811 - the fixture
-    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
 ) -> None:
     running = run(beat_rate=BEAT_RATE, karts=1, settle=2.5)
-    Client(connect(running, 1), habit)
+    Client(running.connect(1), habit)
     running.wait_for(EventKind.CONNECTED, 1)
     running.give(CommandKind.ALL_KILL)
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
@@ -81,10 +80,9 @@ def test_a_client_of_every_habit_acknowledges_a_second_all_kill_just_after_in_ga
 
 def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connection(
     run: Callable[..., Running],  # noqa: F811 - the fixture
-    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
 ) -> None:
     running = run(beat_rate=BEAT_RATE, karts=1, settle=0.1)
-    Client(connect(running, 1), Habit(Says.NEWS))
+    Client(running.connect(1), Habit(Says.NEWS))
     for _ in range(2):
         running.give(CommandKind.ALL_KILL)
         running.wait_until_shown(lambda race, at: race.karts[1].delivered_at is not None)
@@ -94,16 +92,15 @@ def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connectio
     why = running.give(CommandKind.IN_GARAGE).message
     assert 'reported RED_RED only for an earlier command' in why
     assert 'must connect again (it comes back held)' in why
-    Client(connect(running, 1), Habit(Says.NEWS))
+    Client(running.connect(1), Habit(Says.NEWS))
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
 
 
 def test_a_client_that_says_every_frame_and_reads_too_few_is_shown_as_poor(
     run: Callable[..., Running],  # noqa: F811 - the fixture
-    connect: Callable[..., socket.socket],  # noqa: F811 - the fixture
 ) -> None:
     running = run(beat_rate=BEAT_RATE, karts=1)
-    Client(connect(running, 1), Habit(Says.FRAMES, garage=True), rate=8.0)
+    Client(running.connect(1), Habit(Says.FRAMES, garage=True), rate=8.0)
     running.wait_until_shown(
         lambda race, at: race.karts[1].link is not None and race.karts[1].link.behind > 0.0
     )
@@ -115,7 +112,7 @@ def test_a_client_that_says_every_frame_and_reads_too_few_is_shown_as_poor(
 def test_clients_of_every_habit_race_together_in_two_whole_races(
     start_race_control: Callable[..., RaceControl],
     join_official: Callable[[RaceControl], Official],
-    parts: contextlib.ExitStack,  # noqa: F811 - the fixture
+    parts: contextlib.ExitStack,
 ) -> None:
     numbers = range(1, len(HABITS) + 1)
     control = start_race_control(in_race=numbers, finish_delays=[0.5])
