@@ -313,6 +313,8 @@ def test_a_stop_acts_whatever_its_official_is_called(
 
 
 class Broken(RosSide):
+    """A node whose callbacks raise."""
+
     def __init__(self, domain: int, only_serves: bool = False) -> None:
         """Offer a service that raises; listen to a topic so, unless it only serves."""
         super().__init__('broken', domain)

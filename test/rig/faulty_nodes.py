@@ -28,6 +28,8 @@ FAULT_SPEED = 2.0
 
 
 class BridgeThatRaises(KartBridge):
+    """Raises in its executor."""
+
     def _odometry(self, message: Odometry) -> None:
         if message.twist.twist.linear.x > FAULT_SPEED:
             raise LookupError('the fault')
@@ -44,6 +46,8 @@ class BridgeThatHangs(KartBridge):
 
 
 class StackThatRaises(ExampleStack):
+    """Raises in its executor."""
+
     def _acknowledge(self, order: Order) -> None:
         if self._speed > FAULT_SPEED:
             raise LookupError('the fault')

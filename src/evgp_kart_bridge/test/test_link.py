@@ -89,9 +89,9 @@ class RaceControl:
 
     def __init__(self, parts: contextlib.ExitStack) -> None:
         self._parts = parts
-        self.open()
+        self.listen()
 
-    def open(self, port: int = 0) -> None:
+    def listen(self, port: int = 0) -> None:
         """Listen, at any port or at this one."""
         listening = socket.create_server(('127.0.0.1', port))
         self.listening = self._parts.enter_context(listening)
@@ -241,7 +241,7 @@ def test_a_closed_port_is_named_and_tried_until_it_opens(race_control: RaceContr
     running = race_control.start_link()
     refused = running.wait_for(lambda verdict: 'refuses' in verdict.reason)
     assert f'127.0.0.1, port {port}, refuses the connection: is race' in refused.reason
-    race_control.open(port)
+    race_control.listen(port)
     race_control.accept().sendall(encode(IN_GARAGE))
     running.wait_for_state(IN_GARAGE)
 

@@ -166,6 +166,8 @@ PROPERTIES = {
 
 
 class RuleBrokenError(AssertionError):
+    """The rules broke a property."""
+
     def __init__(self, name: str, detail: str) -> None:
         assert name in PROPERTIES, name
         super().__init__(f'[{name}] {PROPERTIES[name]}: {detail}')
