@@ -24,6 +24,7 @@ from evgp_node.graph import INTERFACE, kept_apart_by
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartStatus
 from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain, free_port
@@ -652,6 +653,37 @@ def test_no_red_is_acknowledged_while_two_publish_odometry_whom_the_bridge_names
 
 
 # ----- a kart that stops itself ------------------------------------------------------------
+
+
+def reports(state: RaceState) -> Callable[[KartStatus], bool]:
+    return lambda kart: state_of(kart.reported) is state
+
+
+def test_a_kart_that_stops_itself_in_green_green_says_red_red_once_it_stands(
+    start_race: StartRace,
+) -> None:
+    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
+    race.green()
+    race.team.drive_at(3.0)
+    race.team.wait_until_polled(
+        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
+    )
+    race.official.wait_for_acks(GREEN_GREEN, 1)
+    stopped = race.team.team_stop(True)
+    told = race.team.wait_for_state(RED_RED)
+    assert stopped.message == f'The kart obeys RED_RED: {told.reason}'
+    assert (state_of(told.reached), told.acknowledged) == (RED_RED, False)
+    moving = race.team.acknowledge(RED_RED)
+    assert 'odometry says 3.00 m/s' in moving.message
+    assert 'standstill_speed' in moving.message
+    race.official.wait_for_kart(1, reports(GREEN_GREEN), 'racing')
+    race.team.drive_at(0.0)
+    race.official.wait_for_kart(1, reports(RED_RED), 'reported as standing')
+    race.bridge.wait_for_line('RED_RED is acknowledged')
+    assert race.team.team_stop(False).success
+    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
+    assert (state_of(told.commanded), state_of(told.state)) == (GREEN_GREEN, RED_RED)
+    assert race.team.stop is True
 
 
 # ----- the bridge's own end ----------------------------------------------------------------

@@ -400,8 +400,8 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     assert again.close() == 0
 
 
-@pytest.mark.parametrize('how', ['frozen', 'its own thread hangs'])
-def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
+@pytest.mark.parametrize('how', ['killed', 'frozen', 'its own thread hangs'])
+def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
     open_beside: OpenBeside, how: str
 ) -> None:
     console, (kart,), _ = open_beside(1, nobody_there=0.1)
@@ -409,7 +409,9 @@ def test_once_the_last_window_hangs_its_race_is_sent_red_flag(
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
 
-    if how == 'frozen':
+    if how == 'killed':
+        console.kill()
+    elif how == 'frozen':
         console.signal(signal.SIGSTOP)
     else:
         console.block(PATIENCE)

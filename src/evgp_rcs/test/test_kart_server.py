@@ -247,6 +247,11 @@ def run() -> Iterator[Run]:
         yield start
 
 
+def test_a_kart_is_sent_in_garage_as_it_connects(run: Run) -> None:
+    client = run(NO_BEAT).connect(1)
+    assert client.recv(4096) == encode(IN_GARAGE)
+
+
 def test_a_stop_has_been_written_when_it_is_answered(run: Run) -> None:
     running = run(NO_BEAT)
     clients = [running.connect(kart) for kart in (1, 2, 3)]
