@@ -82,7 +82,7 @@ def test_every_hazard_has_a_number_a_test_and_somebody_who_accepts_what_is_left(
     assert len(rows) > 70
     for number, _, severity, stops, shown, left, accepts in rows:
         assert severity in ('A', 'B', 'C'), number
-        assert stops and left, number
+        assert all((stops, left)), number
         if shown.startswith('no test: '):  # What only people prevent says so, and which procedure.
             assert 'Nothing here' in stops or 'cannot detect' in stops, number
             assert re.fullmatch(r'no test: P\d+a?(, P\d+a?)*', shown), number
