@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import PRESENCE_QOS
+from evgp_rcs_console.client import ANNOUNCE_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
@@ -70,7 +70,7 @@ def race(the_race: WireRace) -> WireRace:
 
 
 # Whatever its publisher offers, a program is heard.
-@pytest.fixture(params=[PRESENCE_QOS, QoSProfile(depth=10)], ids=['ours', 'plain'])
+@pytest.fixture(params=[ANNOUNCE_QOS, QoSProfile(depth=10)], ids=['ours', 'plain'])
 def programs(race: WireRace, request: pytest.FixtureRequest) -> Iterator[Programs]:
     side = Programs(race.domain, request.param)
     yield side
