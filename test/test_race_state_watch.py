@@ -416,6 +416,21 @@ def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
     assert GREEN_GREEN not in stack.told
 
 
+def test_a_message_that_waited_for_a_busy_stack_is_as_old_as_the_turn_before(
+    domain: Domain,
+) -> None:
+    with RosSide('stack', domain.number) as side:  # it does not spin: these are its turns
+        watch = RaceStateWatch(side.node, lease=LEASE)
+        watch._pass()
+        watch._pass()
+        watch._hear(KartRaceState(bridge=1, state=state_message(GRID_ACTIVE)))
+        assert watch.state is GRID_ACTIVE
+        time.sleep(LEASE)  # that time passes is itself what is awaited
+        watch._pass()  # in the same turn as the callback that was busy
+        watch._hear(KartRaceState(bridge=1, state=state_message(GREEN_GREEN)))
+        assert watch.state is RED_RED
+
+
 def test_a_bridge_that_was_away_for_long_is_back_without_its_start(
     stack: Stack, start_bare: StartBare
 ) -> None:

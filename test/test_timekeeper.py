@@ -29,7 +29,8 @@ from evgp_testing.race_control import address_of, RaceControl, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS
+from evgp_timing.desk import What
+from evgp_timing.timekeeper import ARRIVING_QOS, EVENTS_QOS, told_of
 import pytest
 
 KARTS = (1, 2)
@@ -371,6 +372,15 @@ def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_rest
 
 
 # ----- what keeps it from starting -----------------------------------------------------------
+
+
+def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
+    event = msg.RaceEvent(kind=msg.RaceEvent.COMMAND, command=msg.CommandAvailability.KART_FINISH)
+    assert told_of(event, 'run') is None
+    event.success = True
+    told = told_of(event, 'run')
+    assert told is not None
+    assert told.what is What.FINISH
 
 
 def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None:

@@ -522,6 +522,35 @@ def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
     running.wait_for(EventKind.ACKNOWLEDGED, 3)
 
 
+def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = run(beat_rate=20.0)
+    client = connect(running, 3)
+    running.wait_for(EventKind.DELIVERED, 3)  # so all that was sent before the stop is answered
+    link = running.server._links[3]
+    link._send_timeout = TIMEOUT
+    order = link.order
+
+    def order_unanswered(state: RaceState, serial: int) -> None:
+        before = link._answers.written
+        monkeypatch.setattr(
+            'evgp_rcs.karts.link.unanswered', lambda _: link._answers.written - before
+        )
+        order(state, serial)
+
+    monkeypatch.setattr(link, 'order', order_unanswered)
+    running.give(CommandKind.KART_RED_RED, 3)
+    client.sendall(encode(RED_RED) + b'.')
+    running.wait_for(EventKind.MALFORMED, 3)
+    assert not any(each.kind is EventKind.ACKNOWLEDGED for each in running.events)
+    assert running.race.karts[3].delivered_at is None
+    monkeypatch.undo()
+    running.wait_for(EventKind.DELIVERED, 3, count=2)
+    client.sendall(encode(RED_RED))
+    running.wait_for(EventKind.ACKNOWLEDGED, 3)
+
+
 def test_a_stop_is_behind_one_frame_at_most_that_has_not_left(
     stuck: tuple[Running, socket.socket, KartLink],
 ) -> None:
