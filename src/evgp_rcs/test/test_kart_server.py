@@ -523,10 +523,10 @@ def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
 
 
 def test_only_a_stop_that_the_karts_kernel_has_answered_to_its_end_has_arrived(
-    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+    run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running = run(beat_rate=20.0)
-    client = connect(running, 3)
+    client = running.connect(3)
     running.wait_for(EventKind.DELIVERED, 3)  # so all that was sent before the stop is answered
     link = running.server._links[3]
     link._send_timeout = TIMEOUT
