@@ -506,7 +506,6 @@ def test_screenshots_of_every_state(
     see_karts(console, 1, 2, 3, 4)
     shoot('garage')
     console.press_on('official', see='official_1', focus=True)
-    shoot('name')
     console.press('Return', see='official', text='Anna')
     console.ask('F2')
     console.wait_for('yes', barred='false')
