@@ -202,7 +202,7 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.press('F7', see='humans', tone='good')
     raced(karts)
 
-    console.ask('F2', text='closes now')
+    console.ask('F2', text='which this command closes')
     console.press('y', see='state', text='GRID ACTIVE')
     console.wait_for('humans', text='KEEP OFF')
 

@@ -127,7 +127,7 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
         first, second = debriefs.read().decode().split('\n\n')
         debriefs.close()
 
-    assert first.startswith('msr_needed (kart 3): a kart obeys nothing any more\n')
+    assert first.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
     assert 'radio: Marshal, post 2: kart 3 is out of control!' in first
     assert 'Anna gave ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in first
     assert 'the MSR is used' in first
