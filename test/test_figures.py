@@ -157,7 +157,7 @@ WRITTEN = [
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
-    ('docs/wire.md', r'drops the kart after (\d+) s', FLOOD),
+    ('docs/wire.md', r'drops it after (\d+) s', FLOOD),
 ]
 
 
