@@ -458,7 +458,7 @@ def against_humans(race: Snapshot) -> str:
 
 
 def under_way(race: Snapshot) -> str:
-    """Return that the race is under way or a kart is sent onto the track; empty if neither."""
+    """Return a warning if the race is under way or a kart is sent onto the track; else empty."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
@@ -473,7 +473,7 @@ def warning(command: Kind, race: Snapshot) -> str:
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        settled = track.settled_by is command  # no warning of what the command itself settles
+        settled = track.settled_by is command  # no warning about what the command resolves
         barred = not (track.allowed or settled) and race.state not in UNDER_WAY
         why = track.reason if barred else against_humans(race)
         if why:
@@ -511,7 +511,7 @@ def gave_up(given: Given, limit: str) -> str:
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command but is no reason to refuse it.
+    Return what an official should know before a command that is not a reason to refuse it.
 
     :param karts: the karts that it would start or release.
     """

@@ -4,7 +4,7 @@
 """
 The kart server: the TCP side of race control, and the one owner of the race (§4.A, §4.C, §4.D).
 
-Rules of what lives in this file:
+Rules for the code in this file:
 
 - One thread, one asyncio loop, in a process without ROS (``karts.process``). Only that thread
   touches the race, the sockets and everything below.
@@ -61,14 +61,14 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import snapshot_of
 
 STALL = 1.0
-"""Delay of a beat above which it counts as a stall of race control, in seconds."""
+"""Maximum delay of a beat; after a longer one, race control has stalled, in seconds."""
 
 CONNECTIONS = (10, 2.0)
 """Limit on a kart's connections: the size of a burst, and the rate per second after that."""
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers of a kart: if new connections replace a live one this many times within this
-many seconds, two programs contest the kart. The contest ends after as many seconds without one."""
+many seconds, two programs contest the kart. The contest ends after that time without a takeover."""
 
 CONNECTION_QUEUE = 4096
 """Maximum number of connections that wait to be accepted; the kernel may allow fewer (somaxconn).
@@ -130,12 +130,12 @@ class Waiting:
     came: float
 
     def is_late(self, now: float) -> bool:
-        """Return whether it is too late to take effect: its sender was told "no answer"."""
+        """Return whether it has expired, because its sender was already told "no answer"."""
         return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
 
 
 class _Allowance:
-    """Limit what a peer may cause: a token bucket with a burst, then `rate` per second."""
+    """Limit a peer with a token bucket: a burst at first, then `rate` events per second."""
 
     def __init__(self, burst: int, rate: float = 1.0) -> None:
         self._burst = burst

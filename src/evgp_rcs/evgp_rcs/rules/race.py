@@ -4,7 +4,7 @@
 """
 The rules of the race: what each kart is sent, and which commands are allowed or refused, and why.
 
-Rules of what lives in this file:
+Rules for the code in this file:
 
 - Pure. No clock, socket, ROS, thread, file or log. Every input carries its time, in seconds of
   one monotonic clock; the rules never read a clock themselves.
@@ -40,9 +40,9 @@ knows that the last run on this machine ended in good order with nothing under w
 and about the time while it is cut off from the karts (``cut_off``). The proposal makes one
 exception (§3.B): where no earlier run is known, the race begins in IN_GARAGE.
 
-Somebody must be able to stop the race (``Attendance``). If an official could stop a race from
-some program, and then race control hears no such program any longer, the race does not start, and
-after ``nobody_there`` it goes to RED_FLAG.
+Somebody must be able to stop the race (``Attendance``). If race control no longer hears any of
+the programs from which an official could stop a race, it does not start that race, and puts it in
+RED_FLAG after ``nobody_there`` seconds.
 
 Laps are the timekeeper's business (``evgp_timing``). The rules know only FINISH, which gives a
 kart its place in the order of FINISH and a RED_FLAG after it.
@@ -450,9 +450,9 @@ class Kart:
     :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart individually and has not released it.
     :param withdrawn: it withdrew an acknowledgement of its present order.
-    :param counts_at: latest time at which its report of the state it is sent, which may answer an
-        earlier order, counts, in seconds; a past time if that is unknown; None if it makes no
-        such report.
+    :param counts_at: if it reports the state it is sent, but may be answering an earlier order:
+        latest time at which that report becomes valid, in seconds; a past time if that is
+        unknown; None if there is no such report.
     :param counts_in: the same, as time from its last report, in seconds; 0 if unknown.
     :param inspected: date of its inspection according to the roster; empty for none.
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
@@ -612,7 +612,7 @@ class RaceMemory:
 
 
 class StartPhase(enum.IntEnum):
-    """How far a start has come; of two phases at once, the later one applies."""
+    """Phase that a start has reached; if two apply at once, the later one wins."""
 
     WAITS = 0
     WRITTEN = 1
@@ -771,8 +771,8 @@ class Race:
         held individually. Such a kart must report its own stop, or be released individually.
 
         :param memory: what the record contains; None if nothing.
-        :param why: why a proof of a good end is not believed, in a phrase; empty if that is not
-            the case.
+        :param why: why the proof that the last run ended in good order is rejected, in a phrase;
+            empty if it is not.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
