@@ -109,6 +109,7 @@ def test_in_every_legal_sequence_all_is_acknowledged_within_3_s_and_nothing_is_s
 
 
 @pytest.mark.long
+@pytest.mark.timeout(360)
 def test_at_every_rate_nothing_is_stale_and_from_12_hz_on_all_is_acknowledged() -> None:
     check(RATES)
 
