@@ -68,7 +68,7 @@ CONNECTIONS = (10, 2.0)
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers of a kart: if new connections replace a live one this many times within this
-many seconds, two programs contest the kart. The contest ends after that time without a takeover."""
+many seconds, two programs contest the kart. It ends after that time without a takeover."""
 
 CONNECTION_QUEUE = 4096
 """Maximum number of connections that wait to be accepted; the kernel may allow fewer (somaxconn).
