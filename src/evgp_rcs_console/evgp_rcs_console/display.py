@@ -514,15 +514,15 @@ class Display(QtCore.QObject):
         """Process all waiting snapshots with all their alerts, and show the newest."""
         if not waiting:
             return
-        one = len(waiting) == 1
+        changed = bool(self._danger_title)
         while waiting:
             heard, self._heard_at, self._two = waiting.popleft()
             self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
-        # Ages need not be shown twice a second. Of several snapshots one may have had an alert.
-        if not one or self._danger_title or self._news != self._drawn:
-            self.refresh()
+            changed = changed or self._news != self._drawn
+        if changed:
+            self.refresh()  # else only ages change, which need not be shown twice a second
 
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event, except a delivery in time, which would only hide others."""
