@@ -756,7 +756,7 @@ class Oracle:
             others = [_falling(_braking(each, self._limits), top) for each in reds]
             hard = [each for each in others if each is not None]
             gentle = stop.law is Law.FLAG
-            if took is None or not hard or not (gentle or top >= COMPARED * fastest):
+            if took is None or not hard or top < COMPARED * fastest:
                 continue
             median = statistics.median(hard)
             tolerance = 2 * _apart(speeds, 0.2 * top)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import fcntl
+import random
 import socket
 import sys
 import termios
@@ -47,6 +48,7 @@ HABITS = (
     'is slow and gentle',
     'brakes as a wheel that coasts down',
     'takes a shorter silence for a loss',
+    'speeds up slowly and is seen at irregular times',
 )
 """What is unusual about a kart that is good."""
 
@@ -217,6 +219,8 @@ class InspectedKart:
         self.held_up = False
         self._coasts = False
         self._green_at = 0.0
+        self._seen_next = 0.0
+        self._random = random.Random(1)
         self._backs = False
         self._begins = False  # it was told to drive just before a stop
 
@@ -584,6 +588,8 @@ class InspectedKart:
                 braking = acceleration = 0.0
             elif since < 2 * DEAD_TIME:
                 braking *= (since - DEAD_TIME) / DEAD_TIME
+        if self._has['speeds up slowly and is seen at irregular times']:
+            acceleration = ACCELERATION / 10
         if self._has['brakes as a wheel that coasts down'] and self.speed > 0.3:
             braking *= 3 * self.speed / TOP
         if self._coasts:
@@ -595,7 +601,10 @@ class InspectedKart:
         step, self._ticked_at = now - self._ticked_at, now
         self.speed += max(-braking * step, min(acceleration * step, change))
         self._drove = self._drove or self.speed > 1.0
-        self._take(self.speed)
+        if now >= self._seen_next:
+            self._take(self.speed)
+            if self._has['speeds up slowly and is seen at irregular times']:
+                self._seen_next = now + self._random.uniform(0.0, 0.1)
         if self._commanded is not None and died is None:
             self._acknowledge(obeyed, now, since, step)
 
