@@ -97,31 +97,31 @@ _ROWS = (
         'a kart loses its WiFi in mid-race',
         Phase.RACE,
         _fault(Fault.OFFLINE),
-        'stop the race, or use the MSR and record it: the kart may still move (Disconnections; '
-        'Alerts: LOST_IN_MOTION)',
+        'stop the race, or use the MSR and record it, because the kart may still move '
+        '(Disconnections; Alerts: LOST_IN_MOTION)',
     ),
     Incident(
         'kart_stuck',
-        'a kart stands on the track but still acknowledges',
+        'a kart has stopped on the track but still acknowledges',
         Phase.RACE,
-        _told('Marshal, post 1: kart {kart} stands and does not go on.', Fault.STUCK),
-        'flag the race, or stop this one kart, which stands already; nothing stronger '
-        '(Commands: stops)',
+        _told('Marshal, post 1: kart {kart} has stopped and is not moving on.', Fault.STUCK),
+        'flag the race, or stop only this kart, which has stopped already; do not use anything '
+        'stronger (Commands: stops)',
     ),
     Incident(
         'red_red_unacknowledged',
         'a kart does not acknowledge RED_RED',
         Phase.RACE,
         _told('Race director: debris everywhere. Stop every kart now.', Fault.MUTE),
-        'ALL_KILL; then, because one kart does not answer, use the MSR and record it '
-        '(Alerts: RED_UNACKNOWLEDGED)',
+        'press ALL_KILL, and because one kart does not answer, use the MSR and record it (Alerts: '
+        'RED_UNACKNOWLEDGED)',
     ),
     Incident(
         'red_flag_not_obeyed',
-        'a kart drives on in RED_FLAG',
+        'a kart keeps driving in RED_FLAG',
         Phase.RACE,
         _told('Race director: red flag, please.', Fault.IGNORES_FLAG, Fault.MUTE),
-        'RED_FLAG; then, because one kart drives on, use the MSR and record it (Alerts: '
+        'send RED_FLAG, and because one kart keeps driving, use the MSR and record it (Alerts: '
         'FLAG_UNACKNOWLEDGED)',
     ),
     Incident(
@@ -129,13 +129,13 @@ _ROWS = (
         'a kart drives off in GRID_ACTIVE',
         Phase.GRID,
         _fault(Fault.CREEPS),
-        'stop the kart, or take it out of the race, which stops it too (One kart: leave)',
+        'stop the kart, or take it out of the race, which also stops it (One kart: leave)',
     ),
     Incident(
         'spin',
         'a kart spins in front of others',
         Phase.RACE,
-        _told('Marshal, post 3: kart {kart} has spun, others come!', Fault.SPUN),
+        _told('Marshal, post 3: kart {kart} has spun, and others are coming!', Fault.SPUN),
         'flag the race, so that the others stop and still steer (States: RED_FLAG)',
     ),
     Incident(
@@ -143,7 +143,7 @@ _ROWS = (
         'a person is on the track while karts race',
         Phase.RACE,
         _person,
-        'ALL_KILL, use the MSR at once and record it: humans are in danger (§3.D)',
+        'press ALL_KILL, use the MSR at once and record it, because humans are in danger (§3.D)',
         to_kart=False,
     ),
     Incident(
@@ -151,15 +151,16 @@ _ROWS = (
         'the leader crosses the line slowly, with others close behind',
         Phase.LAST_LAP,
         _fault(Fault.SLOW),
-        'mark the karts as finished in the order in which they cross the line; stop no kart '
-        '(Finish and race over)',
+        'mark the karts as finished in the order in which they cross the line, and do not stop a '
+        'kart (Finish and race over)',
     ),
     Incident(
         'reconnect_storm',
         'every kart loses its connection again and again',
         Phase.RACE,
         _storm,
-        'stop the race, or use the MSR; release no kart until it stands (Disconnections)',
+        'stop the race, or use the MSR, and do not release a kart until it has stopped '
+        '(Disconnections)',
         to_kart=False,
     ),
     Incident(
@@ -167,7 +168,7 @@ _ROWS = (
         "a second machine has a kart's address",
         Phase.RACE,
         _fault(Fault.REPLACED),
-        'stop the race, or use the MSR: race control no longer hears the real kart '
+        'stop the race, or use the MSR, because race control no longer hears the real kart '
         '(Disconnections: a second connection)',
     ),
     Incident(
@@ -175,17 +176,17 @@ _ROWS = (
         'race control dies in mid-race, and comes back',
         Phase.RACE,
         lambda field, kart: field.failures.append(Failure.CRASH),
-        'ALL_KILL, or use the MSR; or wait until every kart has acknowledged RED_RED, '
-        'check the track, and then give IN_GARAGE (When race control itself ends)',
+        'press ALL_KILL or use the MSR; or wait until every kart has acknowledged RED_RED, '
+        'check the track, and then send IN_GARAGE (When race control itself ends)',
         to_kart=False,
     ),
     Incident(
         'laptop_dies',
-        "race control's laptop dies in mid-race; a spare has a copy",
+        "race control's laptop dies in mid-race, and a spare has a copy",
         Phase.RACE,
         lambda field, kart: field.failures.append(Failure.DIE),
         'do the drill; then record the MSR, or wait until every kart has acknowledged '
-        'RED_RED, check the track, and give IN_GARAGE (docs/race-day.md)',
+        'RED_RED, check the track, and send IN_GARAGE (docs/race-day.md)',
         to_kart=False,
     ),
     Incident(
@@ -196,7 +197,7 @@ _ROWS = (
             'Race director: oil on the track. Red flag, please.',
             failure=Failure.CLOSE_CONSOLE,
         ),
-        'flag the race from another window or by rcs_ctl, or use the MSR (docs/safety.md)',
+        'flag the race from another window or with rcs_ctl, or use the MSR (docs/safety.md)',
         to_kart=False,
     ),
     Incident(
@@ -222,14 +223,15 @@ _ROWS = (
         'the timing line misses a kart',
         Phase.RACE,
         _fault(Fault.UNSEEN),
-        'count the crossing by hand (LAP); stop no kart (docs/timing.md: Corrections)',
+        'count the crossing by hand (LAP), and do not stop a kart (docs/timing.md: Corrections)',
     ),
     Incident(
         'false_passing',
         'the timing line sees a kart that is elsewhere',
         Phase.RACE,
         _fault(Fault.SEEN_ELSEWHERE),
-        'strike out the passing (STRIKE PASSING); stop no kart (docs/timing.md: Corrections)',
+        'strike out the passing (STRIKE PASSING), and do not stop a kart (docs/timing.md: '
+        'Corrections)',
     ),
 )
 
