@@ -7,7 +7,7 @@ I-Lap and AMBrc text: one line per passing.
     SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
 
 with a TAB before each item except SOH, @ and CR. Not every device sends the items in brackets. The
-format comes from public descriptions (see docs/timing.md). They disagree about the meaning of the
+format comes from public descriptions (see README.md). They disagree about the meaning of the
 count and the range of the checksum at the end, so this decoder uses neither.
 """
 

@@ -4,7 +4,7 @@
 """
 ImmersionRC LapRF, over USB or TCP: tells karts apart by the frequency of a video transmitter.
 
-The format comes from public descriptions and captures, not from ImmersionRC (see docs/timing.md).
+The format comes from public descriptions and captures, not from ImmersionRC (see README.md).
 """
 
 from __future__ import annotations

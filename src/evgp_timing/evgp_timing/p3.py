@@ -4,7 +4,7 @@
 """
 MYLAPS P3, as its decoders send it over TCP. The decoder is the server; we send it nothing.
 
-The format comes from public descriptions and captures, not from MYLAPS (see docs/timing.md).
+The format comes from public descriptions and captures, not from MYLAPS (see README.md).
 """
 
 from __future__ import annotations
