@@ -223,6 +223,7 @@ def test_odometry_from_ros_where_there_is_no_ros_says_what_to_do() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(3600)
 def test_of_many_inspections_of_good_karts_none_fails() -> None:
     habits = ('', *HABITS)
