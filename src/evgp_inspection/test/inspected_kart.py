@@ -382,13 +382,14 @@ class InspectedKart:
             if not found.done():
                 found.set_result(readable)
 
-        self._loop.add_reader(link, find, True)
+        number = link.fileno()  # asyncio writes out the socket itself for each lookup
+        self._loop.add_reader(number, find, True)
         timer = self._loop.call_later(STEP, find, False)
         try:
             return await found
         finally:
             timer.cancel()
-            self._loop.remove_reader(link)
+            self._loop.remove_reader(number)
 
     def _too_slow(self, now: float) -> bool:
         if not self._is['takes 10 Hz for silence'] or not self._frame_times:
