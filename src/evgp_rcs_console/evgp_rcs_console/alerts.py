@@ -120,17 +120,14 @@ class AlertsArea(Panel):
 
     @property
     def whole(self) -> str:
-        """Return the text of all alerts that are shown."""
         shown = self._notices[: self._shown]
         return '\n'.join(f'{each.heading}\n{each.kart}\n{each.text}' for each in shown)
 
     @property
     def cut(self) -> bool:
-        """Return whether the shown alerts do not fit."""
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
-        """Show whether the sound is off."""
         self._mute.show_words(texts.SOUND_OFF if muted else texts.SOUND_ON, 'F11')
 
     def show_notices(
@@ -239,12 +236,10 @@ class Alarm:
         self._area.show_notices(self._book.shown, at, known=known)
 
     def see(self, numbers: list[int]) -> None:
-        """Mark alerts as seen."""
         self._book.see(numbers)
         self._area.show_notices(self._book.shown, self._at, own=True, known=self._known)
 
     def toggle_sound(self) -> None:
-        """Turn the sound off or on."""
         self._muted = not self._muted
         self.sound_soon()
         self._area.show_sound(self._muted)
@@ -271,7 +266,6 @@ class Alarm:
             self._sound.play()
 
     def close(self) -> None:
-        """Tidy up."""
         self._sound.close()
 
 
@@ -294,7 +288,6 @@ class Sound:
     """
 
     def __init__(self) -> None:
-        """Find a player and write the sound file."""
         found = [path for path in map(shutil.which, PLAYERS) if path]
         self._player = found[0] if found else None
         self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')
@@ -306,12 +299,10 @@ class Sound:
             out.writeframes(alarm())
 
     def play(self) -> None:
-        """Play it once."""
         if self._player is None:
             QtWidgets.QApplication.beep()
         else:
             QtCore.QProcess.startDetached(self._player, [str(self._file)])
 
     def close(self) -> None:
-        """Remove the file."""
         self._folder.cleanup()

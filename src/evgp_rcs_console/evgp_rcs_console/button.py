@@ -66,7 +66,6 @@ class StopButton(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters and start to open the device."""
         super().__init__('rcs_button', **node_options)
         self._settings = read_settings(Parameters(self))
         self._signature = Signature(self._settings.official, os.getpid())

@@ -65,7 +65,6 @@ class Keys:
 
     @property
     def name(self) -> str:
-        """Return the name that the device reports."""
         return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
 
     def grab(self, mine: bool) -> None:
@@ -87,7 +86,6 @@ class Keys:
         return tuple(changes(data))
 
     def close(self) -> None:
-        """Release the device."""
         os.close(self.descriptor)
 
     def _ask(self, request: int, size: int) -> bytes:

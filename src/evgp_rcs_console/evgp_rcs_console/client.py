@@ -102,7 +102,6 @@ class Sources:
         self._last = number
 
     def are_two(self, now: float) -> bool:
-        """Return whether snapshots come from two race controls."""
         return len(self._falls) == 2 and now - self._falls[0] < WITHIN
 
 
@@ -205,7 +204,6 @@ class Client:
         hears: bool = True,
         **node_options: Any,
     ) -> None:
-        """Join the domain and start to receive."""
         self.node = Node(name, context=context, **node_options)
         fence_graph()
         self._listener = listener
@@ -264,7 +262,6 @@ class Client:
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
-        """Leave the domain."""
         self._given.put(None)
         self._sending.join()
         if self._there is not None:
@@ -440,7 +437,6 @@ def join_graph(program: str, arguments: Sequence[str]) -> None:
 
 
 def request_message(given: Given) -> Any:
-    """Return the request of a command."""
     fields = {
         name: state_message(given.hold) if name == 'hold' else value
         for name, value in request(given, now()).items()
@@ -449,7 +445,6 @@ def request_message(given: Given) -> Any:
 
 
 def domain_of(context: Context | None = None) -> int:
-    """Return the ROS domain of a context."""
     return int((context or rclpy.utilities.get_default_context()).get_domain_id())
 
 

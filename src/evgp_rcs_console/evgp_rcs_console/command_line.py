@@ -144,7 +144,6 @@ def without_ros_arguments(given: Sequence[str]) -> list[str]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line."""
     whole = Parser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',

@@ -331,7 +331,6 @@ class StandingStops:
         return tuple(self._stops.values())
 
     def add(self, given: Given, now: float) -> None:
-        """Add a stop that an official gave; it is due at once."""
         known = self._stops.get(_key(given))
         if known is None:
             known = Standing(given, since=now)
@@ -453,7 +452,6 @@ class Unanswered:
         return bool(self._given)
 
     def add(self, given: Given) -> None:
-        """Add a command that was sent and is not a stop."""
         self._given[given.command, given.kart] = given
 
     def answered(self, given: Given) -> None:

@@ -61,13 +61,11 @@ class Hearing:
         self.results: Standings | None = None
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
-        """Keep the newest snapshot."""
         with self.news:
             self.race, self.heard_at, self.two = race, at, two
             self.news.notify_all()
 
     def on_event(self, event: StampedEvent) -> None:
-        """Keep an event."""
         with self.news:
             self.events.append(event)
             if event.event.kind is EventKind.ENDED and event.event.success and self.race:
@@ -75,13 +73,11 @@ class Hearing:
             self.news.notify_all()
 
     def on_results(self, results: Standings) -> None:
-        """Keep the results."""
         with self.news:
             self.results = results
             self.news.notify_all()
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Keep the answer."""
         with self.news:
             self.answer = given, answer
             self.news.notify_all()
@@ -98,7 +94,6 @@ class Hearing:
             self.news.notify_all()
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
-        """Wait until a condition is true or the time is up; return whether it is true."""
         with self.news:
             return bool(self.news.wait_for(found, max(0.0, until - now())))
 

@@ -68,11 +68,9 @@ class Shown:
     buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
 
     def at(self, point: QtCore.QPoint) -> Button | None:
-        """Return the command at a point of the screen."""
         return next((each for _, place, each in self.buttons if place.contains(point)), None)
 
     def of(self, widget: QtWidgets.QWidget) -> Button | None:
-        """Return the command that a button had."""
         return next((each for button, _, each in self.buttons if button is widget), None)
 
 
@@ -176,7 +174,6 @@ class Areas(QtWidgets.QWidget):
         self._style: object = None
 
     def _arrange(self) -> None:
-        """Put everything in its place."""
         sizes: tuple[tuple[QtWidgets.QWidget, int, int], ...] = (
             (self._banner, 0, 24),
             (self.state, 316, 0),
@@ -223,11 +220,9 @@ class Areas(QtWidgets.QWidget):
         self.place_sheets()
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Apply the new size of the window."""
         self.fit()
 
     def show_banner(self, banner: str) -> None:
-        """Show a banner in the top line and in the window's title; empty: none."""
         if banner != self._banner.whole:
             self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
@@ -259,7 +254,6 @@ class Areas(QtWidgets.QWidget):
         return any(sheet.has(widget) for sheet in self._sheets)
 
     def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is the button of a stop."""
         if isinstance(widget, CommandButton) and widget.button is not None:
             return widget.button.is_stop
         return widget is self.kill.button
@@ -300,7 +294,6 @@ class Inbox(QtCore.QObject):
         self.on_dropped = self.dropped.emit
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
-        """Hand over a snapshot."""
         self.waiting.append(Heard(race, at, two))
         self.came.emit()
 
@@ -321,7 +314,6 @@ class ChosenKart(KartField):
         self._scrolls = True
 
     def show(self, rows: tuple[Row, ...], stale: bool) -> None:
-        """Show the karts and mark the chosen one."""
         self._rows, self._stale = rows, stale
         self.show_roster({row.number: row.team for row in rows})
         self._mark()
@@ -340,7 +332,6 @@ class ChosenKart(KartField):
             self.choose(numbers[max(0, min(place, len(numbers) - 1))])
 
     def changed(self) -> None:
-        """Show the current field and the chosen kart."""
         self._areas.number_field.show_cells(*self.cells(), self._areas.isActiveWindow())
         if self.kart != self._marked:
             self._mark()
@@ -386,7 +377,6 @@ class BottomLine:
         self.show()
 
     def say_sent(self, given: Given) -> None:
-        """Show that a command was sent."""
         self.say(texts.GIVEN.format(command=texts.full_name(given)))
 
     def say_answer(self, given: Given, answer: Answer) -> None:
@@ -437,7 +427,6 @@ class BottomLine:
             self.show()
 
     def show(self) -> None:
-        """Show the most urgent message."""
         self._label.show_cell(self._cell(clock.now()))
 
     def _say_changed(self, given: Given, what: str) -> None:
@@ -533,18 +522,15 @@ class Display(QtCore.QObject):
             self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
-        """Keep the newest results."""
         self._results = results
 
     def take_answer(self, given: Given, answer: Answer) -> None:
-        """Show the answer to a command."""
         self.unanswered.answered(given)
         said = self._officials.in_text(answer.message)
         self.bottom.say_answer(given, replace(answer, message=said))
         self.refresh()
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Show the stops that race control has not accepted yet."""
         self.unanswered.stops = stops
         self._show_kill()
         self.bottom.show()
@@ -656,5 +642,4 @@ class Display(QtCore.QObject):
 
 
 def _heats(screen: Screen) -> list[tuple[str, tuple[int, ...]]]:
-    """Return the heats that a screen offers."""
     return [(button.heat, button.karts) for button in screen.heats]

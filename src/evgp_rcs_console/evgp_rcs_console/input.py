@@ -64,7 +64,6 @@ class CommandInput(QtCore.QObject):
     """The official wants the other palette."""
 
     def kill(self) -> None:
-        """Send ALL KILL."""
         self._all_kill_was_dropped = False
         claim = self._signature.claim
         self._give(Given(CommandKind.ALL_KILL, official=claim, waited=self._late.waited))
@@ -162,16 +161,13 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def toggle_help(self) -> None:
-        """Show the keys, or hide them."""
         self._areas.help.setVisible(not self._areas.help.isVisible())
         self._areas.place_sheets()
 
     def open_officials(self) -> None:
-        """Ask which official commands from this window."""
         self._areas.open_sheet(self._areas.officials, self._areas.officials.first)
 
     def sign(self, name: str) -> None:
-        """Use a name for all commands from now on."""
         self._signature.sign(name)
         self._areas.officials.close_sheet()
         self._areas.setFocus()
@@ -211,7 +207,6 @@ class LateInput:
         self.waited = 0.0
 
     def beat(self, now: float) -> None:
-        """Record that the window's thread is alive."""
         self._beat.beat(now)
         # Digits typed while the window hung must be handled before they expire.
         if not self._beat.held_up(now):
@@ -246,8 +241,6 @@ FORWARD = 0.3
 
 
 class Mouse:
-    """Handles the mouse."""
-
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
         self._brought_forward = False
@@ -257,7 +250,6 @@ class Mouse:
         self._late = late
 
     def take_activation(self, active: bool) -> None:
-        """Record that the window has become active or inactive."""
         self._active_since = clock.now() if active else None
         if not active:
             self._brought_forward = False
@@ -317,15 +309,12 @@ class Mouse:
 
 
 def _called(button: QtWidgets.QAbstractButton) -> str:
-    """Return the name of a button in a sentence."""
     if isinstance(button, CommandButton) and button.button is not None:
         return texts.command_name(button.button.command, button.button.kart)
     return button.text().replace('&&', '&')
 
 
 class Keyboard:
-    """Handles the keyboard."""
-
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._areas = presses.display.areas
         self._presses = presses

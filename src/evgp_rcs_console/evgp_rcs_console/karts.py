@@ -44,8 +44,6 @@ LOWEST, HIGHEST, SCROLLED = 28, 60, 34
 
 
 class Words(NamedTuple):
-    """A text in a cell."""
-
     room: QtCore.QRect
     text: str
     of: QtGui.QFont
@@ -67,7 +65,6 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         option: QtWidgets.QStyleOptionViewItem,
         index: QtCore.QModelIndex,
     ) -> None:
-        """Draw a cell."""
         row, room, colours = self._table.rows[index.row()], option.rect, look.palette
         is_chosen = row.number == self._table.chosen
         painter.save()
@@ -181,7 +178,6 @@ def _box(
     frame: str = '',
     radius: float = RADIUS,
 ) -> None:
-    """Draw a rounded box."""
     if painter is None:
         return
     pen = QtGui.QPen(QtGui.QColor(frame), look.px(1.5)) if frame else QtCore.Qt.PenStyle.NoPen
@@ -222,7 +218,6 @@ class Tiles(QtWidgets.QWidget):
             self.update()
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
-        """Choose the kart that was clicked."""
         rows = self._table.rows
         if rows:
             place = int(event.position().x() / (self.width() / len(rows)))
@@ -312,7 +307,6 @@ class KartTable(QtWidgets.QTableWidget):
         return moved
 
     def bring_into_view(self, place: int) -> None:
-        """Scroll to a row."""
         with self._scrolling(self.verticalScrollBar()):
             self.scrollTo(self.model().index(place, 0))
 
@@ -349,7 +343,6 @@ class KartList(Panel):
 
     @property
     def numbers(self) -> list[int]:
-        """Return the numbers of the karts, in their order."""
         return [row.number for row in self.table.rows]
 
     @property
@@ -372,7 +365,6 @@ class KartList(Panel):
         return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
-        """Show the karts."""
         count = len(self.table.rows)
         self.table.show_rows(rows, chosen, stale)
         self._tiles.look()
@@ -389,12 +381,10 @@ class KartList(Panel):
             self.fit()
 
     def bring_into_view(self, number: int) -> None:
-        """Scroll to a kart."""
         if number in self.numbers:
             self.table.bring_into_view(self.numbers.index(number))
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Fit the rows to the new size."""
         super().resizeEvent(event)
         self.fit()
 

@@ -123,12 +123,10 @@ class Stroke:
 
     @property
     def stop(self) -> bool:
-        """Return whether it sends a stop."""
         return bool(self.commands) and all(CATALOGUE[command].stop for command in self.commands)
 
     @property
     def asks(self) -> bool:
-        """Return whether it asks for a confirmation first."""
         return any(CATALOGUE[command].asks for command in self.commands)
 
 
@@ -173,7 +171,6 @@ class KartField:
         self._refused_at = 0.0
 
     def show_roster(self, teams: Mapping[int, str]) -> None:
-        """Set the karts of the roster, with their teams."""
         self._teams = teams
         self.changed()
 
@@ -182,7 +179,6 @@ class KartField:
 
     @property
     def digits(self) -> str:
-        """Return the typed digits."""
         return self._digits
 
     @property
@@ -202,7 +198,6 @@ class KartField:
         self.changed()
 
     def erase(self, at: float) -> None:
-        """Delete the last digit."""
         self.expire(at)
         self._digits = self._digits[:-1]
         self._typed_at = at
@@ -210,7 +205,6 @@ class KartField:
         self.changed()
 
     def choose(self, kart: int) -> None:
-        """Set the kart that was chosen in the list."""
         self._chosen = kart
         self.clear()
 

@@ -71,7 +71,6 @@ class Notice:
         return self.alert.text if self.standing else texts.alert_was(self.alert.kind, self.kart)
 
     def __str__(self) -> str:
-        """Return heading and text in one line."""
         return f'{self.heading}: {self.text}'
 
 
@@ -193,7 +192,6 @@ class Officials:
         self._claims: dict[str, set[str]] = {}
 
     def take(self, claim: str) -> None:
-        """Record an official's signature as it was sent with a command."""
         if claim:
             self._claims.setdefault(claim.partition(' (')[0], set()).add(claim)
 
@@ -364,7 +362,6 @@ class EventLog:
         return f'{named[:1].upper()}{named[1:]}{what}'
 
     def _joined(self, before: Line, line: Line) -> Line:
-        """Return one line for two with the same text about different karts."""
         if not line.karts:  # about all karts
             return line
         karts = tuple(sorted({*before.karts, *line.karts}))

@@ -51,7 +51,6 @@ class StatePanel(Panel):
         lay(self, *parts, margins=(10, 2, 2, 4), heights=(0, 1))
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show the current state of the race."""
         self._title.show_cell(screen.state, stale)
         self._since.show_text(screen.since)
         mark(self, ground=(Tone.FAINT if stale else screen.state.tone).value)
@@ -76,7 +75,6 @@ class TrackPanel(Panel):
         grid.addWidget(self.button, 0, 2, 2, 1)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show the current state of the track, with an edge in its colour."""
         self._humans.show_cell(screen.humans, stale)
         self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
         self.button.show_button(screen.track_button)
@@ -95,14 +93,12 @@ class ClockPanel(Panel):
         lay(self, *parts, margins=(0, 4, 4, 3), heights=(34, 20, 18))
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show the race; without news from race control, its clock is blank."""
         age = screen.clock * (not stale)
         self._race.show_text(texts.RACE_CLOCK.format(age=age) if age else '')
         self._heat.show_text(screen.heat)
         self.look()
 
     def look(self) -> None:
-        """Show the time of day."""
         self._now.show_text(time.strftime('%H:%M:%S'))
 
 
@@ -121,7 +117,6 @@ class KillBox(Panel):
         grid.addWidget(self._hint, 1, 0)
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
-        """Show a text below ALL KILL, and whether ALL KILL is still unanswered."""
         mark(self.button, pressing='true' if pressing else 'false')
         self._hint.show_cell(hint)
 
@@ -135,7 +130,6 @@ class Steps(QtWidgets.QWidget):
         lay(self, self._steps, gap=8, columns=[1] * len(self._steps))
 
     def show_screen(self, screen: Screen) -> None:
-        """Show which commands are possible, and why the others are not."""
         for step, button in zip(self._steps, (*screen.race, screen.msr_button), strict=True):
             step.show_button(button)
 
@@ -156,12 +150,10 @@ class Strip(Panel):
 
     @property
     def whole(self) -> str:
-        """Return all of its text."""
         shown = self._tally, self._msr, self._reminder, self._rest, self._officials
         return '\n'.join(each.whole for each in shown if each.whole)
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
-        """Show the current race and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
         self._officials.show_text(
             ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
@@ -195,7 +187,6 @@ class DangerPanel(Panel):
         grid.addWidget(self._advice, 0, 1, 2, 1)
 
     def show_danger(self, danger: Danger) -> None:
-        """Show a warning."""
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
         mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
@@ -212,7 +203,6 @@ class NumberField(Panel):
         lay(self, (self._title, self._detail), gap=8, margins=(10, 3, 8, 3), columns=(0, 1))
 
     def show_cells(self, title: Cell, detail: Cell, keys_work: bool) -> None:
-        """Show a kart's number and team, or why there is none; or that the keys do not work."""
         ground = title.tone.value if title.tone is Tone.BAD else 'chosen' if title.text else ''
         if not keys_work:
             title, detail, ground = Cell(texts.KEYS_OFF_LARGE), Cell(texts.KEYS_OFF_DETAIL), 'off'
@@ -251,7 +241,6 @@ class EventPanel(Panel):
         self._show_one(0)
 
     def add(self, event: StampedEvent) -> None:
-        """Add an event."""
         lines, replaces = self.log.add(event)
         if replaces and self._kart:
             self._show_one(self._kart)  # the replaced line may not concern this kart
@@ -287,7 +276,6 @@ class EventPanel(Panel):
         return True
 
     def restyle(self) -> None:
-        """Apply another size or palette."""
         self._show_one(self._kart)
 
     def _show_one(self, kart: int) -> None:
@@ -325,5 +313,4 @@ class Foot(QtWidgets.QWidget):
         self._battery.setVisible(percent is not None)
 
     def show_name(self, name: str) -> None:
-        """Show the official's name; empty if unknown."""
         self._official.show_words(texts.NAME_IS.format(name=name) if name else texts.NAME_UNKNOWN)

@@ -23,7 +23,6 @@ def position(results: Standings, number: int) -> str:
 
 
 def on_last_lap(results: Standings, number: int) -> bool:
-    """Return whether a kart is on its last lap."""
     kart = results.kart(number)
     if kart is None or results.laps_left(number) > 1:
         return False
@@ -31,7 +30,6 @@ def on_last_lap(results: Standings, number: int) -> bool:
 
 
 def has_crossed(results: Standings, number: int) -> bool:
-    """Return whether a kart was seen to cross the line."""
     kart = results.kart(number)
     seen = (each.kart for each in results.passings if each.mark is Mark.COUNTED)
     return (kart is not None and bool(kart.lap_times)) or number in seen
@@ -87,7 +85,6 @@ def races(results: Standings) -> list[tuple[str, ...]]:
 
 
 def passings(results: Standings) -> list[tuple[str, ...]]:
-    """Return each passing's time, kart, identity and outcome."""
     return [
         (
             lap_time(each.at),

@@ -36,13 +36,11 @@ class Signature:
     """
 
     def __init__(self, name: str = '', process: int | None = None) -> None:
-        """Use the given name, or else the saved one."""
         self._name = tidy(name) or kept_name() or ''
         self._process = process
 
     @property
     def name(self) -> str:
-        """Return the official's name; empty if unknown."""
         return self._name
 
     @property
@@ -94,7 +92,6 @@ def keep_name(name: str) -> None:
 
 
 def is_night() -> bool:
-    """Return whether the window was dark when last used."""
     try:
         return (rcs_folder() / 'night').exists()
     except (OSError, RuntimeError):

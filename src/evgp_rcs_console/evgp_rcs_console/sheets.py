@@ -65,12 +65,10 @@ class Sheet(Panel):
 
     @property
     def whole(self) -> str:
-        """Return all of its text."""
         said = (getattr(part, 'whole', '') for part in self.parts if not part.isHidden())
         return '\n'.join(filter(None, said))
 
     def has(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is part of it."""
         return widget is not None and (widget is self or self.isAncestorOf(widget))
 
     def lay_out(self, room: QtCore.QRect) -> None:
@@ -85,7 +83,6 @@ class Sheet(Panel):
         self.raise_()
 
     def closing(self, text: str) -> Push:
-        """Return a button that closes it."""
         button = Push(f'close_{self.objectName()}', text, 'Esc')
         button.clicked.connect(self.close_sheet)
         return button
@@ -221,7 +218,6 @@ class Choice(Sheet):
         self.add(self._close, 36)
 
     def _offer(self, buttons: Sequence[Push]) -> None:
-        """Replace the buttons by these."""
         for each in self._offered:
             each.deleteLater()
             self.parts.remove(each)
@@ -277,7 +273,6 @@ class Officials(Choice):
         super().__init__(parent, 'officials', texts.NAME_TITLE, texts.NAME_ABOUT)
 
     def show_names(self, names: Sequence[str]) -> None:
-        """Show one button for each name."""
         if [each.words for each in self._offered] == [*names]:
             return
         self._offer([Push(f'official_{place}', name) for place, name in enumerate(names, 1)])
@@ -286,8 +281,6 @@ class Officials(Choice):
 
 
 class Help(Sheet):
-    """Shows the keys."""
-
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', texts.HELP_TITLE)
         table, keys = QtWidgets.QWidget(), key_help()

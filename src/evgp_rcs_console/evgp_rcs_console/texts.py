@@ -365,12 +365,10 @@ def inspected(kart: KartSnapshot) -> str:
 
 
 def command_name(command: Kind, kart: int = 0) -> str:
-    """Return the name of a command in a sentence."""
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 
 
 def full_name(given: Given) -> str:
-    """Return the name of an official's command in a sentence."""
     name = command_name(given.command, given.kart)
     return f'{name} {given.heat}' if given.heat else name
 
@@ -493,12 +491,10 @@ def also(following: Sequence[Given]) -> str:
 
 
 def not_followed(given: Given) -> str:
-    """Return that a command was not sent because the one before it took too long."""
     return NOT_FOLLOWED.format(command=full_name(given))
 
 
 def not_there(command: Kind, name: str) -> str:
-    """Return that a command was not sent because its receiver was not found."""
     who = 'the timekeeper' if isinstance(command, Act) else 'race control'
     return NOT_THERE.format(command=name, who=who)
 
@@ -543,7 +539,6 @@ def can_stop(race: Snapshot) -> str:
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
-    """Return karts by their numbers."""
     if not karts:
         return 'no kart'
     numbers = ', '.join(str(kart.number) for kart in karts)
@@ -616,7 +611,6 @@ def missing(race: Snapshot, counted: bool = False) -> str:
 
 
 def heat_in_race(race: Snapshot) -> str:
-    """Return the heat in the race and the number of karts; empty if no kart is in the race."""
     racing = [kart for kart in race.karts if kart.in_race]
     chosen = race.heat_in_race
     names = [] if chosen is None else [chosen.name]
@@ -642,7 +636,6 @@ def _count(karts: Sequence[object]) -> str:
 
 
 def held(kart: KartSnapshot) -> str:
-    """Return a held kart, with its hold and the reason for it."""
     hold = STATES[kart.hold]
     said = kart.hold_reason.startswith(f'{hold} by ')
     return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'

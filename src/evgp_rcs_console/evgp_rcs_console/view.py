@@ -197,7 +197,6 @@ class Button:
 
     @property
     def is_stop(self) -> bool:
-        """Return whether it is a stop."""
         return CATALOGUE[self.command].stop
 
     @property
@@ -347,7 +346,6 @@ class Screen:
     rows: tuple[Row, ...]
 
     def button(self, command: Kind, kart: int = 0) -> Button | None:
-        """Return the button of a command, if this screen has it."""
         buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
         for row in self.rows:
             if row.number == kart:
@@ -664,7 +662,6 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
 
 
 def _link(kart: KartSnapshot, missing: Tone) -> Cell:
-    """Return the quality of the link to a kart, in a word."""
     if not kart.connected:
         return Cell(texts.NOT_LINKED, missing)
     poor = kart.link.grade is Grade.POOR and kart.in_race
@@ -680,7 +677,6 @@ def _link_time(link: LinkQuality) -> str:
 
 
 def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
-    """Return a kart's answer to its order, in a word or two."""
     if not kart.connected:
         return Cell(texts.NO_ANSWER_YET, missing) if missing is Tone.BAD else Cell('')
     if kart.sent is RaceState.IN_GARAGE:
@@ -724,7 +720,6 @@ class _Buttons:
 
     @property
     def finished(self) -> list[KartSnapshot]:
-        """Return the karts that were given FINISH."""
         return [kart for kart in self.snapshot.karts if kart.place]
 
     @property
@@ -740,7 +735,6 @@ class _Buttons:
         return shown if is_timed else None
 
     def needs_msr(self, kart: KartSnapshot | None) -> bool:
-        """Return whether an alert about a kart asks for the MSR."""
         alerts = self.snapshot.alerts
         return kart is not None and any(
             each.use_msr and each.kart == kart.number for each in alerts
@@ -757,7 +751,6 @@ class _Buttons:
         return is_on and not kart.place
 
     def has_crossed(self, kart: KartSnapshot) -> bool:
-        """Return whether the timekeeper saw a kart cross the line in this race."""
         return self.timing is not None and timed.has_crossed(self.timing, kart.number)
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:

@@ -45,7 +45,6 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
 
 
 def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
-    """Return whether a text fits into a room."""
     metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
     needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
     # The space below the letters of the last line may be cut.
@@ -202,21 +201,17 @@ class Text(QtWidgets.QLabel):
 
     @property
     def whole(self) -> str:
-        """Return the full text."""
         return self.cell.text
 
     @property
     def cut(self) -> bool:
-        """Return whether part of the text is cut off."""
         room, of = self.contentsRect(), self.font()
         return bool(self.whole) and not fits(self.whole, room, of, self.wordWrap())
 
     def hasHeightForWidth(self) -> bool:  # noqa: N802 - Qt's name
-        """Return whether its height depends on its width."""
         return self._flows and self.wordWrap()
 
     def show_text(self, text: str) -> None:
-        """Show a text."""
         self.show_cell(Cell(text))
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
@@ -229,7 +224,6 @@ class Text(QtWidgets.QLabel):
         mark(self, tone='stale' if stale else cell.tone.value, ground=ground)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw it."""
         QtWidgets.QFrame.paintEvent(self, event)
         if self.whole:
             painter, ink = QtGui.QPainter(self), self.palette().color(self.foregroundRole())
@@ -239,8 +233,6 @@ class Text(QtWidgets.QLabel):
 
 
 class Panel(QtWidgets.QFrame):
-    """The background of an area."""
-
     def __init__(self, name: str = '', kind: str = 'card') -> None:
         super().__init__()
         self.setObjectName(name)
@@ -278,7 +270,6 @@ class Push(QtWidgets.QPushButton):
 
     @property
     def whole(self) -> str:
-        """Return all of its text."""
         return (
             '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
         )
@@ -289,11 +280,9 @@ class Push(QtWidgets.QPushButton):
         return self.property('barred') == 'true'
 
     def bar(self, barred: bool) -> None:
-        """Set whether it is barred."""
         mark(self, barred='true' if barred else 'false')
 
     def show_words(self, text: str, key: str = '', phrase: str = '') -> None:
-        """Show another text."""
         self.words, self.key = text, key
         for label, said in zip(self._labels, (text, key, phrase), strict=False):
             label.show_text(said)

@@ -96,15 +96,12 @@ class ConsoleWindow(Areas):
 
     @property
     def unheard(self) -> str:
-        """Return why a stop may not reach race control; empty if race control is heard."""
         return self._display.unheard
 
     def show_battery(self, percent: int | None) -> None:
-        """Show the charge of a low battery, in percent; None: the battery is not low."""
         self.foot.show_battery(percent)
 
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
-        """Handle that this window has become active or inactive."""
         super().changeEvent(event)
         if event.type() == QtCore.QEvent.Type.ActivationChange and hasattr(self, '_mouse'):
             self._mouse.take_activation(self.isActiveWindow())
@@ -133,7 +130,6 @@ class ConsoleWindow(Areas):
         return False
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
-        """Tidy up."""
         self._timer.stop()
         self._display.alarm.close()
         super().closeEvent(event)
