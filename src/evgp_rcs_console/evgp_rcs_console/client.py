@@ -106,16 +106,12 @@ class Sources:
 
 
 GIVE_UP = 15.0
-"""Maximum wait for the answer to a command other than a stop, in seconds."""
+"""Maximum wait for the answer to a request, in seconds. A stop is sent again long before that."""
 
 THEN_WITHIN = LEAST_PAUSE / 2
 """Maximum time from a press to the last command that it gives, in seconds. If another official
 sends a stop meanwhile, the command still falls into the pause in which race control refuses
 everything that loosens."""
-
-PRESSES = 10
-"""Maximum number of unanswered sendings of one stop whose answers are still awaited."""
-
 
 PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
@@ -185,7 +181,6 @@ class Client:
     """
     A client of race control.
 
-    :param context: the ROS context; None: that of the process.
     :param commands: the commands it can give. With SROS2 it needs a permission for each of them;
         receiving the race needs none of these.
     :param there: name of the program at which an official sits (``announce``); empty: no
@@ -234,7 +229,7 @@ class Client:
         self._stop_given_at = -math.inf
         self._given: queue.SimpleQueue[Given | msg.Presence | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._waiting: dict[Any, Given] = {}
+        self._waiting: dict[Any, tuple[Given, float]] = {}  # each request, and when it was sent
         self._standing = StandingStops()
         self._karts: frozenset[int] | None = None
         self._hearing = Spinning(self.node, self._fail)
@@ -326,25 +321,15 @@ class Client:
         service = self._services[CATALOGUE[given.command].service]
         future = service.call_async(request_message(given))
         with self._lock:
-            self._waiting[future] = given
+            self._waiting[future] = given, now()
         future.add_done_callback(self._answered)
 
     def _give_up(self) -> None:
-        """Forget what can no longer be answered."""
-        late: dict[Any, Given] = {}
-        presses: dict[tuple[Kind, int], list[Any]] = {}
+        """Forget the requests that were sent too long ago to be answered."""
         with self._lock:
-            for future, given in self._waiting.items():
-                if CATALOGUE[given.command].stop:
-                    presses.setdefault((given.command, given.kart), []).append(future)
-                elif now() - given.at > GIVE_UP:
-                    late[future] = given
-            for futures in presses.values():
-                for future in futures[:-PRESSES]:
-                    late[future] = self._waiting[future]
-            for future in late:
-                del self._waiting[future]
-        for future, given in late.items():
+            late = [each for each, (_, at) in self._waiting.items() if now() - at > GIVE_UP]
+            given_up = [(future, self._waiting.pop(future)[0]) for future in late]
+        for future, given in given_up:
             self._services[CATALOGUE[given.command].service].remove_pending_request(future)
             if not CATALOGUE[given.command].stop:
                 text = texts.gave_up(given, duration(GIVE_UP, 0))
@@ -354,7 +339,7 @@ class Client:
 
     def _answered(self, future: Any) -> None:
         with self._lock:
-            given = self._waiting.pop(future, None)
+            given, _ = self._waiting.pop(future, (None, 0.0))
             if given is None or future.cancelled():
                 return
             answer = Answer(future.result().success, spoken(future.result().message))
@@ -444,15 +429,15 @@ def request_message(given: Given) -> Any:
     return service_class(CATALOGUE[given.command].service_type).Request(**fields)
 
 
-def domain_of(context: Context | None = None) -> int:
-    return int((context or rclpy.utilities.get_default_context()).get_domain_id())
+def domain_of() -> int:
+    return int(rclpy.utilities.get_default_context().get_domain_id())
 
 
-def looking(topic: str, context: Context | None = None) -> str:
+def looking(topic: str) -> str:
     """Return where a client looks for race control, as part of a sentence."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     where = texts.ON_THIS_MACHINE
     if beyond:
         addresses = texts.EVERY_ADDRESS if EVERY in beyond else ' and '.join(beyond)
         where = texts.AT_ADDRESSES.format(addresses=addresses)
-    return texts.LOOKING.format(topic=topic, domain=domain_of(context), where=where)
+    return texts.LOOKING.format(topic=topic, domain=domain_of(), where=where)
