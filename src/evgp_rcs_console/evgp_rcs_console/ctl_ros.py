@@ -60,27 +60,24 @@ class Hearing:
         self.ended_run: str | None = None
         self.results: Standings | None = None
 
-    def on_race(self, race: Snapshot, at: float, two: bool) -> None:
+    def _keep(self, **heard: object) -> None:
         with self.news:
-            self.race, self.heard_at, self.two = race, at, two
+            vars(self).update(heard)
             self.news.notify_all()
+
+    def on_race(self, race: Snapshot, at: float, two: bool) -> None:
+        self._keep(race=race, heard_at=at, two=two)
 
     def on_event(self, event: StampedEvent) -> None:
-        with self.news:
-            self.events.append(event)
-            if event.event.kind is EventKind.ENDED and event.event.success and self.race:
-                self.ended_run = self.race.run
-            self.news.notify_all()
+        self.events.append(event)
+        ended = event.event.kind is EventKind.ENDED and event.event.success
+        self._keep(ended_run=self.race.run if ended and self.race else self.ended_run)
 
     def on_results(self, results: Standings) -> None:
-        with self.news:
-            self.results = results
-            self.news.notify_all()
+        self._keep(results=results)
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        with self.news:
-            self.answer = given, answer
-            self.news.notify_all()
+        self._keep(answer=(given, answer))
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep the stops that race control has not accepted, with its reasons."""
@@ -89,9 +86,7 @@ class Hearing:
 
     def on_dropped(self, given: Given, why: str) -> None:
         """Keep which stop is no longer sent, and why."""
-        with self.news:
-            self.dropped = given, why
-            self.news.notify_all()
+        self._keep(dropped=(given, why))
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
         with self.news:
@@ -138,7 +133,8 @@ def attend(
     except KeyboardInterrupt:
         if hearing.given is None:
             raise
-        told = {'code': Exit.NOT_THERE, 'error': _broken_off(hearing, hearing.given)}
+        said = hearing.answer[1].message if hearing.answer else _broken_off(hearing, hearing.given)
+        told = {'code': Exit.NOT_THERE, 'error': said}
     return _under_banner(told, hearing.race)
 
 
@@ -154,12 +150,11 @@ def _give(
     """
     Send a command and return the answer.
 
-    :param until: when to give up, in seconds.
     :param starting: how long ROS took to start, in seconds.
     """
     command = COMMANDS[wanted.command]
     entry = CATALOGUE[command]
-    where = f'{client.topic}, ROS domain {domain_of()}'
+    where = _where(client)
     unanswered = no_answer(
         command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
     )
@@ -226,10 +221,16 @@ def _give(
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
+def _where(client: Client) -> str:
+    return f'{client.topic}, ROS domain {domain_of()}'
+
+
+def _not_found(client: Client) -> Told:
+    return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({_where(client)})'}
+
+
 def _broken_off(hearing: Hearing, given: Given) -> str:
-    """Return what is known about a command that an official interrupts."""
-    if hearing.answer is not None:
-        return hearing.answer[1].message
+    """Return what is known about an unanswered command that an official interrupts."""
     stop = next(iter(hearing.standing), Standing(given, given.at))
     return broken_off(given.command, now() - given.at, stop.presses, stop.said)
 
@@ -273,21 +274,15 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
     label = CATALOGUE[command].label
     if not offered.available:
         reason = offered.reason or 'race control does not offer it'
-        said = f'{label}: nothing was sent. The command is not possible now: {reason}.'
-        return {'code': Exit.USAGE, 'error': said}
+        error = f'{label}: nothing was sent. The command is not possible now: {reason}.'
+        return {'code': Exit.USAGE, 'error': error}
     names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
-    return {
-        'code': Exit.USAGE,
-        'error': '\n'.join(
-            [
-                f'{label}: nothing was sent. The command is for {names}.',
-                *said_of(command, race, offered, None, found),
-                _again(
-                    wanted, race, offered.karts, offered.statement if not wanted.stated else ''
-                ),
-            ]
-        ),
-    }
+    said = [
+        f'{label}: nothing was sent. The command is for {names}.',
+        *said_of(command, race, offered, None, found),
+        _again(wanted, race, offered.karts, '' if wanted.stated else offered.statement),
+    ]
+    return {'code': Exit.USAGE, 'error': '\n'.join(said)}
 
 
 def _again(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
@@ -304,13 +299,8 @@ def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stat
     parts.append(flag if stated else '')
     parts += ['--closes', race.track.opening] if entry.names_number and race.track.open else []
     parts += ['--official', tidy(wanted.official)] if wanted.official else []
-    return as_called(shlex.join(str(part) for part in parts if part != ''))
-
-
-def as_called(arguments: str) -> str:
-    """Return a command line with these arguments, in the form in which `rcs_ctl` was called."""
     called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
-    return called.replace('%s', arguments)
+    return called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
 
 
 def said_of(
@@ -336,7 +326,7 @@ def _watch(
     alive: Callable[[], object],
 ) -> Told:
     if wanted.events:
-        return _watch_events(hearing, wanted, until, alive)
+        return _watch_events(client, hearing, wanted, until, alive)
     began = now()
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
@@ -376,8 +366,7 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
     with hearing.news:
         race, found, heard_at = hearing.race, hearing.results, hearing.heard_at
     if race is None:
-        where = f'{client.topic}, ROS domain {domain_of()}'
-        return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({where})'}
+        return _not_found(client)
     found = present(found, race.stamp + now() - heard_at)
     if found is None:
         return _under_banner({'code': Exit.NOT_THERE, 'error': texts.NO_TIMING}, race)
@@ -396,14 +385,17 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
 
 
 def _watch_events(
-    hearing: Hearing, wanted: argparse.Namespace, until: float, alive: Callable[[], object]
+    client: Client,
+    hearing: Hearing,
+    wanted: argparse.Namespace,
+    until: float,
+    alive: Callable[[], object],
 ) -> Told:
     shown = 0
     banner = ''
     kept: list[str] = []
-    hearing.wait_for(
-        lambda: hearing.race is not None, until
-    )  # the snapshot has the banner, which is printed first
+    # The snapshot has the banner, which is printed first.
+    hearing.wait_for(lambda: hearing.race is not None, until)
     while True:
         # Past events come one by one; they are complete once no further event follows.
         pause = now() + SETTLED
@@ -418,9 +410,7 @@ def _watch_events(
             said, banner = banner, hearing.race.banner if hearing.race else ''
         shown += len(fresh)
         if not shown and not heard:
-            where = f'ROS domain {domain_of()}'
-            error = f'{texts.NOT_YET} ({where})'
-            return {'code': Exit.NOT_THERE, 'error': error}
+            return _not_found(client)
         lines = [
             f'{time_of_day(wall_ns // 1_000_000_000)} {" " if event.success else "!"} '
             f'{said_by(event.text, event.official)}'
