@@ -67,33 +67,21 @@ def is_kill(name: str, code: int) -> bool:
 
 
 class Act(enum.Enum):
-    """What a key does instead of sending a command."""
+    """What a key does instead of sending a command; the value is the name of the key."""
 
-    HELP = enum.auto()
-    SEEN = enum.auto()
-    SOUND = enum.auto()
-    NIGHT = enum.auto()
-    UP = enum.auto()
-    DOWN = enum.auto()
-    LOG = enum.auto()
-    PRESS = enum.auto()
-    ERASE = enum.auto()
-    CANCEL = enum.auto()
+    HELP = 'F1'
+    SEEN = 'F10'
+    SOUND = 'F11'
+    NIGHT = 'F8'
+    UP = 'Up'
+    DOWN = 'Down'
+    LOG = 'Ctrl+L'
+    PRESS = 'Return'
+    ERASE = 'Backspace'
+    CANCEL = 'Esc'
 
 
-_ACTS = {
-    'F1': Act.HELP,
-    'F10': Act.SEEN,
-    'F11': Act.SOUND,
-    'F8': Act.NIGHT,
-    'Up': Act.UP,
-    'Down': Act.DOWN,
-    'Ctrl+L': Act.LOG,
-    'Return': Act.PRESS,
-    'Enter': Act.PRESS,
-    'Backspace': Act.ERASE,
-    'Esc': Act.CANCEL,
-}
+_KEYS_OF_ACTS = frozenset(act.value for act in Act)
 
 KEYS = {
     key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
@@ -112,7 +100,6 @@ class Stroke:
     :param finish: for a letter: place in the roster of the kart that has crossed the line; its row
         says what the letter gives. None: the key is not a letter.
     :param digit: the digit, if the key types part of a kart's number.
-    :param act: the key's other effect, if it sends no command.
     """
 
     commands: tuple[Kind, ...] = ()
@@ -136,8 +123,9 @@ def meaning(key: str) -> Stroke | None:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
         return Stroke(finish=FINISH_KEYS.index(key))
-    if key in _ACTS:
-        return Stroke(act=_ACTS[key])
+    key = 'Return' if key == 'Enter' else key
+    if key in _KEYS_OF_ACTS:
+        return Stroke(act=Act(key))
     if len(key) == 1 and key.isdecimal():
         return Stroke(digit=key)
     return None
@@ -227,8 +215,6 @@ class KartField:
         Return the kart for a command given at a time (s), or 0 and the reason why there is none.
 
         Either way it clears the typed digits.
-
-        :param command: the command's name for officials.
         """
         before = self._digits
         self.expire(at)
