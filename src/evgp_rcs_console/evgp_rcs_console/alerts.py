@@ -195,11 +195,7 @@ class AlertsArea(Panel):
 
 
 class Alarm:
-    """
-    Keeps the alerts, shows them and sounds the alarm.
-
-    :param area: the area that shows the alerts.
-    """
+    """Keeps the alerts, shows them and sounds the alarm."""
 
     def __init__(self, area: AlertsArea) -> None:
         self._area = area
@@ -249,12 +245,7 @@ class Alarm:
         self._sounded_at = 0.0
 
     def look(self, now: float, alarming: bool) -> None:
-        """
-        Sound if it is time.
-
-        :param now: the time, in seconds.
-        :param alarming: race control is gone or unreliable.
-        """
+        """Sound if it is time."""
         due = now - self._sounded_at >= SOUND_AGAIN
         if due and (alarming or self._book.unseen) and not self._muted:
             self._sounded_at = now

@@ -64,12 +64,7 @@ NAMES_WHAT = ('source', 'session', 'number', 'transponder')
 
 
 def no_answer(command: Kind, waited: float, details: str) -> str:
-    """
-    Return the message for a command that race control has not answered in time.
-
-    :param waited: time that race control had to answer, in seconds.
-    :param details: further facts about the wait.
-    """
+    """Return the message for a command that race control has not answered in time."""
     entry = CATALOGUE[command]
     where = 'race' if command in OF_RACE_CONTROL else 'results'
     advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see if it took effect.'

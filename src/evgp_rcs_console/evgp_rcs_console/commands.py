@@ -40,7 +40,6 @@ class Given:
     :param stated: the official made the statement that race control asked for.
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
-    :param heat: for putting a heat into the race: its name.
     :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
         TAKE_ROSTER: the reading of the roster.
     :param official: who gave it, as sent to race control.
@@ -110,10 +109,8 @@ class Effects:
     """
     The effects of a command; each kart of the roster is in one of these groups.
 
-    :param state: the state that the command sends; None if it sends nothing.
     :param now: karts that get the state at once.
     :param later: karts without a connection, which get the state when they connect.
-    :param held: other karts, which stay held.
     :param rest: karts that the command does not affect.
     """
 
@@ -127,12 +124,7 @@ class Effects:
 def effects(
     command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
 ) -> Effects:
-    """
-    Return the effects of a command.
-
-    :param offered: race control's availability of the command.
-    :param kart: the kart that the command is for, if it is for one.
-    """
+    """Return the effects of a command."""
     sends = CATALOGUE[command].sends
     if sends is None:
         concerned: set[int] = set()
@@ -171,11 +163,7 @@ publishes a snapshot at least every 0.5 s."""
 
 
 class Outcome:
-    """
-    The effect of an accepted command.
-
-    :param at: when race control answered, in seconds.
-    """
+    """The effect of an accepted command."""
 
     def __init__(self, given: Given, at: float) -> None:
         self.given = given
@@ -183,11 +171,7 @@ class Outcome:
         self._seen: object = None
 
     def stands(self, race: Snapshot, at: float) -> bool:
-        """
-        Return whether this snapshot and all before it agree with the answer.
-
-        :param at: when the snapshot came, in seconds.
-        """
+        """Return whether this snapshot and all before it agree with the answer."""
         shown = self._shown(race)
         if self._seen is None and self._is_done(race):
             self._seen = shown
@@ -218,11 +202,7 @@ class Outcome:
 
 
 def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
-    """
-    Return whether a snapshot shows the result of a command.
-
-    :param kart: the kart that the command is for, if it is for one.
-    """
+    """Return whether a snapshot shows the result of a command."""
     shown = []
     if result.race:
         shown.append(race.state in result.race)
@@ -303,8 +283,6 @@ class Standing:
 
     :param given: the official's newest press of this stop.
     :param since: when the official first pressed it without its being accepted, in seconds.
-    :param presses: number of times it was sent.
-    :param due: when it is sent next.
     :param said: race control's reason for not accepting it, if it gave one.
     :param found_since: time since when race control has been found, as of the last look, in
         seconds; infinite: it is not found.

@@ -78,7 +78,6 @@ class SeenCommands:
     """
     Remembers what the official sees.
 
-    :param window: the window that contains it all.
     :ivar screen: the current screen; None before the first one.
     """
 
@@ -299,11 +298,7 @@ class Inbox(QtCore.QObject):
 
 
 class ChosenKart(KartField):
-    """
-    The kart that a command by key acts on, shown below ALL KILL and marked in the list.
-
-    :param areas: contains the field and the list.
-    """
+    """The kart that a command by key acts on, shown below ALL KILL and marked in the list."""
 
     def __init__(self, areas: Areas) -> None:
         super().__init__()
@@ -348,12 +343,7 @@ READ = 5.0
 
 
 class BottomLine:
-    """
-    Decides what the bottom line says.
-
-    :param label: the widget that shows it.
-    :param unanswered: the commands that wait for race control.
-    """
+    """Decides what the bottom line says."""
 
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
         self._label = label
@@ -474,7 +464,6 @@ class Display(QtCore.QObject):
     """
     Makes every area show the newest snapshot of the race.
 
-    :param looking: where the client looks for race control, as part of a sentence.
     :ivar unanswered: this official's commands that race control has not answered or accepted yet.
     """
 

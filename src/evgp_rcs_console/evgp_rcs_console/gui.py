@@ -148,8 +148,6 @@ class Battery:
 def low_battery(folder: pathlib.Path) -> int | None:
     """
     Return the charge of the machine's battery in percent; None if it is not low or not in use.
-
-    :param folder: the folder in which Linux lists power supplies.
     """
     charges = []
     for supply in folder.glob('*'):

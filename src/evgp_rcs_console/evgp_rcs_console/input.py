@@ -38,13 +38,7 @@ Give = Callable[[Given], None]
 
 
 class CommandInput(QtCore.QObject):
-    """
-    Carries out what the official pressed.
-
-    :param give: sends a command.
-    :param signature: the official's name for the commands.
-    :param late: knows how long a press has waited.
-    """
+    """Carries out what the official pressed."""
 
     def __init__(
         self, give: Give, signature: Signature, display: Display, late: LateInput
@@ -116,11 +110,7 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def answer(self, yes: bool, also: bool = False) -> None:
-        """
-        Handle the answer to the open question.
-
-        :param also: the answer is YES to the second command as well.
-        """
+        """Handle the answer to the open question."""
         asked = self._areas.question.button
         # Hidden first, so that a second press of the same key finds no question.
         self._areas.question.close_sheet()
@@ -138,7 +128,6 @@ class CommandInput(QtCore.QObject):
         A stop goes to the kart whose button was there. Any other command is not sent, and the
         bottom line says so.
 
-        :param target: the widget there now.
         :param aimed: the command that was there when the official aimed.
         """
         there = target.button if isinstance(target, CommandButton) else None

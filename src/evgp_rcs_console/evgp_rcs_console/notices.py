@@ -33,7 +33,6 @@ class Notice:
 
     :param number: the alert's number; a higher one is newer.
     :param alert: race control's alert; None: this console's own notice, which stays until seen.
-    :param seen: the official has marked it as seen.
     :param standing: its cause still exists.
     :param said: text shown instead of the alert's sentence; empty: the sentence itself.
     """
@@ -164,11 +163,7 @@ class AlertBook:
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
-    """
-    Return the number of notices, and the karts of those beyond the first places.
-
-    :param notices: the notices in the order shown.
-    """
+    """Return the number of notices, and the karts of those beyond the first places."""
     if not notices:
         return texts.NO_ALERT
     new = sum(not notice.seen and notice.standing for notice in notices)
@@ -283,9 +278,6 @@ class EventLog:
     The newest events in order, as short texts without team names.
 
     Consequences of a command get no line beside it, and several karts doing the same share one.
-
-    :param most: maximum number of lines.
-    :ivar officials: the officials who have commanded.
     """
 
     def __init__(self, most: int = 2000) -> None:

@@ -53,11 +53,7 @@ def title(results: Standings) -> str:
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
-    """
-    Return the table, one row per kart, best first; then the standings over all heats.
-
-    :param teams: the team of each kart in the roster.
-    """
+    """Return the table, one row per kart, best first; then the standings over all heats."""
 
     def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
         return (_row(kart, teams.get(kart.kart, '')) for kart in karts)

@@ -43,8 +43,6 @@ class Sheet(Panel):
     A sheet over the karts.
 
     A sheet is not a separate window, so everything beside it still works.
-
-    :ivar parts: its parts, from top to bottom.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The look of the window: a day and a night palette, one unit of spacing, and the sizes of type.
+The look of the window: a day and a night palette, and the sizes of type.
 
 All sizes are in pixels on a 1366 by 768 screen; ``look.px`` converts them to this screen. The
 module does not use Qt, so a test can compute contrasts from it.
@@ -17,10 +17,7 @@ from evgp_rcs.words import Tone
 FAMILIES = ('Inter', 'Noto Sans', 'DejaVu Sans')
 """Fonts, the preferred one first; the last one is wide but has every symbol."""
 
-UNIT = 4
-"""Unit of margins and gaps, in pixels; they are multiples of it."""
-
-GAP = 2 * UNIT
+GAP = 8
 RADIUS = 6
 SMALL = 12
 TEXT = 14
@@ -39,7 +36,6 @@ class Palette:
     :param card: background of the cards.
     :param raised: pressed or chosen parts of a card, and the fill of IN GARAGE.
     :param line: lines between rows and around cards.
-    :param ink: text.
     :param faint: less important text, and commands that are not possible.
     :param good: text about things that are right.
     :param bad: text about things that are wrong, and the labels of stops.
@@ -152,17 +148,13 @@ def sheet() -> str:
         rules.append(
             f'{current} QLabel[kind~="bold"] {{ color: {colours.ink}; font-weight: bold; }}'
         )
-    for name, size in (('huge', HUGE), ('number', NUMBER), ('large', LARGE), ('small', SMALL)):
+    for name, size in (('huge', HUGE), ('large', LARGE), ('small', SMALL)):
         rules.append(f'[kind~="{name}"] {{ font-size: {px(size)}px; }}')
     return f"""
 QWidget#window {{ background: {colours.ground}; }}
 QLabel, QPushButton, QListWidget {{ color: {colours.ink}; font-size: {px(TEXT)}px; }}
 [kind~="bold"], QPushButton {{ font-weight: bold; }}
 [kind~="tight"] QLabel {{ font-size: {px(SMALL)}px; }}
-QLabel[kind~="field"] {{
-  border: {strong}px solid {colours.faint}; border-radius: {px(RADIUS)}px; padding: 0 {px(10)}px;
-}}
-QLabel[kind~="field"]:focus {{ border-color: {colours.chosen}; }}
 [kind~="card"] {{
   background: {colours.card}; border: {line}px solid {colours.line}; border-radius: {px(RADIUS)}px;
 }}
@@ -175,7 +167,6 @@ QPushButton {{
 }}
 QPushButton:pressed {{ background: {colours.raised}; }}
 QPushButton[kind~="quiet"] {{ border: {line}px solid {colours.line}; }}
-[kind~="small"] {{ font-size: {px(SMALL)}px; }}
 QTableView QPushButton {{ font-size: {px(SMALL - 1)}px; }}
 QPushButton[look="stop"][ground=""], QPushButton[look="stop"] QLabel[kind~="bold"] {{
   color: {colours.bad}; border-color: {colours.bad};

@@ -448,9 +448,10 @@ def in_doubt(race: Snapshot) -> str:
 
 def against_humans(race: Snapshot) -> str:
     """Return what keeps humans off the track in every state of the race; empty if nothing does."""
-    told = next((alert.text for alert in race.alerts if alert.use_msr), '')
-    if told or race.track.msr_used:
-        return told
+    if race.msr_alerts:
+        return race.msr_alerts[0].text
+    if race.track.msr_used:
+        return ''
     doubtful = in_doubt(race)
     return f'{doubtful} may be moving' if doubtful else ''
 
@@ -548,11 +549,7 @@ def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
 def consequences(
     command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
 ) -> list[str]:
-    """
-    Return what a command does, as sentences.
-
-    :param kart: the kart that the command is for, if it is for one.
-    """
+    """Return what a command does, as sentences."""
     entry = CATALOGUE[command]
     said = [entry.note] if entry.note else []
     if command is CommandKind.RECORD_MSR and race.banner:

@@ -109,16 +109,12 @@ class Button:
     :param reason: why it is not enabled; empty if it is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
     :param consequence: what it would do to each kart of the roster.
-    :param statement: what race control asks the official to state; empty if nothing.
     :param karts: the karts that race control says it would start or release, or those of its heat.
-    :param hold: the hold that it would end; None if none.
     :param warning: why not to confirm it; empty if there is no known reason.
     :param caution: what else to know before confirming; a change of it leaves the question valid.
-    :param heat: the name of the heat that it puts into the race.
     :param number: the number of the last opening of the track, or of the roster reading, if the
         command names one.
     :param also: what the official can confirm with its second YES.
-    :param key: the key that presses it; empty if none does.
     :param phrase: a few words. For a command to the race: since when its result holds, what it
         would do, or what it waits for; for one to the track: for whom.
     :param current: for a command to the race: the race is in the state that it leads to;
@@ -152,8 +148,6 @@ class Button:
         Return the command of an official who saw this button and confirmed its condition.
 
         Race control gets a statement only if it asked for one and the question showed its words.
-
-        :param also: the official also confirmed ``also``.
         """
         return Given(
             self.command,
@@ -223,12 +217,10 @@ class Row:
     :param use_msr: an alert about it asks for the Master Safety Remote.
     :param link: the quality of its link in a word, or that it has no link.
     :param bars: the same in bars, out of ``MOST_BARS``; 0: no bars are drawn.
-    :param link_time: response time of its kernel; empty if unknown.
     :param answer: its answer in a word or two; empty if no answer is expected.
     :param waits: it is connected and has not yet obeyed what it is sent.
     :param finish: FINISH, whatever the row's button offers; ``letter``: what its letter gives.
     :param place: its position and laps; without timing, its place in the order of FINISH.
-    :param gap: its distance behind the first kart.
     """
 
     number: int
@@ -258,7 +250,6 @@ class Column:
     A column of the karts, in the window and in the terminal.
 
     :param width: width in pixels on a 1366 by 768 screen; 0: the width that the others leave.
-    :param cell: returns its text for a row.
     :param below: returns the small text below that.
     """
 
@@ -300,12 +291,9 @@ class Screen:
     """
     Everything that a screen shows about the race itself.
 
-    :param banner: the line at its top; empty if none.
     :param state: the state of the race, in the largest type; if no kart is being sent that state,
         what the karts do instead.
-    :param since: how long the race has been in that state, and who put it there.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
-    :param heat: the heat in the race, and its number of karts.
     :param order: the starting order of its karts, and the next single-kart heat.
     :param tally: how many karts of the race are driving, stopped and so on; empty if the race has
         no karts.
@@ -313,13 +301,9 @@ class Screen:
     :param msr: every kart that needs the MSR, or that the MSR is in use; empty if neither.
     :param reminder: the karts that are due FINISH, or that every kart should be driving by now;
         empty if neither.
-    :param heat_button: opens the choice of a heat.
-    :param heats: one button for each heat of the roster.
     :param rosters: the buttons that read the roster file again and take what was read.
     :param places: the results of this race or the last one, or the order of FINISH if there is no
         timing; empty if there are none.
-    :param timing: the note that there is no timing; empty if there is timing.
-    :param can_stop: number and names of the programs from which officials can stop the race.
     """
 
     banner: str
@@ -381,7 +365,6 @@ def silence(
     :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
     :param looking: where the search looks, as part of a sentence.
-    :param race: the race when race control was last heard.
     :param ended: race control has announced an orderly end.
     """
     if not is_gone(silent_for):
@@ -440,9 +423,6 @@ def show(
     Return what a screen shows for a snapshot.
 
     :param age: time since the snapshot came, in seconds.
-    :param pending: the commands that wait for an answer.
-    :param danger: the warning if race control is gone or unreliable.
-    :param results: the timekeeper's newest results; None if there are none.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
     timing = present(results, now)
@@ -487,7 +467,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     wanted = (CommandKind.RACE_OVER,) if is_done else NEXT.get(race.state, ())
     possible = [step.command for step in steps if step.enabled]
     found = next((each for each in wanted if each in possible), None)
-    if any(alert.use_msr for alert in race.alerts):
+    if race.msr_alerts:
         found = None
     return tuple(replace(step, is_next=step.command is found) for step in steps)
 
@@ -524,9 +504,8 @@ def _reminder(buttons: _Buttons) -> str:
 
 def _msr(race: Snapshot) -> Cell:
     """Return every kart that needs the MSR, or that the MSR is in use."""
-    asked = [alert for alert in race.alerts if alert.use_msr]
-    if asked:
-        karts = numbered(sorted({alert.kart for alert in asked if alert.kart}))
+    if race.msr_alerts:
+        karts = numbered(sorted({alert.kart for alert in race.msr_alerts if alert.kart}))
         return Cell(texts.USE_MSR_FOR.format(karts=karts) if karts else texts.USE_MSR, Tone.BAD)
     if not race.track.msr_used:
         return Cell('')
@@ -546,7 +525,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
-        told = any(alert.use_msr for alert in race.alerts)
+        told = bool(race.msr_alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
         reason = '' if race.track.allowed else race.track.reason
         if under_way:
@@ -735,10 +714,7 @@ class _Buttons:
         return shown if is_timed else None
 
     def needs_msr(self, kart: KartSnapshot | None) -> bool:
-        alerts = self.snapshot.alerts
-        return kart is not None and any(
-            each.use_msr and each.kart == kart.number for each in alerts
-        )
+        return kart is not None and kart.number in {each.kart for each in self.snapshot.msr_alerts}
 
     def place(self, kart: KartSnapshot) -> str:
         """Return a kart's position and laps; without timing, its place in the order of FINISH."""

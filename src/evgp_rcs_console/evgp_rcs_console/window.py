@@ -25,14 +25,7 @@ LOOK = 100
 
 
 class ConsoleWindow(Areas):
-    """
-    The window of one official.
-
-    :param inbox: delivers the news from race control.
-    :param give: sends a command and returns at once.
-    :param signature: the official's name for the commands.
-    :param looking: where the client looks for race control, as part of a sentence.
-    """
+    """The window of one official."""
 
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
         super().__init__()

@@ -137,11 +137,16 @@ class Snapshot(NamedTuple):
         return self.track.allowed and not self.track.msr_used and not connected
 
     @property
+    def msr_alerts(self) -> list[Alert]:
+        """Return the alerts that ask for the Master Safety Remote, newest first."""
+        return [alert for alert in self.alerts if alert.use_msr]
+
+    @property
     def no_kart_in_doubt(self) -> bool:
         """Return whether, as far as is known, no kart may be moving where it must not."""
         is_known = self.track.allowed or self.track.settled_by is CommandKind.OPEN_TRACK
         doubted = any(kart.may_be_moving for kart in self.karts)
-        return is_known and not doubted and not any(alert.use_msr for alert in self.alerts)
+        return is_known and not doubted and not self.msr_alerts
 
     def numbered(self, what: str) -> int:
         """Return the number that a command names (``Entry.names_number``); 0 if none."""
