@@ -362,7 +362,8 @@ class Client:
         if follows is not None and soon:
             self.give(follows)
         elif follows is not None:
-            self._listener.on_answer(follows, Answer(False, texts.not_followed(follows)))
+            why = texts.NOT_FOLLOWED.format(command=texts.full_name(follows))
+            self._listener.on_answer(follows, Answer(False, why))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
         at = now()
@@ -381,7 +382,8 @@ class Client:
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
         for given in ended:
-            self._listener.on_dropped(given, texts.dropped(given, at))
+            age, name = round(at - given.at), texts.full_name(given)
+            self._listener.on_dropped(given, texts.DROPPED.format(command=name, age=age))
         if self._hears:
             self._listener.on_race(race, at, two)
 

@@ -11,7 +11,7 @@ command starts or releases.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import enum
 import itertools
 import os
@@ -229,27 +229,19 @@ def parser() -> argparse.ArgumentParser:
     return whole
 
 
-def _seconds(text: str) -> float:
-    seconds = float(text)
-    if not 0.0 <= seconds <= MOST_WAIT:
-        raise ValueError
-    return seconds
+def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]:
+    """Return a type for argparse, which says: invalid kart number value: 'x'."""
+
+    def read(text: str) -> float:
+        number = kind(text)
+        if not 0 <= number <= most:
+            raise ValueError
+        return number
+
+    read.__name__ = name
+    return read
 
 
-def _kart_number(text: str) -> int:
-    number = int(text)
-    if not 0 <= number <= 65535:
-        raise ValueError
-    return number
-
-
-def _count(text: str) -> int:
-    number = int(text)
-    if not 0 <= number < 2**32:
-        raise ValueError
-    return number
-
-
-_seconds.__name__ = 'number of seconds'
-_count.__name__ = 'whole number'
-_kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'
+_seconds = _number(float, 'number of seconds', MOST_WAIT)
+_kart_number = _number(int, 'kart number', 65535)
+_count = _number(int, 'whole number', 2**32 - 1)

@@ -359,7 +359,7 @@ class BottomLine:
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Show what has just happened, with the time, instead of the last message."""
         at, self._said_at = time_of_day(time.time()), clock.now()
-        self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
+        self._message = Cell(f'{at}  {text}' if text else '', tone)
         self._outcome = None
         self._refused = None
         self._changed = None
@@ -623,7 +623,8 @@ class Display(QtCore.QObject):
             age = clock.duration(now - stop.since)
             hint = Cell(texts.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
         elif self.areas.isActiveWindow():
-            hint = Cell(texts.kill_hint(self._race.karts if self._race else ()))
+            karts = texts.count(self._race.karts) if self._race and self._race.karts else 'karts'
+            hint = Cell(texts.KILL_HINT.format(karts=karts))
         else:
             hint = Cell(texts.KEYS_OFF, Tone.BAD)
         self.chosen.changed()

@@ -87,11 +87,11 @@ def main(
     window.showMaximized()
     battery = QtCore.QTimer(window)
     level = Battery()
-    battery.timeout.connect(lambda: window.show_battery(level.low))
+    battery.timeout.connect(lambda: window.foot.show_battery(level.low))
     battery.start(1000)
     # In the thread that handles keys and clicks: if it hangs, the announcements end.
     there = QtCore.QTimer(window)
-    there.timeout.connect(lambda: client.announce(signature.name, window.unheard))
+    there.timeout.connect(lambda: client.announce(signature.name, window.display.unheard))
     there.timeout.emit()
     there.start(round(1000 * PRESENCE_PERIOD))
     if on_window is not None:

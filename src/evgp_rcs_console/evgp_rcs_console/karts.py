@@ -237,8 +237,7 @@ class Tiles(QtWidgets.QWidget):
             is_chosen = row.number == self._table.chosen
             frame = look.palette.chosen if is_chosen else look.palette.line
             _box(painter, room, fill, frame, 3)
-            answers = {Tone.GOOD: texts.MARK_YES, Tone.WAIT: texts.MARK_WAIT}
-            answer = texts.MARK_LOST if lost else answers.get(row.answer.tone, '')
+            answer = '✗' if lost else {Tone.GOOD: '✓', Tone.WAIT: '…'}.get(row.answer.tone, '')
             small = font(min(look.px(SMALL), round(wide) * 3 // 10), True)
             upper = room.adjusted(0, 0, 0, -room.height() // 2)
             lower = room.adjusted(0, room.height() // 2, 0, 0)

@@ -228,7 +228,7 @@ class KartField:
             why = texts.NOT_GIVEN_FORGOTTEN.format(command=command, number=before)
         else:
             why = texts.NOT_GIVEN_EMPTY.format(command=command)
-        self._refusal = texts.FIELD_REFUSAL.format(number=self._digits or before or '?')
+        self._refusal = texts.FIELD_NO_KART.format(number=self._digits or before or '?')
         self._refused_at = at
         self._digits = ''
         self.changed()

@@ -341,8 +341,7 @@ class EventLog:
         elif event.kind is EventKind.RACE_STATE:
             told = f'{state}: {event.text.partition(": ")[2]}'
         elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
-            was = texts.alert_was(event.alert, event.kart)
-            told = texts.ENDED_LINE.format(heading=texts.ALERT_ENDED, text=was)
+            told = f'{texts.ALERT_ENDED}: {texts.alert_was(event.alert, event.kart)}'
         else:
             told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
         is_command = event.kind is EventKind.COMMAND

@@ -15,7 +15,7 @@ from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.notices import concerns, EventLog, Line
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import look, SMALL
-from evgp_rcs_console.view import Danger, Row, Screen
+from evgp_rcs_console.view import Danger, RACE_COMMANDS, Row, Screen
 from evgp_rcs_console.widgets import (
     BOTTOM,
     CENTER,
@@ -126,7 +126,7 @@ class Steps(QtWidgets.QWidget):
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__()
-        self._steps = [CommandButton(pressed, tall=True) for _ in range(6)]
+        self._steps = [CommandButton(pressed, tall=True) for _ in range(len(RACE_COMMANDS) + 1)]
         lay(self, self._steps, gap=8, columns=[1] * len(self._steps))
 
     def show_screen(self, screen: Screen) -> None:

@@ -129,7 +129,6 @@ NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
 ALERT_ENDED = 'ENDED'
-ENDED_LINE = '{heading}: {text}'
 ALERT_WAS = {
     AlertKind.NOT_READY: '{kart} was not ready',
     AlertKind.GREEN_UNACKNOWLEDGED: '{kart} had not acknowledged GREEN GREEN',
@@ -152,9 +151,6 @@ ALERT_WAS = {
 
 SEVERAL_ENDED = '{count} alerts: {karts}'
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
-MARK_LOST = '✗'
-MARK_YES = '✓'
-MARK_WAIT = '…'
 SOUND_ON = '♪ ON'
 SOUND_OFF = '♪ OFF'
 
@@ -205,8 +201,6 @@ TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
 TWO_DETAIL = 'Two race controls are running in this ROS domain.'
 TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
 TWO_REASON = 'two race controls are running: shut one down'
-STATE_CAUSE = '{since} · {cause}'
-STATE_AT = '{since}, {clock}'
 STATE_OF_RACE = 'race in {state} {since}'
 KILL_HINT = 'all {karts} · SPACE BAR or F12'
 KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
@@ -222,7 +216,6 @@ KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 BATTERY = 'BATTERY {percent} %: plug it in'
 
-SAID = '{clock}  {text}'
 GIVEN = '{command} sent'
 CHANGED = 'Changed: {what}'
 BEGIN = 'Ready.  F1 shows the keys.'
@@ -241,8 +234,6 @@ TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.
 JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again.'
-BARRED = '{command}: {reason}'
-AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
@@ -265,7 +256,6 @@ HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race and takes all others out.'
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 HEATS_CLOSE = 'CANCEL'
-HEAT = '{name}: {karts}'
 IN_RACE_NOW = 'in the race'
 NEXT_HEAT, RUN_AT, NEXT = 'next', 'run at {clock}', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
@@ -291,7 +281,6 @@ FIELD_NO_KART = 'NO KART {number}'
 FIELD_TYPE = 'Type a kart number'
 FIELD_NOT_YET = 'no kart {number}: keep typing'
 FIELD_NOT_THERE = 'not in the roster'
-FIELD_REFUSAL = 'NO KART {number}'
 FIELD_REFUSED = 'nothing was sent'
 NOT_GIVEN_UNKNOWN = '{command} WAS NOT SENT: there is no kart {number}. Type another number.'
 NOT_GIVEN_FORGOTTEN = '{command} WAS NOT SENT: {number} was typed too long ago. Type it again.'
@@ -341,11 +330,6 @@ def left(seconds: float) -> int:
     return max(1, math.ceil(seconds))
 
 
-def again_in(reason: str, seconds: float) -> str:
-    """Return why a command is refused for a time."""
-    return AGAIN_IN.format(reason=reason, seconds=left(seconds))
-
-
 def alert_was(kind: AlertKind, kart: int) -> str:
     """Return what an alert that has ended was about."""
     said = ALERT_WAS[kind].format(kart=f'kart {kart}')
@@ -373,17 +357,12 @@ def full_name(given: Given) -> str:
     return f'{name} {given.heat}' if given.heat else name
 
 
-def dropped(given: Given, at: float) -> str:
-    """Return the notice that a stop is no longer sent from this time (s) on."""
-    return DROPPED.format(command=full_name(given), age=round(at - given.at))
-
-
 def heat(
     each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
 ) -> str:
     """Return a heat with its karts, in starting order if timing gives one."""
     grid = grid_of(each.name, timing)
-    text = HEAT.format(name=each.name, karts=_numbers(grid or each.karts))
+    text = f'{each.name}: {_numbers(grid or each.karts)}'
     notes = [RUN_AT.format(clock=time_of_day(at)[:5]) for at in runs_of(each.name, timing)[-1:]]
     notes += [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
@@ -491,10 +470,6 @@ def also(following: Sequence[Given]) -> str:
     return ASK_AND_SAFE.format(karts=numbered(each.kart for each in following))
 
 
-def not_followed(given: Given) -> str:
-    return NOT_FOLLOWED.format(command=full_name(given))
-
-
 def not_there(command: Kind, name: str) -> str:
     who = 'the timekeeper' if isinstance(command, Act) else 'race control'
     return NOT_THERE.format(command=name, who=who)
@@ -540,10 +515,9 @@ def can_stop(race: Snapshot) -> str:
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
-    if not karts:
-        return 'no kart'
-    numbers = ', '.join(str(kart.number) for kart in karts)
-    return f'kart {numbers}' if len(karts) == 1 else f'{len(karts)} karts: {numbers}'
+    if len(karts) > 1:
+        return f'{len(karts)} karts: {_numbers(kart.number for kart in karts)}'
+    return numbered(karts) or 'no kart'
 
 
 def consequences(
@@ -598,7 +572,7 @@ def missing(race: Snapshot, counted: bool = False) -> str:
     late = [
         kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
     ]
-    numbers = ', '.join(str(kart.number) for kart in late)
+    numbers = _numbers(kart.number for kart in late)
     if not late:
         return ''
     if counted and all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
@@ -611,24 +585,10 @@ def heat_in_race(race: Snapshot) -> str:
     racing = [kart for kart in race.karts if kart.in_race]
     chosen = race.heat_in_race
     names = [] if chosen is None else [chosen.name]
-    return ' · '.join([*names, _count(racing)]) if racing else ''
+    return ' · '.join([*names, count(racing)]) if racing else ''
 
 
-def step_does(does: str, karts: Sequence[int]) -> str:
-    """
-    Return what a command to the race would do, in a few words.
-
-    :param karts: the karts that it would start or release.
-    """
-    return does.format(karts=_count(karts))
-
-
-def kill_hint(karts: Sequence[object]) -> str:
-    """Return what ALL KILL is sent to, and its keys."""
-    return KILL_HINT.format(karts=_count(karts) if karts else 'karts')
-
-
-def _count(karts: Sequence[object]) -> str:
+def count(karts: Sequence[object]) -> str:
     return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 

@@ -162,13 +162,9 @@ class Button:
 
     def asks_the_same(self, other: Button) -> bool:
         """Return whether both would do the same, so that one confirmation covers both."""
-
-        def seen(button: Button) -> tuple[object, ...]:
-            said = button.condition, button.consequence, button.warning
-            also = [(each.command, each.kart, each.hold) for each in button.also]
-            return *said, button.statement, button.karts, button.hold, button.number, *also
-
-        return seen(self) == seen(other)
+        said = 'condition', 'consequence', 'warning', 'statement'
+        bound = 'karts', 'hold', 'number', 'also'
+        return all(getattr(self, each) == getattr(other, each) for each in said + bound)
 
     def differs_from(self, asked: Button) -> str:
         """Return what has changed since the official was asked."""
@@ -206,7 +202,7 @@ class Button:
     def explanation(self) -> str:
         """Return why the command is not possible; empty if it is."""
         name = texts.command_name(self.command, self.kart)
-        return texts.BARRED.format(command=name, reason=self.reason) if self.reason else ''
+        return f'{name}: {self.reason}' if self.reason else ''
 
 
 @dataclass(frozen=True)
@@ -476,9 +472,9 @@ def _since(race: Snapshot, now: float) -> str:
     """Return how long the race has been in its state, and by whom."""
     since = clock(now - race.state_since)
     if race.state_cause:
-        since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
+        since = f'{since} · {race.state_cause}'
     if race.state is not None:
-        since = texts.STATE_AT.format(since=since, clock=time_of_day(race.state_since))
+        since = f'{since}, {time_of_day(race.state_since)}'
     if headline(race) != STATE_CELLS[race.state]:
         since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
     return since
@@ -776,7 +772,7 @@ class _Buttons:
         if current:
             return texts.STEP_SINCE.format(clock=time_of_day(race.state_since)), True
         if button.enabled:
-            return texts.step_does(does, offered.karts), False
+            return does.format(karts=texts.count(offered.karts)), False
         if offered.available_from is not None:
             left = texts.left(offered.available_from - self.now)
             return texts.AGAIN.format(seconds=left), False
@@ -839,7 +835,8 @@ class _Buttons:
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
         if reason and offered.available_from is not None:
-            reason = texts.again_in(reason, offered.available_from - self.now)
+            left = texts.left(offered.available_from - self.now)
+            reason = f'{reason} ({texts.AGAIN.format(seconds=left)})'
         # A stop can always be pressed, even while one waits or race control is silent.
         if not entry.stop and self.barred:
             reason = self.barred

@@ -33,7 +33,7 @@ class ConsoleWindow(Areas):
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._waiting = inbox.waiting
         look.palette = NIGHT if is_night() else DAY
-        self._display = display = Display(self, looking)
+        self.display = display = Display(self, looking)
         self._late = LateInput(LOOK / 1000, display)
         presses = CommandInput(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)
@@ -74,12 +74,12 @@ class ConsoleWindow(Areas):
         self._look()
 
     def _take_races(self) -> None:
-        self._display.take_races(self._waiting)
+        self.display.take_races(self._waiting)
 
     def _look(self) -> None:
         self._take_races()
         now = clock.now()
-        self._display.look(now)
+        self.display.look(now)
         self._late.beat(now)
 
     def _toggle_night(self) -> None:
@@ -87,18 +87,11 @@ class ConsoleWindow(Areas):
         keep_night(look.palette is NIGHT)
         self.fit()
 
-    @property
-    def unheard(self) -> str:
-        return self._display.unheard
-
-    def show_battery(self, percent: int | None) -> None:
-        self.foot.show_battery(percent)
-
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
         super().changeEvent(event)
         if event.type() == QtCore.QEvent.Type.ActivationChange and hasattr(self, '_mouse'):
             self._mouse.take_activation(self.isActiveWindow())
-            self._display.refresh()
+            self.display.refresh()
 
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
@@ -117,12 +110,12 @@ class ConsoleWindow(Areas):
                 return self._mouse.take(event)
         if isinstance(watched, (CommandButton, Text)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
-                self._display.bottom.point_at(watched)
+                self.display.bottom.point_at(watched)
             elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):
-                self._display.bottom.leave(watched)
+                self.display.bottom.leave(watched)
         return False
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
         self._timer.stop()
-        self._display.alarm.close()
+        self.display.alarm.close()
         super().closeEvent(event)

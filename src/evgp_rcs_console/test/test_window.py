@@ -167,7 +167,7 @@ class Console:
     ) -> None:
         for tries in range(20):  # on a busy machine the window may be held up, and says so
             self.tell(self._race)
-            self.window._display.bottom.say('')
+            self.window.display.bottom.say('')
             (again or act)() if tries else act()
             self.settle()
             said = self.find('status').whole
@@ -379,7 +379,7 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
     console = opened(*size)
     found = [f'first: {each}' for each in misfits(console.window)]
     for number, name in enumerate(('Anna-Katharina', 'Bartholomäus', 'Maximiliane'), 1):
-        console.window._display.take_event(event(number, 'so it is', f'{name} (pc 1)'))
+        console.window.display.take_event(event(number, 'so it is', f'{name} (pc 1)'))
     for name, race in STATES.items():
         console.tell(race)
         console.settle(0.05)
@@ -569,7 +569,7 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
     assert len(console.sent) == 1
     console.press('Ctrl+H', 'Esc')
     assert not console.find('heats').isVisible()
-    console.window._display.take_answer(console.sent[0], Answer(True, 'so it is'))
+    console.window.display.take_answer(console.sent[0], Answer(True, 'so it is'))
     console.click('set_heat')
     console.click('heat_2')
     assert [given.heat for given in console.sent] == ['Heat A', 'Final']
@@ -597,7 +597,7 @@ def test_after_an_orderly_end_the_window_asks_for_no_msr_until_another_run_is_go
     console = opened()
     fine = TrackAccess(False, True, 'all are in IN GARAGE', False)
     console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='one'))
-    console.window._display.take_event(event(1, 'it ends', kind=EventKind.ENDED))
+    console.window.display.take_event(event(1, 'it ends', kind=EventKind.ENDED))
     console.settle(1.1)
     assert console.find('danger_title').whole == texts.ENDED
     assert texts.USE_MSR not in console.find('danger_advice').whole
@@ -937,7 +937,7 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
 def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
     console = opened()
     console.tell(race_of(1))
-    log, display = console.find('log'), console.window._display
+    log, display = console.find('log'), console.window.display
     display.take_event(event(1, 'RED RED is sent to ' + 'kart 99, ' * 200))
     display.take_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
     console.settle()
@@ -956,7 +956,7 @@ def test_the_last_twenty_short_events_are_seen_at_once(opened: Any) -> None:
     console = opened()
     console.tell(race_of(1))
     for number in range(1, 30):
-        console.window._display.take_event(event(number, 'kart 12 connected'))
+        console.window.display.take_event(event(number, 'kart 12 connected'))
     console.settle()
     log = console.find('log')
     rects = [log.visualItemRect(log.item(place)) for place in range(20)]
@@ -968,7 +968,7 @@ def test_the_newest_event_is_in_sight_also_after_the_night_and_every_scroll_back
 ) -> None:
     console = opened()
     console.tell(race_of(1))
-    log, display = console.find('log'), console.window._display
+    log, display = console.find('log'), console.window.display
     for number in range(1, 100):
         display.take_event(event(number, f'event {number} ' + 'is long, ' * 9))
         if not number % 10:
@@ -1045,7 +1045,7 @@ def test_a_key_that_was_too_old_is_named_if_it_means_anything(
 ) -> None:
     console = opened()
     console.tell(race_of(2, RaceState.IN_GARAGE))
-    console.window._display.bottom.say('')
+    console.window.display.bottom.say('')
     monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
 
     code = QtCore.Qt.Key.Key_Shift if key == 'Shift' else QtGui.QKeySequence(key)[0].key()
@@ -1280,7 +1280,7 @@ def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: An
     console.press('A')
     (given,) = console.sent
     assert given.command is Act.COUNT
-    console.window._display.take_answer(given, Answer(True, 'it counts'))
+    console.window.display.take_answer(given, Answer(True, 'it counts'))
     console.settle(1.1)
     console.tell(race_of(1))
 
@@ -1303,7 +1303,7 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
         lambda: console.press('F3'),
     ):
         console.window.setFocus()
-        console.window._display.bottom.say('')
+        console.window.display.bottom.say('')
         act()
         console.settle()
         assert why in status.whole
