@@ -244,17 +244,6 @@ class Line(NamedTuple):
     what: str = ''
 
 
-class Added(NamedTuple):
-    """
-    The lines that an event adds.
-
-    :param replaces: the first of them replaces the last line.
-    """
-
-    lines: tuple[Line, ...]
-    replaces: bool = False
-
-
 _BY_LABEL = frozenset(
     kind
     for kind, entry in CATALOGUE.items()
@@ -286,25 +275,20 @@ class EventLog:
         self._acknowledged: dict[int, RaceState | None] | None = None  # None: not all was heard
         self.officials = Officials()
 
-    def add(self, stamped: StampedEvent) -> Added:
-        """Add an event and return the lines it adds."""
-        added = []
+    def add(self, stamped: StampedEvent) -> None:
+        """Add an event: as a line of its own, as part of the last line, or not at all."""
         if stamped.sequence <= self._last:
-            added.append(Line('', 0, True, texts.NEW_RUN))
+            self._lines.append(Line('', 0, True, texts.NEW_RUN))
             self._acknowledged = None
         self._last, event = stamped.sequence, stamped.event
         self._learn(event)
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
-        line, replaces = self._line(at, event), False
+        line = self._line(at, event)
         if line is not None:
-            before = self._lines[-1] if self._lines and not added else None
-            if before is not None and line.what and line.what == before.what:
-                self._lines.pop()
-                line, replaces = self._joined(before, line), True
+            if line.what and self._lines and line.what == self._lines[-1].what:
+                line = self._joined(self._lines.pop(), line)
             # No later event joins a line about all karts.
-            added.append(line if line.karts else line._replace(what=''))
-        self._lines.extend(added)
-        return Added(tuple(added), replaces)
+            self._lines.append(line if line.karts else line._replace(what=''))
 
     def _learn(self, event: Event) -> None:
         """Keep which kart has acknowledged what, because later events do not repeat it."""
@@ -385,10 +369,9 @@ class EventLog:
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return the lines about one kart (0: all lines), oldest first."""
-        return [line for line in self._lines if concerns(line, kart)]
-
-
-def concerns(line: Line, kart: int) -> bool:
-    """Return whether a line concerns a kart; lines without a kart concern every kart."""
-    return not kart or line.kart in (0, kart) or kart in line.karts
+        """Return the lines that concern a kart, oldest first; those of no kart concern all."""
+        return [
+            each
+            for each in self._lines
+            if not kart or each.kart in (0, kart) or kart in each.karts
+        ]

@@ -12,7 +12,7 @@ from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.notices import concerns, EventLog, Line
+from evgp_rcs_console.notices import EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import look, SMALL
 from evgp_rcs_console.view import Danger, RACE_COMMANDS, Row, Screen
@@ -238,28 +238,13 @@ class EventPanel(Panel):
         title = Text('', 'small bold faint', text=texts.LOG)
         grid = lay(self, (title, self._filter), margins=(10, 3, 3, 6), columns=(1, 0))
         grid.addWidget(self._list, 1, 0, 1, 2)
+        self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that came
+        self._later.timeout.connect(self.restyle)
         self._show_one(0)
 
     def add(self, event: StampedEvent) -> None:
-        lines, replaces = self.log.add(event)
-        if replaces and self._kart:
-            self._show_one(self._kart)  # the replaced line may not concern this kart
-            return
-        if replaces:
-            self._list.takeItem(0)
-        for line in lines:
-            if concerns(line, self._kart):
-                self._put(line)
-
-    def _put(self, line: Line) -> None:
-        text = texts.without_teams(line.text, self._teams)
-        item = QtWidgets.QListWidgetItem(f'{line.clock} {text}')
-        item.setFont(font(look.px(SMALL - 1), line.is_command))
-        ink = look.palette.ink if line.success else look.palette.bad
-        item.setForeground(QtGui.QColor(ink))
-        self._list.insertItem(0, item)
-        if self._list.count() > EVENTS:
-            self._list.takeItem(EVENTS)
+        self.log.add(event)
+        self._later.start()
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
         """Update the karts of the roster; if the shown kart is gone, show all karts."""
@@ -276,6 +261,7 @@ class EventPanel(Panel):
         return True
 
     def restyle(self) -> None:
+        """Show the events again: there are new ones, or the size or palette has changed."""
         self._show_one(self._kart)
 
     def _show_one(self, kart: int) -> None:
@@ -284,9 +270,17 @@ class EventPanel(Panel):
         if self._kart:
             shown = texts.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
         self._filter.show_words(shown)
-        self._list.clear()
-        for line in self.log.lines(self._kart)[-EVENTS:]:
-            self._put(line)
+        lines = self.log.lines(self._kart)[: -EVENTS - 1 : -1]
+        while self._list.count() > len(lines):
+            self._list.takeItem(len(lines))
+        for place, line in enumerate(lines):
+            if place == self._list.count():
+                self._list.addItem('')
+            item = self._list.item(place)
+            item.setText(f'{line.clock} {texts.without_teams(line.text, self._teams)}')
+            item.setFont(font(look.px(SMALL - 1), line.is_command))
+            ink = look.palette.ink if line.success else look.palette.bad
+            item.setForeground(QtGui.QColor(ink))
 
 
 class Foot(QtWidgets.QWidget):

@@ -25,7 +25,7 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import Added, AlertBook, EventLog, Officials, summary
+from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
 from example_race import KART, offers, RACE, replace
 
 KART_ALERTS = [each for each in AlertKind if '{kart}' in texts.ALERT_WAS[each]]
@@ -204,7 +204,8 @@ def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
 def test_a_refusal_is_marked_in_the_log() -> None:
     log = EventLog()
 
-    (line,), _ = log.add(event(1, 'GREEN_GREEN refused', success=False))
+    log.add(event(1, 'GREEN_GREEN refused', success=False))
+    (line,) = log.lines()
 
     assert (line.clock, line.text) == (time_of_day(0.0), '✗ GREEN_GREEN refused')
 
@@ -288,7 +289,8 @@ def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_
         book.update([])
         (ended,) = book.shown
         happened = Event(EventKind.ALERT_CLEARED, 'ended', kart, alert=kind)
-        (line,), _ = log.add(StampedEvent(1, 0, 0.0, happened))
+        log.add(StampedEvent(1, 0, 0.0, happened))
+        line = log.lines()[-1]
 
         assert line.text == str(ended)
         assert ended.text.startswith('Kart 7 ') is bool(kart)
@@ -298,15 +300,16 @@ def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_
 def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_joins_it() -> None:
     log = EventLog()
 
-    def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> Added:
-        happened = Event(kind, 'so it is', kart, state)
-        return log.add(StampedEvent(sequence, 0, 0.0, happened))
+    def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> int:
+        """Return the number of lines then."""
+        log.add(StampedEvent(sequence, 0, 0.0, Event(kind, 'so it is', kart, state)))
+        return len(log.lines())
 
     red, flag = RaceState.RED_RED, RaceState.RED_FLAG
-    assert not add(1, 1, EventKind.ACKNOWLEDGED, red).replaces
-    assert add(2, 12, EventKind.ACKNOWLEDGED, red).replaces
-    assert not add(3, 5, EventKind.ACKNOWLEDGED, flag).replaces
-    assert not add(4, 5, EventKind.DISCONNECTED).replaces
+    assert add(1, 1, EventKind.ACKNOWLEDGED, red) == 1
+    assert add(2, 12, EventKind.ACKNOWLEDGED, red) == 1
+    assert add(3, 5, EventKind.ACKNOWLEDGED, flag) == 2
+    assert add(4, 5, EventKind.DISCONNECTED) == 3
 
     both, other, gone = (line.text for line in log.lines())
     assert both == 'Karts 1, 12 acknowledged RED RED'
@@ -314,10 +317,11 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     assert [line.text for line in log.lines(12)] == [both]
     assert [line.text for line in log.lines(5)] == [other, gone]
     # What all have done is never replaced by what one does.
-    add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag)
-    assert not add(6, 9, EventKind.ACKNOWLEDGED, flag).replaces
+    assert add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag) == 4
+    assert add(6, 9, EventKind.ACKNOWLEDGED, flag) == 5
     # Of a new run nothing joins the last one.
-    assert add(1, 1, EventKind.CONNECTED).lines[0].text == texts.NEW_RUN
+    assert add(1, 1, EventKind.CONNECTED) == 7
+    assert log.lines()[5].text == texts.NEW_RUN
 
 
 def test_a_stop_that_came_late_says_so_in_the_log() -> None:

@@ -947,8 +947,10 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     assert log.viewport().rect().contains(log.visualItemRect(log.item(0)))
     assert log.item(0).font().bold()
     display.take_event(event(3, 'more', 'Anna (pc 2)'))
+    console.settle()
     assert log.item(0).text().endswith('more · Anna (pc 2)')  # two windows of one name
     display.take_event(event(4, 'it has arrived', kind=EventKind.DELIVERED))
+    console.settle()
     assert 'arrived' not in log.item(0).text()
 
 
@@ -971,6 +973,7 @@ def test_the_newest_event_is_in_sight_also_after_the_night_and_every_scroll_back
     log, display = console.find('log'), console.window.display
     for number in range(1, 100):
         display.take_event(event(number, f'event {number} ' + 'is long, ' * 9))
+        console.settle()
         if not number % 10:
             console.press('F8')
         assert log.item(0).text().endswith(f'event {number} ' + 'is long, ' * 9)
