@@ -56,10 +56,6 @@ from evgp_rcs_console.view import (
 )
 from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
 
-MARGINS = 10, 10, 10, 6
-"""Margins around the window's content: left, top, right, bottom, in pixels."""
-
-
 @dataclass(frozen=True)
 class Shown:
     """What an official saw: the screen, and where each command's button was."""
@@ -164,12 +160,6 @@ class Areas(QtWidgets.QWidget):
         self.help = Help(self)
         self.heats = Heats(self, press)
         self.officials = Officials(self)
-        self._sheets: tuple[Sheet, ...] = (
-            self.question,
-            self.help,
-            self.heats,
-            self.officials,
-        )
         self._style: object = None
 
     def _arrange(self) -> None:
@@ -194,7 +184,7 @@ class Areas(QtWidgets.QWidget):
         for column, part in enumerate((self.state, self.track, self.clock)):
             grid.addWidget(part, 0, column)
         lay(side, [self.number_field], [self.alerts], [self.events], gap=GAP, heights=(0, 0, 1))
-        grid = lay(self, gap=GAP, margins=MARGINS, columns=(1, 0), heights=(0, 0, 0, 0, 1))
+        grid = lay(self, gap=GAP, margins=(10, 10, 10, 6), columns=(1, 0), heights=(0, 0, 0, 0, 1))
         self._banner.hide()
         grid.addWidget(self._banner, 0, 0, 1, 2)
         grid.addWidget(self.how_to_begin, 4, 0)
@@ -237,20 +227,20 @@ class Areas(QtWidgets.QWidget):
 
     def close_sheets(self) -> None:
         """Hide every sheet but the question, which only an answer ends."""
-        for sheet in self._sheets:
+        for sheet in self.findChildren(Sheet):
             if sheet is not self.question:
                 sheet.close_sheet()
 
     def place_sheets(self) -> None:
         """Place the open sheets over the karts without covering their numbers or stops."""
-        for sheet in self._sheets:
+        for sheet in self.findChildren(Sheet):
             if not sheet.isHidden():
                 room = self.karts.room_of_sheets
                 sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
         """Return whether a widget is part of a sheet, which covers what was there before."""
-        return any(sheet.has(widget) for sheet in self._sheets)
+        return any(sheet.has(widget) for sheet in self.findChildren(Sheet))
 
     def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
         if isinstance(widget, CommandButton) and widget.button is not None:
@@ -540,9 +530,8 @@ class Display(QtCore.QObject):
     def look(self, now: float) -> None:
         """Show what has changed because time (s) has passed, and sound the alarm if needed."""
         danger_now = self._danger(now)
-        title = danger_now.title if danger_now else ''
         old = now - self._shown_at >= AGES
-        if title or title != self._danger_title or self.unanswered or old:
+        if danger_now or self._danger_title or self.unanswered or old:
             self.refresh()
         self.areas.clock.look()
         self._show_kill()

@@ -80,7 +80,7 @@ def main(
     except RCLError as error:
         print(f'rcs_gui: {texts.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
-    signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
+    signature = Signature(_official(client.node), os.getpid())
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
     # Without a window manager, as on a screen for this window alone, it is not maximised.
     window.setGeometry(application.primaryScreen().availableGeometry())
@@ -160,14 +160,12 @@ def low_battery(folder: pathlib.Path) -> int | None:
     return min((each for each in charges if each <= BATTERY_LOW), default=None)
 
 
-_OFFICIAL = 'Official at this window; empty: the saved name, or one chosen in the window.'
-
-
-def _given(node: Node, parameter: str, meaning: str) -> str:
-    """Return the text of a parameter; empty if it was not given."""
+def _official(node: Node) -> str:
+    """Return the name given at start; empty if none was given."""
+    meaning = 'Official at this window; empty: the saved name, or one chosen in the window.'
     # ROS reads an unquoted name such as 7 or yes as a number or a truth value; accept that too.
     descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)
-    value = node.declare_parameter(parameter, '', descriptor).value
+    value = node.declare_parameter('official', '', descriptor).value
     return '' if value is None else str(value)
 
 

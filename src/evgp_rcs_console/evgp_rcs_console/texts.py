@@ -489,22 +489,17 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
     """
     if command is CommandKind.GREEN_GREEN:
         return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
-    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
     if command is not CommandKind.GRID_ACTIVE:
         return ''
+    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
     said = [ASK_CAUTION.format(karts=numbered(poor))] if poor else []
-    return ' '.join((*said, *_run_before(race, results)))
-
-
-def _run_before(race: Snapshot, results: Standings | None) -> list[str]:
-    """Return that the heat in the race was already run, so this run would replace its results."""
-    if results is None or race.state is RaceState.GRID_ACTIVE:
-        return []
-    return [
+    run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
+    said += [
         ASK_RUN_BEFORE.format(heat=each.heat, clock=time_of_day(each.stamp)[:5])
-        for each in results.races
+        for each in run
         if each.counts and each.heat == race.heat
     ]
+    return ' '.join(said)
 
 
 def can_stop(race: Snapshot) -> str:

@@ -49,8 +49,6 @@ Time without a snapshot after which race control counts as gone, in seconds.
 Race control publishes at least one every 0.5 s, and an official must know within 1 s.
 """
 
-STOPPED = (RaceState.RED_FLAG, RaceState.RED_RED)
-
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
     RaceState.IN_GARAGE: (CommandKind.GRID_ACTIVE,),
     RaceState.GRID_ACTIVE: (CommandKind.GREEN_GREEN,),
@@ -779,7 +777,7 @@ class _Buttons:
         missing = texts.missing(race, counted=True)
         if offered.reason.startswith(texts.WAITS_FOR) and missing:
             return missing, False
-        if command is CommandKind.GREEN_GREEN and race.state in STOPPED:
+        if command is CommandKind.GREEN_GREEN and race.state and race.state.is_red:
             return texts.NOT_RESUMED, False
         wrong_state = follows and offered.reason.startswith(texts.WRONG_STATE)
         return follows if wrong_state else button.reason, False
