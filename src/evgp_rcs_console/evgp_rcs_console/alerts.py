@@ -97,7 +97,7 @@ class AlertsArea(Panel):
         self._aim: Aim[list[int]] = Aim()
         self._summary = Text('standing', 'small bold', wrap=True)
         self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
-        self._see_all = Push('seen_all', texts.SEEN_ALL, kind='quiet small')
+        self._see_all = Push('seen_all', 'ALL SEEN', kind='quiet small')
         self._mute = Push('mute', kind='quiet small')
         self._see.pressed.connect(self.press_first)
         self._see_all.clicked.connect(lambda: self._press(None))
@@ -128,7 +128,7 @@ class AlertsArea(Panel):
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
-        self._mute.show_words(texts.SOUND_OFF if muted else texts.SOUND_ON, 'F11')
+        self._mute.show_words('♪ OFF' if muted else '♪ ON', 'F11')
 
     def show_notices(
         self, notices: Sequence[Notice], at: float, own: bool = False, known: bool = True
@@ -153,11 +153,11 @@ class AlertsArea(Panel):
             tone = Tone.BAD if unseen else Tone.PLAIN
         told = summary(notices, self._shown)
         if not notices and not known:
-            told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
+            told, tone = '? not known', Tone.FAINT
         shown = self._shown
         others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
         if others:
-            told = texts.ALSO_MSR.format(karts=', '.join(map(str, others)))
+            told = f'⚠ MSR {", ".join(map(str, others))}'
         self._summary.show_cell(Cell(told, tone))
         mark(self._summary, kind='large bold' if 0 < len(others) <= MANY else 'small bold')
         for button in (self._see, self._see_all):

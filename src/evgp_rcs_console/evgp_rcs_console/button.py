@@ -96,7 +96,7 @@ class StopButton(StrictNode):
         """Release the device and announce the end."""
         self._ending.set()
         self._thread.join()
-        self._say(texts.BUTTON_ENDED, now())
+        self._say('Its program has ended. Start it again', now())
         self._client.close()
 
     # ----- in the thread of the device ----------------------------------------------------
@@ -137,9 +137,9 @@ class StopButton(StrictNode):
         if at - self._dropped_at < DROPPED_FOR:
             trouble = trouble or self._dropped
         elif not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
-            trouble = trouble or texts.BUTTON_UNANSWERED
+            trouble = trouble or 'Race control has not accepted its ALL KILL yet. USE THE MSR'
         elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
-            trouble = trouble or texts.BUTTON_FINDS_NOBODY
+            trouble = trouble or 'It cannot find race control, so a press does not stop the race'
         self._say(trouble, at)
 
     def _say(self, fault: str, at: float) -> None:
@@ -150,7 +150,7 @@ class StopButton(StrictNode):
         if fault and fault != self._said[0]:
             self.get_logger().warning(fault)
         elif fault != self._said[0]:
-            self.get_logger().info(texts.BUTTON_WORKS)
+            self.get_logger().info('A press sends ALL KILL')
         self._said, self._due = said, at + PRESENCE_PERIOD
         self._client.announce(self._signature.name, fault, self._presses.count)
 
@@ -189,7 +189,7 @@ def show(paths: Sequence[str]) -> int:
                 device = Keys(path)
                 stack.callback(device.close)
                 device.grab(False)  # this may be the user's only keyboard
-                print(texts.BUTTON_KEYS.format(path=path, name=device.name))
+                print(f'{path}: {device.name}. As a stop button, each of its keys sends ALL KILL')
                 watched[path] = device, PressCounter()
             except OSError as error:
                 print(f'{path}: {why(error)}')
@@ -199,8 +199,8 @@ def show(paths: Sequence[str]) -> int:
                 try:
                     for change in device.changes(BUTTON_LOOK / len(watched)):
                         if change is not None and presses.take(*change, now()):
-                            said = texts.BUTTON_PRESSED.format(path=path, key=change[0])
-                            print(said, flush=True)
+                            print(f'{path}: PRESSED (key {change[0]}). ', end='')
+                            print('While rcs_button runs, this sends ALL KILL', flush=True)
                 except OSError as error:
                     print(f'{path}: {why(error)}', flush=True)
                     del watched[path]

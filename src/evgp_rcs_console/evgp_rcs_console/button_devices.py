@@ -108,9 +108,9 @@ def why(error: OSError) -> str:
     """Return why a device cannot be read and what to do, as a sentence."""
     return {
         errno.EACCES: texts.BUTTON_NOT_ALLOWED,
-        errno.EBUSY: texts.BUTTON_TAKEN,
+        errno.EBUSY: 'Another program holds the device. End that program',
         **dict.fromkeys((errno.EIO, errno.ENODEV, errno.ENOENT, errno.ENXIO), texts.BUTTON_GONE),
-    }.get(error.errno or 0, texts.BUTTON_UNREADABLE.format(error=error))
+    }.get(error.errno or 0, f'The device cannot be read: {error}')
 
 
 def attend(

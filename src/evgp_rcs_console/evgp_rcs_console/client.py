@@ -272,7 +272,7 @@ class Client:
     def _say(self, word: msg.Presence) -> None:
         if self._there is not None:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
-                word.fault = word.fault or texts.NO_SERVICE
+                word.fault = word.fault or 'it cannot find the services of race control'
             self._there.publish(word)
 
     def _wake(self) -> float | None:
@@ -347,7 +347,8 @@ class Client:
         if follows is not None and soon:
             self.give(follows)
         elif follows is not None:
-            why = texts.NOT_FOLLOWED.format(command=texts.full_name(follows))
+            name = texts.full_name(follows)
+            why = f'{name} was not sent: the command before it took too long. Press it now.'
             self._listener.on_answer(follows, Answer(False, why))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
@@ -423,8 +424,8 @@ def domain_of() -> int:
 def looking(topic: str) -> str:
     """Return where a client looks for race control, as part of a sentence."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    where = texts.ON_THIS_MACHINE
+    where = 'on this machine only (OFFICIALS= is not set)'
     if beyond:
-        addresses = texts.EVERY_ADDRESS if EVERY in beyond else ' and '.join(beyond)
-        where = texts.AT_ADDRESSES.format(addresses=addresses)
-    return texts.LOOKING.format(topic=topic, domain=domain_of(), where=where)
+        addresses = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
+        where = f'at {addresses}'
+    return f'{topic} in ROS domain {domain_of()}, {where}'

@@ -376,7 +376,7 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
         lines.append(texts.GRID.format(karts=', '.join(map(str, found.grid))))
     if found.karts or found.overall:
         lines += aligned(results.table(found, teams))
-    lines += [texts.FOR_TIMEKEEPER.format(question=each) for each in found.questions]
+    lines += [f'For the timekeeper: {each}' for each in found.questions]
     if found.races:
         lines += ['', texts.RACES, *aligned(results.races(found))]
     if found.passings:

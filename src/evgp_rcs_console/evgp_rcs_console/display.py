@@ -56,6 +56,7 @@ from evgp_rcs_console.view import (
 )
 from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
 
+
 @dataclass(frozen=True)
 class Shown:
     """What an official saw: the screen, and where each command's button was."""
@@ -338,7 +339,7 @@ class BottomLine:
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
         self._label = label
         self._unanswered = unanswered
-        self._message = Cell(texts.BEGIN)
+        self._message = Cell('Ready.  F1 shows the keys.')
         self._said_at = 0.0
         self._outcome: Outcome | None = None
         self._refused: tuple[Kind, int, bool] | None = None  # whether by the letter of the kart
@@ -357,11 +358,11 @@ class BottomLine:
         self.show()
 
     def say_sent(self, given: Given) -> None:
-        self.say(texts.GIVEN.format(command=texts.full_name(given)))
+        self.say(f'{texts.full_name(given)} sent')
 
     def say_answer(self, given: Given, answer: Answer) -> None:
         """Show race control's answer until it is no longer true."""
-        mark = texts.DONE if answer.success else texts.REFUSED
+        mark = '✓ ' if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
         if answer.success and CATALOGUE[given.command].is_seen:
@@ -410,19 +411,15 @@ class BottomLine:
         self._label.show_cell(self._cell(clock.now()))
 
     def _say_changed(self, given: Given, what: str) -> None:
-        self.say(texts.CHANGED.format(what=what))
+        self.say(f'Changed: {what}')
         self._changed = given, what
 
     def _cell(self, now: float) -> Cell:
         stops = self._unanswered.other_stops(now)
         if stops:
             said = (
-                texts.STOP_UNANSWERED.format(
-                    command=texts.full_name(stop.given),
-                    count=stop.presses,
-                    age=clock.duration(now - stop.since),
-                    why=stop.said or texts.NO_ANSWER,
-                )
+                f'{texts.full_name(stop.given)}: sent {stop.presses} times in '
+                f'{clock.duration(now - stop.since)}, {stop.said or "no answer"}. USE THE MSR.'
                 for stop in stops
             )
             return Cell('  '.join(said), Tone.BAD)
@@ -433,7 +430,7 @@ class BottomLine:
         if given is not None and not given.at + LATE < self._said_at > now - READ:
             age = clock.duration(now - given.at)
             name = texts.full_name(given)
-            return Cell(texts.PENDING.format(command=name, age=age), Tone.WAIT)
+            return Cell(f'{name}: no answer yet ({age})', Tone.WAIT)
         return self._message
 
 
@@ -610,12 +607,12 @@ class Display(QtCore.QObject):
         stop = self.unanswered.all_kill(now)
         if stop is not None:
             age = clock.duration(now - stop.since)
-            hint = Cell(texts.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
+            hint = Cell(f'SENT {stop.presses} times in {age}: no answer', Tone.BAD)
         elif self.areas.isActiveWindow():
             karts = texts.count(self._race.karts) if self._race and self._race.karts else 'karts'
-            hint = Cell(texts.KILL_HINT.format(karts=karts))
+            hint = Cell(f'all {karts} · SPACE BAR or F12')
         else:
-            hint = Cell(texts.KEYS_OFF, Tone.BAD)
+            hint = Cell('KEYS OFF: click this window', Tone.BAD)
         self.chosen.changed()
         self.areas.kill.show_hint(hint, pressing=stop is not None)
 

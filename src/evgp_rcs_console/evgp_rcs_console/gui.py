@@ -127,7 +127,7 @@ def keep_awake() -> None:
     name = 'org.freedesktop.ScreenSaver'
     path = f'/{name.replace(".", "/")}'
     call = dbus.QDBusMessage.createMethodCall(name, path, name, 'Inhibit')
-    call.setArguments([texts.TITLE, texts.AWAKE])
+    call.setArguments([texts.TITLE, 'An EVGP race is on this screen.'])
     bus.asyncCall(call)
 
 

@@ -161,7 +161,7 @@ class CommandInput(QtCore.QObject):
         self._areas.officials.close_sheet()
         self._areas.setFocus()
         self._areas.foot.show_name(self._signature.name)
-        self._bottom.say(texts.SIGNED.format(claim=self._signature.claim))
+        self._bottom.say(f'Your commands are now sent as: {self._signature.claim}')
 
     def toggle_events(self) -> None:
         """Show the events of the chosen kart only, or of all karts."""

@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager
 from typing import NamedTuple
 
 from evgp_rcs.words import Cell, Tone
-from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row
@@ -262,7 +261,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.setMouseTracking(True)
         self.setVerticalScrollMode(self.ScrollMode.ScrollPerPixel)
         self.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        headings = [*(column.heading for column in COLUMNS), texts.COMMANDS_HEADING, *[''] * 9]
+        headings = [*(column.heading for column in COLUMNS), 'Commands', *[''] * 9]
         self.setHorizontalHeaderLabels(headings[: self.columnCount()])
         self.horizontalHeaderItem(0).setTextAlignment(CENTER)
         for header in (self.horizontalHeader(), self.verticalHeader()):

@@ -137,7 +137,7 @@ def key_help() -> list[tuple[str, str]]:
     for key, commands in sorted(KEYS.items(), key=lambda each: ('+' in each[0], each[0])):
         labels = ', '.join(CATALOGUE[command].label for command in commands)
         chosen = CATALOGUE[commands[0]].to_one_kart
-        said.append((key, texts.CHOSEN_KART.format(commands=labels) if chosen else labels))
+        said.append((key, f'{labels}: chosen kart' if chosen else labels))
     return [texts.KILL_KEYS, *said, *texts.OTHER_KEYS]
 
 
@@ -223,11 +223,11 @@ class KartField:
             self.clear()
             return kart, ''
         if self._digits:
-            why = texts.NOT_GIVEN_UNKNOWN.format(command=command, number=self._digits)
+            why = f'{command} WAS NOT SENT: there is no kart {self._digits}. Type another number.'
         elif before:
-            why = texts.NOT_GIVEN_FORGOTTEN.format(command=command, number=before)
+            why = f'{command} WAS NOT SENT: {before} was typed too long ago. Type it again.'
         else:
-            why = texts.NOT_GIVEN_EMPTY.format(command=command)
+            why = f'{command} WAS NOT SENT: no kart is chosen. Type its number first.'
         self._refusal = texts.FIELD_NO_KART.format(number=self._digits or before or '?')
         self._refused_at = at
         self._digits = ''
@@ -237,15 +237,15 @@ class KartField:
     def cells(self) -> tuple[Cell, Cell]:
         """Return the field's large text and the text below it."""
         if self._refusal:
-            return Cell(self._refusal, Tone.BAD), Cell(texts.FIELD_REFUSED, Tone.BAD)
+            return Cell(self._refusal, Tone.BAD), Cell('nothing was sent', Tone.BAD)
         number = int(self._digits) if self._digits else self._chosen
         if number in self._teams:
             return Cell(texts.FIELD_KART.format(number=number)), Cell(self._teams[number])
         if not self._digits and not self._chosen:
-            return Cell('', Tone.FAINT), Cell(texts.FIELD_TYPE, Tone.FAINT)
+            return Cell('', Tone.FAINT), Cell('Type a kart number', Tone.FAINT)
         begun = [each for each in self._teams if str(each).startswith(str(number))]
         if begun and number:
-            title = Cell(texts.FIELD_BEGUN.format(number=number), Tone.WAIT)
-            return title, Cell(texts.FIELD_NOT_YET.format(number=number), Tone.WAIT)
+            title = Cell(f'{number} …', Tone.WAIT)
+            return title, Cell(f'no kart {number}: keep typing', Tone.WAIT)
         title = Cell(texts.FIELD_NO_KART.format(number=number), Tone.BAD)
-        return title, Cell(texts.FIELD_NOT_THERE, Tone.BAD)
+        return title, Cell('not in the roster', Tone.BAD)

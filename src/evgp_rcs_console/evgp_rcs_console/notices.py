@@ -154,9 +154,7 @@ class AlertBook:
         ended = [notice for notice in self._notices if not notice.standing]
         if len(ended) > 1:
             karts = sorted({notice.kart for notice in ended if notice.kart})
-            told = texts.SEVERAL_ENDED.format(
-                count=len(ended), karts=numbered(karts) or texts.NO_SINGLE_KART
-            )
+            told = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
             ended = [replace(ended[-1], said=told)]
         standing = [notice for notice in self._notices if notice.standing]
         return sorted([*standing, *ended], key=rank)
@@ -165,18 +163,17 @@ class AlertBook:
 def summary(notices: Sequence[Notice], places: int) -> str:
     """Return the number of notices, and the karts of those beyond the first places."""
     if not notices:
-        return texts.NO_ALERT
+        return '✓ No alerts'
     new = sum(not notice.seen and notice.standing for notice in notices)
     seen = sum(notice.seen for notice in notices)
-    counted = ((new, texts.ALERTS_NEW), (seen, texts.ALERTS_SEEN))
-    ended = ((len(notices) - new - seen, texts.ALERTS_ENDED),)
-    told = [text.format(count=count) for count, text in counted + ended if count]
+    counted = (new, 'new'), (seen, 'seen, ongoing'), (len(notices) - new - seen, 'ended')
+    told = [f'{count} {which}' for count, which in counted if count]
     more = notices[places:]
     # All karts that need the MSR are named elsewhere, in large type.
     those = [notice for notice in more if notice.standing and not notice.use_msr]
     if those:
         karts = sorted({notice.kart for notice in those if notice.kart})
-        told.append(texts.MORE_OTHER.format(karts=numbered(karts) or texts.NO_SINGLE_KART))
+        told.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')
     return '; '.join(told)
 
 
@@ -255,9 +252,9 @@ _BY_LABEL = frozenset(
 one: its sentence says which karts stay held."""
 
 _OF_KARTS = {
-    EventKind.CONNECTED: texts.LOG_CONNECTED,
+    EventKind.CONNECTED: ' connected',
     EventKind.ACKNOWLEDGED: texts.LOG_ACKNOWLEDGED,
-    EventKind.KART_STATE: texts.LOG_SENT,
+    EventKind.KART_STATE: ': {state}',
 }
 """Events that one line can show for several karts, with their texts."""
 
@@ -316,7 +313,7 @@ class EventLog:
             and event.place
             and event.state is RaceState.RED_FLAG
         ):
-            told = texts.LOG_FLAG.format(kart=event.kart, state=state, place=event.place)
+            told = f'Kart {event.kart}: {state} (finished, P{event.place})'
         elif event.kind in _OF_KARTS and event.kart:
             what = _OF_KARTS[event.kind].format(state=state)
             told = self._of_karts(karts, what)
@@ -351,10 +348,10 @@ class EventLog:
         """
         told = self._acknowledged or {}
         if {*told.values()} - {state}:
-            return texts.LOG_ALL_SENT
+            return 'Every kart of the race acknowledged its order'
         if told and state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
-            return texts.LOG_ALL_OF.format(count=len(told), state=STATES[state])
-        return texts.LOG_ALL.format(state=STATES[state])
+            return f'All {len(told)} acknowledged {STATES[state]}'
+        return f'Every kart of the race acknowledged {STATES[state]}'
 
     def _told(self, event: Event) -> str:
         """Return the sentence or the command's label, and the official who caused it."""
@@ -363,9 +360,9 @@ class EventLog:
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
             text = texts.command_name(event.command, event.kart)
             if event.after:
-                text += texts.LOG_PRESSED.format(age=round(event.after))
+                text += f', pressed {round(event.after)} s ago'
             if event.command is CommandKind.KART_FINISH:
-                text += texts.LOG_PLACE.format(place=event.place)
+                text += f', P{event.place}'
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:

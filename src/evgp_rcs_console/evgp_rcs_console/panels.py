@@ -94,7 +94,7 @@ class ClockPanel(Panel):
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         age = screen.clock * (not stale)
-        self._race.show_text(texts.RACE_CLOCK.format(age=age) if age else '')
+        self._race.show_text(f'GREEN for {age}' if age else '')
         self._heat.show_text(screen.heat)
         self.look()
 
@@ -154,13 +154,13 @@ class Strip(Panel):
         return '\n'.join(each.whole for each in shown if each.whole)
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
-        by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
+        by = f'commands by {", ".join(officials)}' * bool(officials)
         self._officials.show_text(
             ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
         )
         rest = screen.missing, screen.timing, screen.order, screen.places
         self._rest.show_cell(Cell(' · '.join(filter(None, rest))), stale)
-        self._tally.show_cell(Cell(screen.tally or texts.NOBODY_RACES), stale)
+        self._tally.show_cell(Cell(screen.tally or 'no kart is in the race'), stale)
         for part, cell in (
             (self._msr, screen.msr),
             (self._reminder, Cell(screen.reminder, Tone.WAIT)),
@@ -235,7 +235,7 @@ class EventPanel(Panel):
         self._filter = Push('filter', kind='quiet small')
         fixed(self._filter, 150, 24)
         self._filter.clicked.connect(self.toggled)
-        title = Text('', 'small bold faint', text=texts.LOG)
+        title = Text('', 'small bold faint', text='Events')
         grid = lay(self, (title, self._filter), margins=(10, 3, 3, 6), columns=(1, 0))
         grid.addWidget(self._list, 1, 0, 1, 2)
         self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that came
@@ -266,9 +266,9 @@ class EventPanel(Panel):
 
     def _show_one(self, kart: int) -> None:
         self._kart = kart if kart in self._teams else 0
-        shown = texts.EVERY_KART
+        shown = 'all karts'
         if self._kart:
-            shown = texts.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
+            shown = f'kart {self._kart} {self._teams[self._kart]}'
         self._filter.show_words(shown)
         lines = self.log.lines(self._kart)[: -EVENTS - 1 : -1]
         while self._list.count() > len(lines):
@@ -303,8 +303,8 @@ class Foot(QtWidgets.QWidget):
     def show_battery(self, percent: int | None) -> None:
         """Show the charge of a low battery, in percent; None: the battery is not low."""
         if percent is not None:
-            self._battery.show_cell(Cell(texts.BATTERY.format(percent=percent), Tone.BAD))
+            self._battery.show_cell(Cell(f'BATTERY {percent} %: plug it in', Tone.BAD))
         self._battery.setVisible(percent is not None)
 
     def show_name(self, name: str) -> None:
-        self._official.show_words(texts.NAME_IS.format(name=name) if name else texts.NAME_UNKNOWN)
+        self._official.show_words(texts.NAME_IS.format(name=name) if name else 'Your name?')

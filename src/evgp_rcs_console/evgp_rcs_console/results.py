@@ -46,10 +46,10 @@ def _row(kart: KartResult, team: str) -> tuple[str, ...]:
 def title(results: Standings) -> str:
     """Return the title of the results: heat, format and laps."""
     if not (results.karts or results.overall):
-        return texts.NO_RESULTS
-    laps = texts.RESULTS_LAPS.format(count=results.laps) * bool(results.laps)
+        return 'No results yet'
+    laps = f'{results.laps} laps' * bool(results.laps)
     said = results.heat or texts.RESULTS, results.format.value.replace('_', ' '), laps
-    return ', '.join(filter(None, (*said, texts.PUBLISHED * results.published)))
+    return ', '.join(filter(None, (*said, 'published' * results.published)))
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
@@ -62,7 +62,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
     if results.overall in ((), results.karts):
         return headed
     heading = [''] * len(texts.RESULT_HEADINGS)
-    heading[2] = texts.ALL_HEATS.format(format=results.format.value.replace('_', ' '))
+    heading[2] = f'All heats, {results.format.value.replace("_", " ")}'
     return [*headed, tuple(heading), *rows(results.overall)]
 
 
@@ -73,8 +73,8 @@ def races(results: Standings) -> list[tuple[str, ...]]:
             str(each.number),
             time_of_day(each.stamp),
             each.heat,
-            texts.CLASSIFIED.format(count=each.classified),
-            texts.COUNTS * each.counts,
+            f'{each.classified} classified',
+            'counts' * each.counts,
         )
         for each in results.races
     ]

@@ -115,7 +115,7 @@ class Question(Sheet):
         # The problem covers these texts, so that YES and NO never move.
         self._problem = Text('question_problem', 'bold', wrap=True, fills=True)
         self._problem.setParent(self)
-        self.yes, self.no = Push('yes', tall=True), Push('no', texts.ASK_NO, 'N')
+        self.yes, self.no = Push('yes', tall=True), Push('no', 'NO', 'N')
         self.also = Push('yes_and_more', tall=True)
         self.no.clicked.connect(lambda: self.answered.emit(False, False))
         self.yes.clicked.connect(lambda: self.answered.emit(True, False))
@@ -150,15 +150,15 @@ class Question(Sheet):
         # YES ignores clicks at first: the click may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
-        self.title.show_text(texts.ASK_TITLE.format(command=command))
+        self.title.show_text(f'{command}?')
         condition = button.condition[:1].upper() + button.condition[1:]
         self._statement.show_text(texts.ASK_STATE.format(condition=button.condition))
         self._show_texts(button)
-        self.yes.show_words(texts.ASK_YES, 'Y', condition)
+        self.yes.show_words('YES', 'Y', condition)
         self.also.setVisible(bool(button.also))
         if button.also:
             key = CATALOGUE[button.also[0].command].key
-            self.also.show_words(texts.ASK_YES_AND, key, texts.also(button.also))
+            self.also.show_words('YES, and also', key, texts.also(button.also))
         self.update_button(button)
 
     def update_button(self, button: Button | None) -> None:
@@ -174,7 +174,7 @@ class Question(Sheet):
         elif button is None or button.reason or not button.asks_the_same(self.button):
             self._spoilt_at = self._spoilt_at or time_of_day(time.time())
             what = button.differs_from(self.button) if button is not None else texts.ASK_GONE
-            self._problem_text = texts.ASK_CHANGED.format(clock=self._spoilt_at, what=what)
+            self._problem_text = f'Changed at {self._spoilt_at}: {what} Press NO and start again.'
         self._show_problem()
 
     def _show_texts(self, button: Button) -> None:
@@ -211,7 +211,7 @@ class Choice(Sheet):
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str, about: str) -> None:
         super().__init__(parent, name, title)
         self._offered: list[Push] = []
-        self._close = self.closing(texts.HEATS_CLOSE)
+        self._close = self.closing('CANCEL')
         self.add(Text('', wrap=True, flows=True, text=about))
         self.add(self._close, 36)
 
@@ -240,7 +240,7 @@ class Heats(Choice):
     """Offers the heats of the roster, and the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
-        super().__init__(parent, 'heats', texts.HEATS_TITLE, texts.HEATS_CONSEQUENCE)
+        super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
     def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
@@ -268,7 +268,7 @@ class Officials(Choice):
     """An official has chosen their name."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'officials', texts.NAME_TITLE, texts.NAME_ABOUT)
+        super().__init__(parent, 'officials', 'Who commands from here?', texts.NAME_ABOUT)
 
     def show_names(self, names: Sequence[str]) -> None:
         if [each.words for each in self._offered] == [*names]:
@@ -280,7 +280,7 @@ class Officials(Choice):
 
 class Help(Sheet):
     def __init__(self, parent: QtWidgets.QWidget) -> None:
-        super().__init__(parent, 'help', texts.HELP_TITLE)
+        super().__init__(parent, 'help', 'Keys')
         table, keys = QtWidgets.QWidget(), key_help()
         half = (len(keys) + 1) // 2
         parts = [
@@ -290,4 +290,4 @@ class Help(Sheet):
         rows = [[*itertools.chain(*parts[row::half])] for row in range(half)]
         lay(table, *rows, gap=4, columns=(3, 4, 3, 4), heights=[1] * half)
         self.add(table, 400)
-        self.add(self.closing(texts.HELP_CLOSE), 36)
+        self.add(self.closing('CLOSE'), 36)

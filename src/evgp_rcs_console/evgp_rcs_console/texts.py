@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Every text that the console itself writes, in one place.
+The console's own texts: those said in several places, the long ones, and sentences about a race.
 
 The console shows race control's sentences (reasons, answers, alerts, events) unchanged. The
 labels of the commands are in the catalogue.
@@ -29,23 +29,15 @@ BANNER = '=== {banner} ==='
 BUTTON_NOT_ALLOWED = (
     'This user may not read the device. Run sudo usermod -aG input $USER, then log out and in'
 )
-BUTTON_TAKEN = 'Another program holds the device. End that program'
 BUTTON_GONE = 'The device is not connected. Plug it in'
-BUTTON_UNREADABLE = 'The device cannot be read: {error}'
 BUTTON_HELD = 'A key is held down. Release it so that it can send ALL KILL again'
 BUTTON_ASLEEP = 'Its USB port is asleep. Turn USB power saving off'
-BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet. USE THE MSR'
-BUTTON_FINDS_NOBODY = 'It cannot find race control, so a press does not stop the race'
 BUTTON_DROPPED = (
     'Its ALL KILL, pressed {age} s ago, is no longer sent: another race has begun since. Press '
     'again to stop that race'
 )
-BUTTON_ENDED = 'Its program has ended. Start it again'
-BUTTON_WORKS = 'A press sends ALL KILL'
-BUTTON_KEYS = '{path}: {name}. As a stop button, each of its keys sends ALL KILL'
 BUTTON_NONE = 'No device here can be a stop button. Plug one in'
 BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
-BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
 
 HOW_TO_BEGIN = (
     '1  List the karts in a roster and start race control: make run ROSTER=… Each gets a row.',
@@ -54,24 +46,14 @@ HOW_TO_BEGIN = (
 )
 """Shown in place of the karts while the roster has none."""
 
-COMMANDS_HEADING = 'Commands'
-NOT_RACING = 'not in the race'
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
-FLAG_IN = 'F{place}, flag in {seconds} s'
 LAST_LAP_DONE = 'last lap done: FINISH'
-FINISH_NOW = 'FINISH {karts}: last lap done'
-SAYS = 'says {state}'
-SAYS_EARLIER = 'perhaps to an earlier order'
-COUNTS_IN = '… in {seconds} s'
 SAID_BEFORE = 'its {state} answered an earlier order: if it stays silent, let it reconnect'
 CONNECT_AGAIN = 'its {state} may answer an earlier order: let it reconnect (comes back held)'
-WAITING = '… not yet'
-STOPPED_ITSELF = '! stopped itself'
 SETTLING = '… wait {seconds} s'
-NO_ANSWER_YET = '! no answer'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
     RaceState.GREEN_GREEN: '✓ driving',
@@ -80,51 +62,21 @@ ANSWERS = {
 }
 """Answer shown for a kart that has acknowledged the state it is sent."""
 
-STEP_SINCE = 'since {clock}'
 NOT_RESUMED = 'a stopped race is not resumed: new GRID ACTIVE first'
-BARRED_STEP = 'not now'
 AGAIN = 'again in {seconds} s'
-WAITS_FOR = 'waiting for '
-WRONG_STATE = 'the race is in '
-"""Beginnings of race control's reasons that a button replaces with a shorter phrase."""
-
-READY = '{ready} of {count} ready: waiting for {numbers}'
-MISSING = 'waiting for {numbers}'
-NOBODY_RACES = 'no kart is in the race'
-RACE_CLOCK = 'GREEN for {age}'
-MUST_HAVE_BEGUN = 'over {limit}: RED FLAG if a kart is not driving yet'
-CAN_STOP = '{count} official{s} can stop: {who}'
 NOBODY_CAN_STOP = 'No official can stop: race control hears no screen or button'
-COMMANDED_BY = 'commands by {names}'
-IS_OVER = 'the race is over'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
-TRACK_CLOSED_REASON = 'no one may enter until you open it: {reason}'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
 TRACK_OPEN_MSR = '✓ TRACK OPEN, MSR IN USE'
-MSR_REASON = '{reason}. Only the MSR stops {karts}. Leave it on'
 KEEP_OFF = '✗ KEEP OFF THE TRACK'
 CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
-CLEAR_TRACK_REASON = 'humans could be on it: {reason}'
-KEEP_OFF_UNKNOWN = '? KEEP OFF THE TRACK'
 UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
 UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what karts are doing: check each one'
-TO_HUMANS = 'to humans'
 OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
 
-USE_MSR_FOR = 'USE THE MSR: {karts}'
-MSR_IN_USE = 'MSR IN USE'
-MSR_IN_USE_FOR = 'MSR IN USE: only it stops {karts}'
-ALERTS_UNKNOWN = '? not known'
-NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
-SEEN_ALL = 'ALL SEEN'
-ALERTS_NEW = '{count} new'
-ALERTS_SEEN = '{count} seen, ongoing'
-ALERTS_ENDED = '{count} ended'
-ALSO_MSR = '⚠ MSR {karts}'
-MORE_OTHER = 'not shown: {karts}'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
@@ -149,25 +101,11 @@ ALERT_WAS = {
 }
 """The text of an alert that has ended."""
 
-SEVERAL_ENDED = '{count} alerts: {karts}'
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
-SOUND_ON = '♪ ON'
-SOUND_OFF = '♪ OFF'
 
-LOG = 'Events'
-EVERY_KART = 'all karts'
-ONE_KART = 'kart {number} {team}'
 WHOSE_EVENTS = "To see one kart's events only, type its number or click its row first."
-LOG_CONNECTED = ' connected'
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
-LOG_SENT = ': {state}'
-LOG_PRESSED, LOG_PLACE = ', pressed {age} s ago', ', P{place}'
-LOG_FLAG = 'Kart {kart}: {state} (finished, P{place})'
-LOG_ALL_OF = 'All {count} acknowledged {state}'
-LOG_ALL = 'Every kart of the race acknowledged {state}'
-LOG_ALL_SENT = 'Every kart of the race acknowledged its order'
 NEW_RUN = '— race control was restarted —'
-DONE = '✓ '
 REFUSED = '✗ '
 
 GONE = 'RACE CONTROL IS GONE'
@@ -178,53 +116,29 @@ GONE_SINCE = (
     'Perhaps only the network is broken: check another window. Press a stop once. It is sent '
     'again until race control accepts it.'
 )
-NOT_YET_ADVICE = 'NO STOP WORKS YET'
 NOT_YET_DETAIL = (
     'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}. Press a '
     'stop once. It is sent again until race control is found and accepts it.'
 )
 ENDED = 'RACE CONTROL HAS ENDED'
-ENDED_ADVICE = 'START IT AGAIN'
 ENDED_SINCE = (
     'It was shut down in order {age} ago, when no kart could be moving where it must not. '
     'To start it again: make run ROSTER=…'
 )
-LOOKING = '{topic} in ROS domain {domain}, {where}'
-ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
-AT_ADDRESSES = 'at {addresses}'
-EVERY_ADDRESS = 'every address of this machine'
 GONE_REASON = 'race control is gone'
 NOT_YET_REASON = 'race control has not been found yet'
 FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
 TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
-TWO_DETAIL = 'Two race controls are running in this ROS domain.'
-TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
-TWO_REASON = 'two race controls are running: shut one down'
-STATE_OF_RACE = 'race in {state} {since}'
-KILL_HINT = 'all {karts} · SPACE BAR or F12'
-KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
-STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
-NO_ANSWER = 'no answer'
 DROPPED = (
     '{command}, pressed {age} s ago, is no longer sent: race control did not answer, and '
     'another race has begun since. Press again to stop that race.'
 )
-KEYS_OFF = 'KEYS OFF: click this window'
 KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
-BATTERY = 'BATTERY {percent} %: plug it in'
 
-GIVEN = '{command} sent'
-CHANGED = 'Changed: {what}'
-BEGIN = 'Ready.  F1 shows the keys.'
-PENDING = '{command}: no answer yet ({age})'
-PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
-NOT_FOLLOWED = '{command} was not sent: the command before it took too long. Press it now.'
-NO_SERVICE = 'it cannot find the services of race control'
-NOT_THERE = '{command} was not sent: {who} was not found.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
@@ -235,31 +149,16 @@ JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 ANSWER_NO = 'Nothing was sent: the question has changed. Press N and start again.'
 
-ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
-ASK_YES = 'YES'
-ASK_YES_AND = 'YES, and also'
 ASK_AND_OPEN = 'Teams may go onto the track'
 ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
-ASK_AND_SAFE = '{karts} made safe by hand'
-ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
-ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
-ASK_RUN_BEFORE = '{heat} was already run at {clock}. This run will count instead.'
 ASK_NOBODY = 'Race control hears no screen or button that could stop the race.'
-ASK_CHANGED = 'Changed at {clock}: {what} Press NO and start again.'
-MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
 ASK_GONE = 'The command is no longer offered.'
-NO_LONGER = 'No longer true: {what}'
 
-HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race and takes all others out.'
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
-HEATS_CLOSE = 'CANCEL'
-IN_RACE_NOW = 'in the race'
-NEXT_HEAT, RUN_AT, NEXT = 'next', 'run at {clock}', 'Next: kart {karts} ({name})'
 GRID = 'Grid: {karts}'
-GRID_ORDER = 'in the order of the grid'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
@@ -267,41 +166,22 @@ NO_TIMING_REASON = (
 )
 
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
-NO_RESULTS = 'No results yet'
-ALL_HEATS = 'All heats, {format}'
-RESULTS_LAPS = '{count} laps'
 PASSINGS = 'Passings: time since GREEN GREEN, kart, source, session and number, outcome'
 RACES = 'Races: number, time the grid formed, heat, classified karts'
-CLASSIFIED, COUNTS, PUBLISHED = '{count} classified', 'counts', 'published'
-FOR_TIMEKEEPER = 'For the timekeeper: {question}'
 
 FIELD_KART = 'KART {number}'
-FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
-FIELD_TYPE = 'Type a kart number'
-FIELD_NOT_YET = 'no kart {number}: keep typing'
-FIELD_NOT_THERE = 'not in the roster'
-FIELD_REFUSED = 'nothing was sent'
-NOT_GIVEN_UNKNOWN = '{command} WAS NOT SENT: there is no kart {number}. Type another number.'
-NOT_GIVEN_FORGOTTEN = '{command} WAS NOT SENT: {number} was typed too long ago. Type it again.'
-NOT_GIVEN_EMPTY = '{command} WAS NOT SENT: no kart is chosen. Type its number first.'
 ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, and press again.'
 
-NAME_TITLE = 'Who commands from here?'
 NAME_ABOUT = (
     'Your name goes with every command from this window and into the record. For a name not '
     'listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
-NAME_UNKNOWN = 'Your name?'
-SIGNED = 'Your commands are now sent as: {claim}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
 NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '
 
-HELP_TITLE = 'Keys'
-HELP_CLOSE = 'CLOSE'
 KILL_KEYS = 'Space bar, F12', 'ALL KILL, unless KEYS OFF'
-CHOSEN_KART = '{commands}: chosen kart'
 OTHER_KEYS = (
     ('F8', 'day, night'),
     ('F10', 'SEEN: first alert'),
@@ -316,7 +196,6 @@ OTHER_KEYS = (
     ('Y, N', 'answer a question'),
 )
 
-AWAKE = 'An EVGP race is on this screen.'
 
 NO_QT = (
     'rcs_gui: Qt for Python is not installed. Install it with '
@@ -363,8 +242,9 @@ def heat(
     """Return a heat with its karts, in starting order if timing gives one."""
     grid = grid_of(each.name, timing)
     text = f'{each.name}: {_numbers(grid or each.karts)}'
-    notes = [RUN_AT.format(clock=time_of_day(at)[:5]) for at in runs_of(each.name, timing)[-1:]]
-    notes += [GRID_ORDER] * (len(grid) > 1) + [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+    notes = [f'run at {time_of_day(at)[:5]}' for at in runs_of(each.name, timing)[-1:]]
+    notes += ['in the order of the grid'] * (len(grid) > 1)
+    notes += ['next'] * is_next + ['in the race'] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
 
 
@@ -394,7 +274,7 @@ def order_of_start(race: Snapshot, timing: Standings | None) -> str:
     if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
         said.append(GRID.format(karts=_numbers(grid)))
     said += [
-        NEXT.format(karts=_numbers(heat.karts), name=heat.name)
+        f'Next: kart {_numbers(heat.karts)} ({heat.name})'
         for heat in race.heats
         if timing is not None and heat.name == timing.next_heat
     ]
@@ -467,12 +347,12 @@ def also(following: Sequence[Given]) -> str:
     """Return what YES also confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
         return ASK_AND_FIRST if following[0].stated else ASK_AND_OPEN
-    return ASK_AND_SAFE.format(karts=numbered(each.kart for each in following))
+    return f'{numbered(each.kart for each in following)} made safe by hand'
 
 
 def not_there(command: Kind, name: str) -> str:
     who = 'the timekeeper' if isinstance(command, Act) else 'race control'
-    return NOT_THERE.format(command=name, who=who)
+    return f'{name} was not sent: {who} was not found.'
 
 
 def gave_up(given: Given, limit: str) -> str:
@@ -492,13 +372,11 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
     if command is not CommandKind.GRID_ACTIVE:
         return ''
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    said = [ASK_CAUTION.format(karts=numbered(poor))] if poor else []
+    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may come late.'
+    said = [late] if poor else []
     run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
-    said += [
-        ASK_RUN_BEFORE.format(heat=each.heat, clock=time_of_day(each.stamp)[:5])
-        for each in run
-        if each.counts and each.heat == race.heat
-    ]
+    times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
+    said += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
     return ' '.join(said)
 
 
@@ -506,7 +384,7 @@ def can_stop(race: Snapshot) -> str:
     """Return how many officials' programs can stop the race, and which."""
     count, who = race.able_to_stop, race.who_can_stop
     s = '' if count == 1 else 's'
-    return CAN_STOP.format(count=count, s=s, who=who) if count else NOBODY_CAN_STOP
+    return f'{count} official{s} can stop: {who}' if count else NOBODY_CAN_STOP
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
@@ -522,7 +400,7 @@ def consequences(
     entry = CATALOGUE[command]
     said = [entry.note] if entry.note else []
     if command is CommandKind.RECORD_MSR and race.banner:
-        said.append(MSR_IN_REHEARSAL.format(banner=race.banner))
+        said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
     if entry.names_hold and kart is not None and kart.hold is not None:
         said.append(f'Ends the hold of {held(kart)}.')
     if does.state is not None and (does.now or kart is None):
@@ -572,8 +450,8 @@ def missing(race: Snapshot, counted: bool = False) -> str:
         return ''
     if counted and all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
         ready = len(racing) - len(late)
-        return READY.format(ready=ready, count=len(racing), numbers=numbers)
-    return MISSING.format(numbers=numbers)
+        return f'{ready} of {len(racing)} ready: waiting for {numbers}'
+    return f'waiting for {numbers}'
 
 
 def heat_in_race(race: Snapshot) -> str:

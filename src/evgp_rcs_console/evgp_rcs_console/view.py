@@ -170,9 +170,7 @@ class Button:
             return f'{self.reason[:1].upper()}{self.reason[1:]}.'
         now, before = self._said(), asked._said()
         new = [each for each in now if each not in before]
-        return ' '.join(
-            new or [texts.NO_LONGER.format(what=each) for each in before if each not in now]
-        )
+        return ' '.join(new or [f'No longer true: {each}' for each in before if each not in now])
 
     def _said(self) -> list[str]:
         """Return the sentences of its question."""
@@ -364,10 +362,10 @@ def silence(
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, advice, barred = texts.NOT_YET, texts.NOT_YET_ADVICE, texts.NOT_YET_REASON
+        title, advice, barred = texts.NOT_YET, 'NO STOP WORKS YET', texts.NOT_YET_REASON
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     elif ended and race.no_kart_in_doubt:
-        title, advice, barred = texts.ENDED, texts.ENDED_ADVICE, texts.GONE_REASON
+        title, advice, barred = texts.ENDED, 'START IT AGAIN', texts.GONE_REASON
         detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
     else:
         title, advice, barred = texts.GONE, texts.USE_MSR, texts.GONE_REASON
@@ -385,9 +383,11 @@ def danger(race: Snapshot, two: bool) -> Danger | None:
     if AlertKind.PART_FAILED in told:
         return Danger(texts.FAILED, texts.USE_MSR, told[AlertKind.PART_FAILED])
     if two or AlertKind.TWO_RACE_CONTROLS in told:
-        found = told.get(AlertKind.TWO_RACE_CONTROLS, texts.TWO_DETAIL).removesuffix('.')
-        detail = f'{found}. {texts.TWO_WHAT_TO_DO}'
-        return Danger(texts.TWO, texts.TWO_ADVICE, detail, texts.TWO_REASON)
+        found = 'Two race controls are running in this ROS domain'
+        found = told.get(AlertKind.TWO_RACE_CONTROLS, found)
+        detail = f'{found.removesuffix(".")}. Stops go to both. No other command can be sent.'
+        barred = 'two race controls are running: shut one down'
+        return Danger(texts.TWO, texts.TWO_ADVICE, detail, barred)
     return None
 
 
@@ -426,7 +426,7 @@ def show(
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
-        humans, reason = Cell(texts.KEEP_OFF_UNKNOWN, Tone.BAD), danger.title
+        humans, reason = Cell('? KEEP OFF THE TRACK', Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
         state=headline(race),
@@ -448,7 +448,7 @@ def show(
         humans_reason=reason,
         race=_steps(race, buttons),
         msr_button=buttons.race(CommandKind.RECORD_MSR),
-        track_button=replace(track_button, phrase=texts.TO_HUMANS),
+        track_button=replace(track_button, phrase='to humans'),
         rows=tuple(_row(kart, place, now, buttons) for place, kart in enumerate(race.karts)),
     )
 
@@ -474,7 +474,7 @@ def _since(race: Snapshot, now: float) -> str:
     if race.state is not None:
         since = f'{since}, {time_of_day(race.state_since)}'
     if headline(race) != STATE_CELLS[race.state]:
-        since = texts.STATE_OF_RACE.format(state=STATES[race.state], since=since)
+        since = f'race in {STATES[race.state]} {since}'
     return since
 
 
@@ -493,18 +493,19 @@ def _reminder(buttons: _Buttons) -> str:
     sent = [kart for kart in sent if not buttons.has_crossed(kart)]
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
-    return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
+    within = duration(BEGINS_WITHIN, 0)
+    return f'over {within}: RED FLAG if a kart is not driving yet' if sent else ''
 
 
 def _msr(race: Snapshot) -> Cell:
     """Return every kart that needs the MSR, or that the MSR is in use."""
     if race.msr_alerts:
         karts = numbered(sorted({alert.kart for alert in race.msr_alerts if alert.kart}))
-        return Cell(texts.USE_MSR_FOR.format(karts=karts) if karts else texts.USE_MSR, Tone.BAD)
+        return Cell(f'USE THE MSR: {karts}' if karts else texts.USE_MSR, Tone.BAD)
     if not race.track.msr_used:
         return Cell('')
     karts = texts.in_doubt(race)
-    used = texts.MSR_IN_USE_FOR.format(karts=karts) if karts else texts.MSR_IN_USE
+    used = f'MSR IN USE: only it stops {karts}' if karts else 'MSR IN USE'
     return Cell(used, Tone.WAIT)
 
 
@@ -527,7 +528,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
             reason = '; '.join(filter(None, reasons))
         reason = reason or against
         if is_open:
-            reason = texts.CLEAR_TRACK_REASON.format(reason=reason)
+            reason = f'humans could be on it: {reason}'
             return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
         unstated = race.track.settled_by is CommandKind.OPEN_TRACK
         if unstated and not (told or against or under_way):
@@ -535,17 +536,16 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
         tone = Tone.PLAIN if under_way and not against else Tone.WAIT
         return Cell(texts.KEEP_OFF, Tone.BAD if told or doubtful else tone), reason
     if race.nobody_is_heard:
-        unknown = Cell(texts.UNHEARD_CLOSED)
-        unknown = Cell(texts.UNHEARD_OPEN, Tone.WAIT) if is_open else unknown
+        unknown = Cell(texts.UNHEARD_OPEN, Tone.WAIT) if is_open else Cell(texts.UNHEARD_CLOSED)
         return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
-        reason = texts.MSR_REASON.format(reason=race.track.reason, karts=karts)
+        reason = f'{race.track.reason}. Only the MSR stops {karts}. Leave it on'
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:
         return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
-    closed = texts.TRACK_CLOSED_REASON.format(reason=race.track.reason)
+    closed = f'no one may enter until you open it: {race.track.reason}'
     return Cell(texts.TRACK_CLOSED), closed
 
 
@@ -553,7 +553,7 @@ def _finish_now(buttons: _Buttons) -> str:
     """Return the karts that are due FINISH, by the letter in their rows."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
-    return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
+    return f'FINISH {", ".join(done)}: last lap done' if done else ''
 
 
 def _places(buttons: _Buttons) -> str:
@@ -582,14 +582,14 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         notes.append(texts.SAID_BEFORE.format(state=STATES[kart.sent]))
     if kart.flag_follows and kart.flag_at is not None:
         left = texts.left(kart.flag_at - now)
-        notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
+        notes.append(f'F{kart.place}, flag in {left} s')
     done = buttons.last_lap_is_done(kart)
     if done:
         notes.append(texts.LAST_LAP_DONE)
     if kart.hold is not None:
         notes.append(texts.HELD.format(reason=kart.hold_reason))
     if not kart.in_race:
-        notes.append(texts.NOT_RACING)
+        notes.append('not in the race')
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
     # The inspection is shown only if there is nothing that an official must read.
     note = ', '.join(notes) or texts.inspected(kart)
@@ -604,9 +604,9 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     answered = kart.acknowledged and not kart.in_doubt
     says, sent = '', STATE_CELLS[kart.sent]
     if kart.connected and kart.reported not in (None, kart.sent):
-        says = texts.SAYS.format(state=STATES[kart.reported])
+        says = f'says {STATES[kart.reported]}'
     elif kart.counts_at is not None:
-        says = texts.SAYS_EARLIER
+        says = 'perhaps to an earlier order'
     return Row(
         number=kart.number,
         team=kart.team,
@@ -651,7 +651,7 @@ def _link_time(link: LinkQuality) -> str:
 
 def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
     if not kart.connected:
-        return Cell(texts.NO_ANSWER_YET, missing) if missing is Tone.BAD else Cell('')
+        return Cell('! no answer', missing) if missing is Tone.BAD else Cell('')
     if kart.sent is RaceState.IN_GARAGE:
         return Cell('')
     if kart.acknowledged and kart.in_doubt:
@@ -660,11 +660,11 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
     if kart.stopped_itself:
-        return Cell(texts.STOPPED_ITSELF, Tone.BAD)
+        return Cell('! stopped itself', Tone.BAD)
     if kart.counts_at is not None and kart.counts_at > now:
         left = texts.left(kart.counts_at - now)
-        return Cell(texts.COUNTS_IN.format(seconds=left), Tone.WAIT)
-    return Cell(texts.WAITING, Tone.WAIT)
+        return Cell(f'… in {left} s', Tone.WAIT)
+    return Cell('… not yet', Tone.WAIT)
 
 
 def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) -> CommandKind:
@@ -762,24 +762,24 @@ class _Buttons:
         current = command in STEP_STATES and STEP_STATES[command] is race.state
         current = current and (race.over or command is not CommandKind.RACE_OVER)
         if self.barred and not button.enabled:
-            return texts.BARRED_STEP, False
+            return 'not now', False
         if (command, 0) in self.pending and not button.enabled:
             return button.reason, current
         if current and command is CommandKind.RACE_OVER:
-            return texts.IS_OVER, True  # the race may have been in that state before it was over
+            return 'the race is over', True  # perhaps in that state for longer
         if current:
-            return texts.STEP_SINCE.format(clock=time_of_day(race.state_since)), True
+            return f'since {time_of_day(race.state_since)}', True
         if button.enabled:
             return does.format(karts=texts.count(offered.karts)), False
         if offered.available_from is not None:
             left = texts.left(offered.available_from - self.now)
             return texts.AGAIN.format(seconds=left), False
         missing = texts.missing(race, counted=True)
-        if offered.reason.startswith(texts.WAITS_FOR) and missing:
+        if offered.reason.startswith('waiting for ') and missing:
             return missing, False
         if command is CommandKind.GREEN_GREEN and race.state and race.state.is_red:
             return texts.NOT_RESUMED, False
-        wrong_state = follows and offered.reason.startswith(texts.WRONG_STATE)
+        wrong_state = follows and offered.reason.startswith('the race is in ')
         return follows if wrong_state else button.reason, False
 
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
@@ -839,7 +839,7 @@ class _Buttons:
         if not entry.stop and self.barred:
             reason = self.barred
         elif not entry.stop and waits is not None:
-            reason = texts.PENDING_REASON.format(age=duration(waits))
+            reason = f'no answer yet ({duration(waits)})'
         condition = consequence = warning = caution = ''
         if entry.asks or (offered.statement and not entry.stop):
             race = self.snapshot
