@@ -56,11 +56,11 @@ def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
     """
     tables = []
     for number, notice in enumerate(notices):
-        unseen = notice.standing and not notice.seen
+        unseen = notice.lasts and not notice.seen
         tone = Tone.BAD if notice.use_msr else Tone.WAIT
         ink, fill = look.fill(tone if unseen else Tone.GARAGE)
         head, kart, age = notice.heading, '', ''
-        if notice.alert is not None and notice.standing:
+        if notice.alert is not None and notice.lasts:
             kart = f'&nbsp;<span style="font-size:{look.px(NUMBER)}px">{notice.kart or ""}</span>'
             age = words.clock(max(0.0, at - notice.alert.since))
         text = html.escape(notice.text)
@@ -149,7 +149,7 @@ class AlertsArea(Panel):
             self._looks, self._shown = looks, self._place(at)
         tone = Tone.GOOD
         if notices:
-            unseen = any(not each.seen and each.standing for each in notices)
+            unseen = any(not each.seen and each.lasts for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
         told = summary(notices, self._shown)
         if not notices and not known:
@@ -187,8 +187,8 @@ class AlertsArea(Panel):
         self._press(1)
 
     def _press(self, count: int | None) -> None:
-        stood = self._aim.seen(clock.now())
-        if stood is not None and set(self._unseen[:count]) - set(stood[:count]):
+        before = self._aim.seen(clock.now())
+        if before is not None and set(self._unseen[:count]) - set(before[:count]):
             self.changed.emit()
         else:
             self.seen.emit(self._unseen[:count])

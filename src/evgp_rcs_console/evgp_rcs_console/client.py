@@ -328,7 +328,7 @@ class Client:
             if given is None or future.cancelled():
                 return
             answer = Answer(future.result().success, spoken(future.result().message))
-            stood = self._standing.stands(given)
+            waited = self._standing.waits(given)
             if answer.success:
                 ended = self._standing.accepted(given)
             else:
@@ -336,7 +336,7 @@ class Client:
                 # After any other failure the stop is not in force, and it is sent again.
                 unknown = self._karts is not None and given.kart not in {0, *self._karts}
                 self._standing.refused(given, answer.message, final=unknown)
-                ended = stood and unknown
+                ended = waited and unknown
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None

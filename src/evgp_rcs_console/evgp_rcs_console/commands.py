@@ -170,7 +170,7 @@ class Outcome:
         self._at = at
         self._seen: object = None
 
-    def stands(self, race: Snapshot, at: float) -> bool:
+    def agrees_with(self, race: Snapshot, at: float) -> bool:
         """Return whether this snapshot and all before it agree with the answer."""
         shown = self._shown(race)
         if self._seen is None and self._is_done(race):
@@ -364,7 +364,7 @@ class StandingStops:
             return None
         return max(0.0, min(stop.due for stop in self._stops.values()) - now)
 
-    def stands(self, given: Given) -> bool:
+    def waits(self, given: Given) -> bool:
         """Return whether this press of a stop still waits to be accepted."""
         stop = self._stops.get(_key(given))
         return stop is not None and stop.given is given
@@ -376,7 +376,7 @@ class StandingStops:
         If the official pressed the stop again after this press, the newer press continues.
         """
         before = len(self._stops)
-        if self.stands(given):
+        if self.waits(given):
             del self._stops[_key(given)]
         for key, stop in list(self._stops.items()):
             if stop.given.at < given.at and _ends(given, stop.given):
@@ -389,7 +389,7 @@ class StandingStops:
 
         :param final: race control never will, so the stop is given up.
         """
-        if not self.stands(given):
+        if not self.waits(given):
             return
         if final:
             del self._stops[_key(given)]

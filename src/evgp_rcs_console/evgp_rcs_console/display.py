@@ -388,7 +388,7 @@ class BottomLine:
 
     def take_race(self, race: Snapshot, at: float) -> None:
         """Update from a snapshot that came at a time (s): the last answer may be out of date."""
-        if self._outcome is not None and not self._outcome.stands(race, at):
+        if self._outcome is not None and not self._outcome.agrees_with(race, at):
             self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:
             given, said = self._changed

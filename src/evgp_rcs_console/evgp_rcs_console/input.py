@@ -423,8 +423,8 @@ class Keyboard:
         button = _meant(screen, stroke, kart)
         shown = self._areas.seen.seen(at)
         if button is not None and shown is not None and not button.is_instant:
-            stood = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
-            seen = _meant(shown.screen, stroke, stood)
+            there = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
+            seen = _meant(shown.screen, stroke, there)
             if seen is None or not seen.is_same_command(button):
                 self._presses.refuse_changed(button)
                 return

@@ -33,20 +33,20 @@ class Notice:
 
     :param number: the alert's number; a higher one is newer.
     :param alert: race control's alert; None: this console's own notice, which stays until seen.
-    :param standing: its cause still exists.
+    :param lasts: its cause still exists.
     :param said: text shown instead of the alert's sentence; empty: the sentence itself.
     """
 
     number: int
     alert: Alert | None
     seen: bool = False
-    standing: bool = True
+    lasts: bool = True
     said: str = ''
 
     @property
     def use_msr(self) -> bool:
         """Return whether it asks for the Master Safety Remote; never once its cause is gone."""
-        return self.standing and self.alert is not None and self.alert.use_msr
+        return self.lasts and self.alert is not None and self.alert.use_msr
 
     @property
     def kart(self) -> int:
@@ -56,7 +56,7 @@ class Notice:
     @property
     def heading(self) -> str:
         """Return what to do, in a word or two."""
-        if not self.standing:
+        if not self.lasts:
             return texts.ALERT_ENDED
         return texts.ALERT_MSR if self.use_msr else texts.ALERT_OTHER
 
@@ -67,7 +67,7 @@ class Notice:
         # text (``said``).
         if self.said or self.alert is None:
             return self.said
-        return self.alert.text if self.standing else texts.alert_was(self.alert.kind, self.kart)
+        return self.alert.text if self.lasts else texts.alert_was(self.alert.kind, self.kart)
 
     def __str__(self) -> str:
         return f'{self.heading}: {self.text}'
@@ -87,7 +87,7 @@ class AlertBook:
 
     def begin_race(self) -> None:
         """Remove the alerts that have ended, so that the next race starts without them."""
-        self._notices = [notice for notice in self._notices if notice.standing]
+        self._notices = [notice for notice in self._notices if notice.lasts]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
@@ -100,7 +100,7 @@ class AlertBook:
         kept: list[Notice] = []
         known: set[Key] = set()
         for notice in self._notices:
-            if notice.alert is None or not notice.standing:
+            if notice.alert is None or not notice.lasts:
                 kept.append(notice)
                 continue
             key = notice.alert.kind, notice.alert.kart
@@ -111,7 +111,7 @@ class AlertBook:
             elif two:
                 kept.append(notice)
             elif not notice.seen:
-                kept.append(replace(notice, standing=False))
+                kept.append(replace(notice, lasts=False))
         news = [alert for key, alert in reversed(now.items()) if key not in known]
         for alert in news:
             self._count += 1
@@ -126,7 +126,7 @@ class AlertBook:
 
     def see(self, numbers: Collection[int]) -> None:
         """Mark alerts as seen; seeing one ended alert removes all ended ones."""
-        if any(each.number in numbers and not each.standing for each in self._notices):
+        if any(each.number in numbers and not each.lasts for each in self._notices):
             self.begin_race()
         self._notices = [
             replace(notice, seen=True) if notice.number in numbers else notice
@@ -148,29 +148,29 @@ class AlertBook:
         """
 
         def rank(notice: Notice) -> tuple[int, int]:
-            group = 2 if not notice.standing else 3 * notice.seen + (not notice.use_msr)
+            group = 2 if not notice.lasts else 3 * notice.seen + (not notice.use_msr)
             return group, -notice.number
 
-        ended = [notice for notice in self._notices if not notice.standing]
+        ended = [notice for notice in self._notices if not notice.lasts]
         if len(ended) > 1:
             karts = sorted({notice.kart for notice in ended if notice.kart})
             told = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
             ended = [replace(ended[-1], said=told)]
-        standing = [notice for notice in self._notices if notice.standing]
-        return sorted([*standing, *ended], key=rank)
+        lasting = [notice for notice in self._notices if notice.lasts]
+        return sorted([*lasting, *ended], key=rank)
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
     """Return the number of notices, and the karts of those beyond the first places."""
     if not notices:
         return '✓ No alerts'
-    new = sum(not notice.seen and notice.standing for notice in notices)
+    new = sum(not notice.seen and notice.lasts for notice in notices)
     seen = sum(notice.seen for notice in notices)
     counted = (new, 'new'), (seen, 'seen, ongoing'), (len(notices) - new - seen, 'ended')
     told = [f'{count} {which}' for count, which in counted if count]
     more = notices[places:]
     # All karts that need the MSR are named elsewhere, in large type.
-    those = [notice for notice in more if notice.standing and not notice.use_msr]
+    those = [notice for notice in more if notice.lasts and not notice.use_msr]
     if those:
         karts = sorted({notice.kart for notice in those if notice.kart})
         told.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')

@@ -170,7 +170,7 @@ def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one(
 
     book.update([alert(1)])
 
-    assert [notice.standing for notice in book.unseen] == [True, False]
+    assert [notice.lasts for notice in book.unseen] == [True, False]
 
 
 def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:

@@ -30,35 +30,35 @@ def with_kart(**changes: object) -> Snapshot:
 def test_it_stands_while_the_race_is_in_the_state_that_it_brought_about() -> None:
     green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
-    assert [green.stands(GREEN, at) for at in (10.1, 20.0, 500.0)] == [True, True, True]
+    assert [green.agrees_with(GREEN, at) for at in (10.1, 20.0, 500.0)] == [True, True, True]
 
 
 def test_it_does_not_stand_any_more_once_somebody_else_has_changed_the_race() -> None:
     green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
-    green.stands(GREEN, 10.1)
+    green.agrees_with(GREEN, 10.1)
 
-    assert not green.stands(FLAG, 10.2)
+    assert not green.agrees_with(FLAG, 10.2)
 
 
 def test_a_snapshot_from_before_the_answer_does_not_end_it() -> None:
     green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
-    assert green.stands(GRID, 10.05)
-    assert green.stands(GREEN, 10.1)
+    assert green.agrees_with(GRID, 10.05)
+    assert green.agrees_with(GREEN, 10.1)
 
 
 def test_what_it_brought_about_may_be_gone_before_any_snapshot_shows_it() -> None:
     green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
-    assert green.stands(FLAG, 10.05)  # it could be older
-    assert not green.stands(FLAG, 10.0 + SETTLED)
+    assert green.agrees_with(FLAG, 10.05)  # it could be older
+    assert not green.agrees_with(FLAG, 10.0 + SETTLED)
 
 
 def test_a_stop_that_found_the_race_stricter_ends_when_it_becomes_stricter_still() -> None:
     flag = Outcome(Given(CommandKind.RED_FLAG), at=10.0)
-    flag.stands(FLAG, 10.1)
+    flag.agrees_with(FLAG, 10.1)
 
-    assert not flag.stands(replace(GRID, state=RaceState.RED_RED), 10.2)
+    assert not flag.agrees_with(replace(GRID, state=RaceState.RED_RED), 10.2)
 
 
 @pytest.mark.parametrize(
@@ -77,24 +77,24 @@ def test_an_answer_about_a_kart_stands_until_that_kart_is_told_otherwise(
 ) -> None:
     outcome = Outcome(Given(command, 7), at=10.0)
 
-    assert outcome.stands(with_kart(**done), 10.1)
-    assert outcome.stands(replace(with_kart(**done), state=RaceState.GREEN_GREEN), 10.2)
-    assert not outcome.stands(with_kart(**undone), 10.3)
+    assert outcome.agrees_with(with_kart(**done), 10.1)
+    assert outcome.agrees_with(replace(with_kart(**done), state=RaceState.GREEN_GREEN), 10.2)
+    assert not outcome.agrees_with(with_kart(**undone), 10.3)
 
 
 def test_an_answer_about_the_track_stands_until_the_track_is_otherwise() -> None:
     opened = Outcome(Given(CommandKind.OPEN_TRACK), at=10.0)
     track = replace(GRID.track, open=True)
 
-    assert opened.stands(replace(GRID, track=track), 10.1)
-    assert not opened.stands(GRID, 10.2)
+    assert opened.agrees_with(replace(GRID, track=track), 10.1)
+    assert not opened.agrees_with(GRID, 10.2)
 
 
 def test_an_answer_about_a_heat_stands_until_other_karts_are_in_the_race() -> None:
     heat = Outcome(Given(CommandKind.SET_HEAT, heat='A'), at=10.0)
 
-    assert heat.stands(GRID, 10.1)
-    assert not heat.stands(with_kart(in_race=False), 10.2)
+    assert heat.agrees_with(GRID, 10.1)
+    assert not heat.agrees_with(with_kart(in_race=False), 10.2)
 
 
 @pytest.mark.parametrize('command', CommandKind)
@@ -115,5 +115,5 @@ def test_no_answer_stands_for_ever_in_a_race_that_shows_nothing_of_it(
     to_one_kart = CATALOGUE[command].to_one_kart
     outcome = Outcome(Given(command, 7 if to_one_kart else 0, heat='B'), at=10.0)
 
-    assert outcome.stands(other, 10.1)
-    assert not outcome.stands(other, 10.0 + SETTLED)
+    assert outcome.agrees_with(other, 10.1)
+    assert not outcome.agrees_with(other, 10.0 + SETTLED)

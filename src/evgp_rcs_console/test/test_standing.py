@@ -136,7 +136,7 @@ def test_a_stop_given_after_what_loosens_stands() -> None:
 
     stops.accepted(loosens)
 
-    assert stops.stands(stop)
+    assert stops.waits(stop)
 
 
 @pytest.mark.parametrize('command', STOPS)
@@ -168,7 +168,7 @@ def test_an_old_stop_ends_where_a_later_race_has_certainly_begun(command: Comman
         (109.0, 100.0 + OUTLIVES),  # it is later, but the press is not old
     ):
         assert stops.outlived(begun, at) == []
-    assert stops.stands(given)
+    assert stops.waits(given)
 
     assert stops.outlived(106.0, 111.0) == [given]
     assert stops.pressed == ()
@@ -181,7 +181,7 @@ def test_an_old_stop_that_is_pressed_again_is_a_new_one() -> None:
     stops.add(second, 60.0)
 
     assert stops.outlived(30.0, 61.0) == []
-    assert stops.stands(second)
+    assert stops.waits(second)
 
 
 @pytest.mark.parametrize('comes', [True, False], ids=['it comes', 'none comes'])
