@@ -89,7 +89,6 @@ class AlertsArea(Panel):
     """The official has seen the alerts of these numbers."""
     changed = Signal()
     """SEEN was pressed just after the alerts had changed, so nothing was marked."""
-    mute = Signal()
 
     def __init__(self) -> None:
         super().__init__('banner')
@@ -98,12 +97,11 @@ class AlertsArea(Panel):
         self._summary = Text('standing', 'small bold', wrap=True)
         self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
         self._see_all = Push('seen_all', 'ALL SEEN', kind='quiet small')
-        self._mute = Push('mute', kind='quiet small')
+        self.mute = Push('mute', kind='quiet small')
         self._see.pressed.connect(self.press_first)
         self._see_all.clicked.connect(lambda: self._press(None))
-        self._mute.clicked.connect(self.mute)
         fixed(self._summary, height=26)
-        buttons = self._see, self._see_all, self._mute
+        buttons = self._see, self._see_all, self.mute
         for button in buttons:
             fixed(button, height=24)
         self._body = QtWidgets.QLabel()
@@ -128,7 +126,7 @@ class AlertsArea(Panel):
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def show_sound(self, muted: bool) -> None:
-        self._mute.show_words('♪ OFF' if muted else '♪ ON', 'F11')
+        self.mute.show_words('♪ OFF' if muted else '♪ ON', 'F11')
 
     def show_notices(
         self, notices: Sequence[Notice], at: float, own: bool = False, known: bool = True

@@ -357,9 +357,6 @@ class BottomLine:
         self._pointed = None
         self.show()
 
-    def say_sent(self, given: Given) -> None:
-        self.say(f'{texts.full_name(given)} sent')
-
     def say_answer(self, given: Given, answer: Answer) -> None:
         """Show race control's answer until it is no longer true."""
         mark = '✓ ' if answer.success else texts.REFUSED

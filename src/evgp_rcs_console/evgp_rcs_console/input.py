@@ -153,9 +153,6 @@ class CommandInput(QtCore.QObject):
         self._areas.help.setVisible(not self._areas.help.isVisible())
         self._areas.place_sheets()
 
-    def open_officials(self) -> None:
-        self._areas.open_sheet(self._areas.officials, self._areas.officials.first)
-
     def sign(self, name: str) -> None:
         self._signature.sign(name)
         self._areas.officials.close_sheet()
@@ -175,7 +172,7 @@ class CommandInput(QtCore.QObject):
         self._last_sent = given
         if not CATALOGUE[given.command].stop:  # the client reports stops not accepted yet
             self.display.unanswered.add(given)
-        self._bottom.say_sent(given)
+        self._bottom.say(f'{texts.full_name(given)} sent')
         self.display.refresh()
 
 

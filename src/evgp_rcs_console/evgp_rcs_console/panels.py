@@ -13,7 +13,7 @@ from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.notices import EventLog
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import look, SMALL
 from evgp_rcs_console.view import Danger, RACE_COMMANDS, Row, Screen
 from evgp_rcs_console.widgets import (
@@ -216,9 +216,6 @@ class NumberField(Panel):
 class EventPanel(Panel):
     """The events of all karts or of one, newest first; commands in bold, with the official."""
 
-    toggled = Signal()
-    """The official wants the events of one kart only, or of all karts again."""
-
     def __init__(self) -> None:
         super().__init__('events')
         self.log = EventLog()
@@ -232,11 +229,10 @@ class EventPanel(Panel):
         self._list.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._list.setVerticalScrollMode(QtWidgets.QAbstractItemView.ScrollMode.ScrollPerPixel)
         # Not a drop-down list: an open list takes every key and click, even those of stops.
-        self._filter = Push('filter', kind='quiet small')
-        fixed(self._filter, 150, 24)
-        self._filter.clicked.connect(self.toggled)
+        self.filter = Push('filter', kind='quiet small')
+        fixed(self.filter, 150, 24)
         title = Text('', 'small bold faint', text='Events')
-        grid = lay(self, (title, self._filter), margins=(10, 3, 3, 6), columns=(1, 0))
+        grid = lay(self, (title, self.filter), margins=(10, 3, 3, 6), columns=(1, 0))
         grid.addWidget(self._list, 1, 0, 1, 2)
         self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that came
         self._later.timeout.connect(self.restyle)
@@ -269,7 +265,7 @@ class EventPanel(Panel):
         shown = 'all karts'
         if self._kart:
             shown = f'kart {self._kart} {self._teams[self._kart]}'
-        self._filter.show_words(shown)
+        self.filter.show_words(shown)
         lines = self.log.lines(self._kart)[: -EVENTS - 1 : -1]
         while self._list.count() > len(lines):
             self._list.takeItem(len(lines))
@@ -286,19 +282,15 @@ class EventPanel(Panel):
 class Foot(QtWidgets.QWidget):
     """The bottom line, the battery warning, and the name with which this window commands."""
 
-    name_wanted = Signal()
-    """The official wants to choose their name."""
-
     def __init__(self) -> None:
         super().__init__()
         self.status = Text('status', 'bold', wrap=True, fills=True)
         self._battery = Text('battery', 'bold', CENTER, fills=True)
         fixed(self._battery, 250)
         self._battery.hide()
-        self._official = Push('official', kind='quiet')
-        fixed(self._official, 272)
-        self._official.clicked.connect(self.name_wanted)
-        lay(self, (self.status, self._battery, self._official), gap=8, columns=(1, 0, 0))
+        self.official = Push('official', kind='quiet')
+        fixed(self.official, 272)
+        lay(self, (self.status, self._battery, self.official), gap=8, columns=(1, 0, 0))
 
     def show_battery(self, percent: int | None) -> None:
         """Show the charge of a low battery, in percent; None: the battery is not low."""
@@ -307,4 +299,4 @@ class Foot(QtWidgets.QWidget):
         self._battery.setVisible(percent is not None)
 
     def show_name(self, name: str) -> None:
-        self._official.show_words(texts.NAME_IS.format(name=name) if name else 'Your name?')
+        self.official.show_words(texts.NAME_IS.format(name=name) if name else 'Your name?')

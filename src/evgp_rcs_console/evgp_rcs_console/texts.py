@@ -222,11 +222,6 @@ def without_teams(text: str, teams: Mapping[int, str]) -> str:
     return text
 
 
-def inspected(kart: KartSnapshot) -> str:
-    """Return when a kart was inspected; empty if the roster has no date."""
-    return f'inspected {kart.inspected}' if kart.inspected else ''
-
-
 def command_name(command: Kind, kart: int = 0) -> str:
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 

@@ -592,7 +592,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
         notes.append('not in the race')
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
     # The inspection is shown only if there is nothing that an official must read.
-    note = ', '.join(notes) or texts.inspected(kart)
+    note = ', '.join(notes) or f'inspected {kart.inspected}' * bool(kart.inspected)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still connect
     if kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE):
         missing = Tone.BAD

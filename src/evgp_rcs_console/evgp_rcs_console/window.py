@@ -44,14 +44,16 @@ class ConsoleWindow(Areas):
         # On the press, not on the release: even a press that slips off the button counts.
         self.kill.button.pressed.connect(presses.kill)
         self.question.answered.connect(presses.answer)
-        self.events.toggled.connect(presses.toggle_events)
-        self.foot.name_wanted.connect(presses.open_officials)
+        self.events.filter.clicked.connect(presses.toggle_events)
+        self.foot.official.clicked.connect(
+            lambda: self.open_sheet(self.officials, self.officials.first)
+        )
         self.officials.signed.connect(presses.sign)
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
         self.alerts.seen.connect(alarm.see)
-        self.alerts.mute.connect(alarm.toggle_sound)
+        self.alerts.mute.clicked.connect(alarm.toggle_sound)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # Always queued, because the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
