@@ -134,14 +134,13 @@ def keep_awake() -> None:
 class Battery:
     """The battery of this machine, read in its own thread because some batteries answer slowly."""
 
-    def __init__(self, folder: pathlib.Path = pathlib.Path('/sys/class/power_supply')) -> None:
+    def __init__(self) -> None:
         self.low: int | None = None
-        self._folder = folder
         threading.Thread(target=self._read, name='battery', daemon=True).start()
 
     def _read(self) -> None:
         while True:
-            self.low = low_battery(self._folder)
+            self.low = low_battery(pathlib.Path('/sys/class/power_supply'))
             time.sleep(BATTERY_PERIOD)
 
 

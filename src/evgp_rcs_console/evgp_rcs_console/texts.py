@@ -153,7 +153,6 @@ ASK_STATE = 'I state: {condition}.'
 ASK_AND_OPEN = 'Teams may go onto the track'
 ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
 ASK_WARNING = 'Warning: {warning}.'
-ASK_NOBODY = 'Race control hears no screen or button that could stop the race.'
 ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race and takes all others out.'
@@ -195,7 +194,6 @@ OTHER_KEYS = (
     ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )
-
 
 NO_QT = (
     'rcs_gui: Qt for Python is not installed. Install it with '
@@ -363,7 +361,7 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
     :param karts: the karts that it would start or release.
     """
     if command is CommandKind.GREEN_GREEN:
-        return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
+        return f'{can_stop(race)}.'
     if command is not CommandKind.GRID_ACTIVE:
         return ''
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
