@@ -340,8 +340,7 @@ def _watch(
         at = now()
         silent_for = at - heard_at if race is not None else None
         shown = silence(silent_for, at - began, looking(client.topic), race or NOTHING, ended)
-        if shown is None and race is not None:
-            shown = danger(race, two)
+        shown = shown or danger(race or NOTHING, two)
         lines = []
         if shown:
             lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]

@@ -15,7 +15,6 @@ from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass, replace
 import time
-from typing import NamedTuple
 
 from evgp_node.results import Standings
 from evgp_protocol import clock
@@ -71,7 +70,7 @@ class Shown:
         return next((each for button, _, each in self.buttons if button is widget), None)
 
 
-class SeenCommands:
+class SeenCommands(Aim[Shown]):
     """
     Remembers what the official sees.
 
@@ -79,13 +78,9 @@ class SeenCommands:
     """
 
     def __init__(self, window: QtWidgets.QWidget) -> None:
+        super().__init__()
         self._window = window
         self.screen: Screen | None = None
-        self._aim: Aim[Shown] = Aim()
-
-    def seen(self, at: float) -> Shown | None:
-        """Return what an official who pressed at a time (s) saw; None: the current screen."""
-        return self._aim.seen(at)
 
     def change_to(self, screen: Screen, now: float, moving: bool = False) -> None:
         """
@@ -97,18 +92,18 @@ class SeenCommands:
         if before is None:
             return
         if moving or (before.rows and _commands(before) != _commands(screen)):
-            self._aim.change(self._shown(before), now)
+            self.change(self._saw(before), now)
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
         """Record that the window itself scrolls and moves other buttons under the pointer."""
-        before = self._shown(self.screen) if self.screen is not None else None
+        before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
         if before is not None and bar.value() != value:
-            self._aim.change(before, clock.now())
+            self.change(before, clock.now())
 
-    def _shown(self, screen: Screen) -> Shown:
+    def _saw(self, screen: Screen) -> Shown:
         sheets = [each for each in self._window.findChildren(Sheet) if each.isVisible()]
         buttons = []
         for button in self._window.findChildren(CommandButton):
@@ -249,12 +244,8 @@ class Areas(QtWidgets.QWidget):
         return widget is self.kill.button
 
 
-class Heard(NamedTuple):
-    """A snapshot; the fields are the parameters of ``Listener.on_race``."""
-
-    race: Snapshot
-    at: float
-    two: bool
+Heard = tuple[Snapshot, float, bool]
+"""The parameters of ``Listener.on_race``."""
 
 
 class Inbox(QtCore.QObject):
@@ -284,7 +275,7 @@ class Inbox(QtCore.QObject):
         self.on_dropped = self.dropped.emit
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
-        self.waiting.append(Heard(race, at, two))
+        self.waiting.append((race, at, two))
         self.came.emit()
 
 

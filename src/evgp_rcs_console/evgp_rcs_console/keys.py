@@ -152,7 +152,7 @@ class KartField:
 
     def __init__(self) -> None:
         self._teams: Mapping[int, str] = {}
-        self._digits = ''
+        self.digits = ''
         self._typed_at = 0.0
         self._chosen = 0
         self._refusal = ''
@@ -166,20 +166,16 @@ class KartField:
         """React to a change of the field; for the subclass that shows it."""
 
     @property
-    def digits(self) -> str:
-        return self._digits
-
-    @property
     def kart(self) -> int:
         """Return the kart that a command would act on now; 0: none."""
-        number = int(self._digits) if self._digits else self._chosen
+        number = int(self.digits) if self.digits else self._chosen
         return number if number in self._teams else 0
 
     def add(self, digit: str, at: float) -> None:
         """Add a digit that was typed at a time (s)."""
         self.expire(at)
         # Surplus digits are dropped, so the field never shows only the end of a longer number.
-        self._digits += digit if len(self._digits) < MOST_DIGITS else ''
+        self.digits += digit if len(self.digits) < MOST_DIGITS else ''
         self._typed_at = at
         self._chosen = 0
         self._refusal = ''
@@ -187,7 +183,7 @@ class KartField:
 
     def erase(self, at: float) -> None:
         self.expire(at)
-        self._digits = self._digits[:-1]
+        self.digits = self.digits[:-1]
         self._typed_at = at
         self._refusal = ''
         self.changed()
@@ -198,14 +194,14 @@ class KartField:
 
     def clear(self) -> None:
         """Clear the typed digits; a kart that was chosen in the list stays."""
-        self._digits = ''
+        self.digits = ''
         self._refusal = ''
         self.changed()
 
     def expire(self, now: float) -> None:
         """Clear digits and refusals that are too old at a time (s)."""
-        if self._digits and now - self._typed_at >= FORGOTTEN:
-            self._digits = ''
+        if self.digits and now - self._typed_at >= FORGOTTEN:
+            self.digits = ''
         if self._refusal and now - self._refused_at >= FORGOTTEN:
             self._refusal = ''
         self.changed()
@@ -216,21 +212,21 @@ class KartField:
 
         Either way it clears the typed digits.
         """
-        before = self._digits
+        before = self.digits
         self.expire(at)
         kart = self.kart
         if kart:
             self.clear()
             return kart, ''
-        if self._digits:
-            why = f'{command} WAS NOT SENT: there is no kart {self._digits}. Type another number.'
+        if self.digits:
+            why = f'{command} WAS NOT SENT: there is no kart {self.digits}. Type another number.'
         elif before:
             why = f'{command} WAS NOT SENT: {before} was typed too long ago. Type it again.'
         else:
             why = f'{command} WAS NOT SENT: no kart is chosen. Type its number first.'
-        self._refusal = texts.FIELD_NO_KART.format(number=self._digits or before or '?')
+        self._refusal = texts.FIELD_NO_KART.format(number=self.digits or before or '?')
         self._refused_at = at
-        self._digits = ''
+        self.digits = ''
         self.changed()
         return 0, why
 
@@ -238,10 +234,10 @@ class KartField:
         """Return the field's large text and the text below it."""
         if self._refusal:
             return Cell(self._refusal, Tone.BAD), Cell('nothing was sent', Tone.BAD)
-        number = int(self._digits) if self._digits else self._chosen
+        number = int(self.digits) if self.digits else self._chosen
         if number in self._teams:
             return Cell(texts.FIELD_KART.format(number=number)), Cell(self._teams[number])
-        if not self._digits and not self._chosen:
+        if not self.digits and not self._chosen:
             return Cell('', Tone.FAINT), Cell('Type a kart number', Tone.FAINT)
         begun = [each for each in self._teams if str(each).startswith(str(number))]
         if begun and number:

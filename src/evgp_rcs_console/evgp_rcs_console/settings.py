@@ -33,25 +33,22 @@ class Signature:
 
     :param name: the official's name, if given at start; empty: the saved name.
     :param process: the number of this process, if another may send under the same name.
+    :ivar name: the official's name; empty if unknown.
     """
 
     def __init__(self, name: str = '', process: int | None = None) -> None:
-        self._name = tidy(name) or kept_name() or ''
+        self.name = tidy(name) or kept_name() or ''
         self._process = process
-
-    @property
-    def name(self) -> str:
-        return self._name
 
     @property
     def claim(self) -> str:
         """Return the signature that goes with a command."""
-        return claim(self._name, platform.node(), self._process)
+        return claim(self.name, platform.node(), self._process)
 
     def sign(self, name: str) -> None:
         """Use a name from now on and save it, in a thread in case the disk hangs."""
-        self._name = tidy(name)
-        threading.Thread(target=self._keep, args=(self._name,), daemon=True).start()
+        self.name = tidy(name)
+        threading.Thread(target=self._keep, args=(self.name,), daemon=True).start()
 
     def _keep(self, name: str) -> None:
         try:

@@ -274,12 +274,8 @@ class Push(QtWidgets.QPushButton):
             '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
         )
 
-    @property
-    def barred(self) -> bool:
-        """Return whether it is barred: it looks disabled and does nothing."""
-        return self.property('barred') == 'true'
-
     def bar(self, barred: bool) -> None:
+        """Set whether it is barred: it looks disabled and does nothing."""
         mark(self, barred='true' if barred else 'false')
 
     def show_words(self, text: str, key: str = '', phrase: str = '') -> None:
