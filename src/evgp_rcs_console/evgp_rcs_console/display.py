@@ -42,8 +42,9 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.settings import keep_night
 from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
-from evgp_rcs_console.style import GAP, look
+from evgp_rcs_console.style import DAY, GAP, look, NIGHT
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -203,6 +204,11 @@ class Areas(QtWidgets.QWidget):
         self.layout().activate()
         self.karts.fit()
         self.place_sheets()
+
+    def toggle_night(self) -> None:
+        look.palette = DAY if look.palette is NIGHT else NIGHT
+        keep_night(look.palette is NIGHT)
+        self.fit()
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         self.fit()
@@ -442,7 +448,7 @@ class Display(QtCore.QObject):
     :ivar unanswered: this official's commands that race control has not answered or accepted yet.
     """
 
-    def __init__(self, areas: Areas, looking: str) -> None:
+    def __init__(self, areas: Areas, looking: str, waiting: deque[Heard]) -> None:
         super().__init__(areas)  # lives in the Qt thread, for which Qt queues the client's signals
         self.areas = areas
         self.unanswered = Unanswered()
@@ -451,6 +457,7 @@ class Display(QtCore.QObject):
         self.alarm = Alarm(areas.alerts)
         self._officials = areas.events.log.officials
         self._looking = looking
+        self._waiting = waiting
         self._began = clock.now()
         self._race: Snapshot | None = None
         self._results: Standings | None = None
@@ -463,13 +470,13 @@ class Display(QtCore.QObject):
 
     # ----- what is heard ------------------------------------------------------------------
 
-    def take_races(self, waiting: deque[Heard]) -> None:
+    def take_races(self) -> None:
         """Process all waiting snapshots with all their alerts, and show the newest."""
-        if not waiting:
+        if not self._waiting:
             return
         changed = bool(self._danger_title)
-        while waiting:
-            heard, self._heard_at, self._two = waiting.popleft()
+        while self._waiting:
+            heard, self._heard_at, self._two = self._waiting.popleft()
             self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)

@@ -24,7 +24,7 @@ from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Act, Stroke
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
@@ -53,9 +53,6 @@ class CommandInput(QtCore.QObject):
         self._areas = display.areas
         self._bottom = display.bottom
         self._chosen = display.chosen
-
-    night = Signal()
-    """The official wants the other palette."""
 
     def kill(self) -> None:
         self._all_kill_was_dropped = False
@@ -312,7 +309,7 @@ class Keyboard:
         self._acts: dict[Act, Callable[[], object]] = {
             Act.HELP: presses.toggle_help,
             Act.SEEN: self._areas.alerts.press_first,
-            Act.NIGHT: presses.night.emit,
+            Act.NIGHT: self._areas.toggle_night,
             Act.SOUND: self._alarm.toggle_sound,
             Act.UP: lambda: self._chosen.choose_next(-1),
             Act.DOWN: lambda: self._chosen.choose_next(1),

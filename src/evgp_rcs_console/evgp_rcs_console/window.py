@@ -16,7 +16,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import CommandInput, Give, Keyboard, LateInput, Mouse
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.settings import is_night, keep_night, Signature
+from evgp_rcs_console.settings import is_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
 from evgp_rcs_console.widgets import CommandButton, Text
 
@@ -31,9 +31,8 @@ class ConsoleWindow(Areas):
         super().__init__()
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        self._waiting = inbox.waiting
         look.palette = NIGHT if is_night() else DAY
-        self.display = display = Display(self, looking)
+        self.display = display = Display(self, looking, inbox.waiting)
         self._late = LateInput(LOOK / 1000, display)
         presses = CommandInput(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)
@@ -57,7 +56,7 @@ class ConsoleWindow(Areas):
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # Always queued, because the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
-        inbox.came.connect(self._take_races, queued)
+        inbox.came.connect(display.take_races, queued)
         inbox.event.connect(display.take_event, queued)
         inbox.results.connect(display.take_results, queued)
         inbox.answer.connect(display.take_answer, queued)
@@ -69,25 +68,16 @@ class ConsoleWindow(Areas):
         application = QtWidgets.QApplication.instance()
         assert application is not None
         application.installEventFilter(self)
-        presses.night.connect(self._toggle_night)
         self.foot.show_name(signature.name)
         self.fit()
         self.setFocus()
         self._look()
 
-    def _take_races(self) -> None:
-        self.display.take_races(self._waiting)
-
     def _look(self) -> None:
-        self._take_races()
+        self.display.take_races()
         now = clock.now()
         self.display.look(now)
         self._late.beat(now)
-
-    def _toggle_night(self) -> None:
-        look.palette = DAY if look.palette is NIGHT else NIGHT
-        keep_night(look.palette is NIGHT)
-        self.fit()
 
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
         super().changeEvent(event)
