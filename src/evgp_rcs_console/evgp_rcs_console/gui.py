@@ -145,9 +145,7 @@ class Battery:
 
 
 def low_battery(folder: pathlib.Path) -> int | None:
-    """
-    Return the charge of the machine's battery in percent; None if it is not low or not in use.
-    """
+    """Return the charge of the machine's battery in percent; None if not low or not in use."""
     charges = []
     for supply in folder.glob('*'):
         try:
