@@ -22,7 +22,7 @@ from evgp_node.encoding import DAMAGED, reader, written
 
 _Entry = TypeVar('_Entry')
 
-SCHEMA_VERSION = 10
+SCHEMA_VERSION = 11
 """Version of the files with such streams, in their ``user_version``."""
 
 

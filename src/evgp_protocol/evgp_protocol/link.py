@@ -88,7 +88,6 @@ class TcpInfo:
     What the kernel knows about a connection (``TCP_INFO``).
 
     :ivar round_trip: smoothed round-trip time, in seconds; 0 if not measured yet.
-    :ivar variation: mean deviation of the round-trip time, in seconds.
     :ivar retransmitted: number of segments sent again since the connection began.
     :ivar unanswered: number of segments that were sent but not answered.
     :ivar since_answer: time since the other kernel last answered, in seconds; exact to 1 to 4 ms.
@@ -97,7 +96,6 @@ class TcpInfo:
     """
 
     round_trip: float
-    variation: float
     retransmitted: int
     unanswered: int
     since_answer: float
@@ -115,7 +113,6 @@ def parse(data: bytes) -> TcpInfo | None:
         (window,) = _WINDOW.unpack_from(data, _WINDOW_AT)
     return TcpInfo(
         round_trip=fields[15] / 1e6,
-        variation=fields[16] / 1e6,
         retransmitted=fields[23],
         unanswered=fields[4],
         since_answer=fields[12] / 1e3,

@@ -107,7 +107,7 @@ class PaperRace:
     def measure(self, number: int, grade: Grade) -> None:
         """Have the link to a kart be as good as that."""
         worst = GRADES.get(grade, 0.0)
-        link = NOT_MEASURED._replace(grade=grade, worst_answer=worst, worst_gap=worst)
+        link = NOT_MEASURED._replace(grade=grade, worst_answer=worst)
         self.feed(inputs.Measured(self.now, number, link))
 
     def say(self, number: int, state: RaceState | None = None) -> None:

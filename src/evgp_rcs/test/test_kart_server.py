@@ -476,7 +476,6 @@ def test_each_link_is_measured_and_a_new_connection_begins_unknown(run: Run) -> 
     assert link is not None
     assert event.grade is link.grade is Grade.GOOD
     assert link.round_trip is not None
-    assert link.worst_gap >= 0.0
     client.close()
     running.wait_for(EventKind.DISCONNECTED, 1)
     assert running.race.karts[1].link is None

@@ -206,7 +206,6 @@ class KartLink(asyncio.BufferedProtocol):
         if self._transport is None:
             return
         self._answers.wrote(len(self._frame), now)
-        self._meter.wrote(now)
         self._transport.write(self._frame)
 
     def _look(self, now: float) -> None:
@@ -230,8 +229,7 @@ class KartLink(asyncio.BufferedProtocol):
 
     def _measure(self, age: float, now: float) -> None:
         assert self._socket is not None
-        rest = self._answers.written - self._answers.answered
-        measured = self._meter.measure(age, rest, read(self._socket), now, self._hearing.behind)
+        measured = self._meter.measure(age, read(self._socket), now, self._hearing.behind)
         self._owner.link_measured(self, measured)
 
     def _unsent(self) -> int:

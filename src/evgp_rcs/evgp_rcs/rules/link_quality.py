@@ -48,12 +48,7 @@ class LinkQuality(NamedTuple):
     :param worst_answer: longest time that a frame waited, or has been waiting, for the answer of
         the kart's kernel in the last ``GRADE_WINDOW``, in seconds; the grade depends on it.
     :param round_trip: round-trip time, smoothed by the kernel, in seconds.
-    :param round_trip_variation: its mean deviation, in seconds.
     :param retransmitted: number of segments retransmitted on this connection.
-    :param retransmitted_last_second: number of these since the previous measurement.
-    :param unanswered_bytes: number of bytes that the kart's kernel has not answered.
-    :param answered_ago: time since anything arrived from the kart's kernel, in seconds.
-    :param worst_gap: longest time between two frames since the previous measurement, in seconds.
     :param behind: how late the kart's program may read what it is sent, in seconds; 0 if there is
         no sign of that.
     """
@@ -61,16 +56,11 @@ class LinkQuality(NamedTuple):
     grade: Grade
     worst_answer: float | None
     round_trip: float | None
-    round_trip_variation: float | None
     retransmitted: int
-    retransmitted_last_second: int
-    unanswered_bytes: int
-    answered_ago: float | None
-    worst_gap: float | None
     behind: float = 0.0
 
 
-NOT_MEASURED = LinkQuality(Grade.UNKNOWN, None, None, None, 0, 0, 0, None, None)
+NOT_MEASURED = LinkQuality(Grade.UNKNOWN, None, None, 0)
 
 
 class LinkMeter:
@@ -83,17 +73,9 @@ class LinkMeter:
     def __init__(self, now: float) -> None:
         self._worse_from = _WORSE_FROM[Grade.GOOD]
         self._measured_at = now
-        self._retransmitted = 0
-        self._wrote_at = now
-        self._worst_gap = 0.0
         self._largest_window = 0
         # The longest answer, then the longest of the later ones, and so on; the first is worst.
         self._longest: deque[tuple[float, float]] = deque()
-
-    def wrote(self, now: float) -> None:
-        """Record that a frame was written, at a time in seconds."""
-        self._worst_gap = max(self._worst_gap, now - self._wrote_at)
-        self._wrote_at = now
 
     def answered(self, took: float, now: float) -> None:
         """Record that a frame was answered, how long that took, and when (both s)."""
@@ -112,36 +94,27 @@ class LinkMeter:
         return self._worst(age, now) >= self._worse_from
 
     def measure(
-        self, age: float, unanswered: int, info: TcpInfo | None, now: float, behind: float = 0.0
+        self, age: float, info: TcpInfo | None, now: float, behind: float = 0.0
     ) -> LinkQuality:
         """
         Return the figures at a time in seconds.
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
-        :param unanswered: number of unanswered bytes.
         :param info: the kernel's figures; None if it has none.
         :param behind: how late the kart's program may read according to its reports, in seconds; 0
             if there is no sign of that.
         """
         behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
-        again = self._retransmitted if info is None else info.retransmitted
         quality = LinkQuality(
             Grade.POOR if behind else grade(worst),
             worst,
             None if info is None else round(info.round_trip, 4),
-            None if info is None else round(info.variation, 4),
-            again,
-            again - self._retransmitted,
-            unanswered,
-            None if info is None else round(info.since_answer, 4),
-            round(max(self._worst_gap, now - self._wrote_at), 4),
+            0 if info is None else info.retransmitted,
             round(behind, 1),
         )
         self._worse_from = _WORSE_FROM[grade(worst)]
         self._measured_at = now
-        self._retransmitted = again
-        self._worst_gap = 0.0
         return quality
 
     def _behind_by_window(self, info: TcpInfo | None) -> float:
