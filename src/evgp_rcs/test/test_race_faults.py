@@ -210,9 +210,8 @@ a kart that drops again renews the time of its alarm: effect, alerts [green] _dr
     lost_since #1
 a silent kart in RED_FLAG raises no alert: alerts _current_alerts: flag_alert =>
     self.times.ready_alert + 9.0
-GREEN_GREEN is announced after another command: false-news _next: _refusal Command => ''
-the race is said to be on when every kart stands: false-news [green] _next: instead of stopped
-    racing: standing: list[Kart] = []
+every kart is said to have acknowledged when one has: false-news [two on the grid]
+    _report_all_answered: all answered => any(kart.answered for kart in waited_for)
 a kart connecting during a race is sent IN_GARAGE: sent-wrong, red-loosened, order-wrong, ack-deaf
     _redirect: _commanded kart => IN_GARAGE if resend else it
 a heat leaves the others in the race: heat-halved _set_heat: karts number => each.in_race or it
@@ -294,7 +293,7 @@ a kart is released while another race control runs: availability, rival [around]
 a stop is refused while another race control runs: availability, stop-refused _refusal: kind
     has_rival => self.has_rival
 another race control raises no alert: alerts _current_alerts: has_rival => it and self.record_fails
-a race starts without a record: no-record, availability, start-answer, start-first, false-news
+a race starts without a record: no-record, availability, start-answer, start-first
     _no_record: always record_fails not
 a failing record raises no alert: alerts _current_alerts: record_fails #1 => it and self.has_rival
 a release is taken right behind a stop: effect, pause, available-from command: skips _pause
@@ -314,8 +313,6 @@ a stop cuts the pause short that a delay began: pause, available-from, effect [w
 a pause is not announced: available-from availability: _paused kind => ''
 what the rules refuse is announced for the end of the pause: available-from availability: kind
     reason => Availability(kind, False, reason, '', self.paused_until)
-in a pause it is told that the race may go home now: false-news [waits] _next: _paused following =>
-    it and self.state is GRID_ACTIVE
 karts start before it is on the disk: start-first command: kind refusal => refusal or
     self.record_fails or True
 a start that was withdrawn goes out: start-first, green-needs-acks, green-needs-grid WHY_NO_START:

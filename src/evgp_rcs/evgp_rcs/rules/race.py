@@ -56,7 +56,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass
 import enum
-import math
 from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
@@ -1186,7 +1185,7 @@ class Race:
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, StartPhase.FAILED, now)
-        self._report_all_answered(now)
+        self._report_all_answered()
         self._report_alerts(now)
         return self._outcome(answer)
 
@@ -2008,38 +2007,16 @@ class Race:
             due = stopped if due is None else max(due, stopped)
         return due
 
-    def _report_all_answered(self, now: float) -> None:
+    def _report_all_answered(self) -> None:
         if self.state is IN_GARAGE:
             return
         waited_for = self._waited_for()
         answered = bool(waited_for) and all(kart.answered for kart in waited_for)
-        news = answered and not self._reported_all_answered
-        self._reported_all_answered = answered
-        if news:
+        if answered and not self._reported_all_answered:
             everyone = all(kart.connected for kart in self.racing())
-            who = 'kart' if everyone else 'connected kart'
-            text = f'Every {who} of the race has acknowledged; {self._next(now)}'
+            text = f'Every {"" if everyone else "connected "}kart of the race has acknowledged'
             self._add_event(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
-
-    def _next(self, now: float) -> str:
-        """Return what may follow now that every kart has acknowledged, or what prevents it."""
-        if self.state is GREEN_GREEN:
-            racing = list(self.racing())
-            standing = [kart for kart in racing if kart.stopped]
-            if len(standing) < len(racing):
-                rest = f', without {_listed(standing)}' if standing else ''
-                return f'the race is on{rest}'
-            return 'all karts of the race have stopped, and RACE_OVER may be sent'
-        if self.start is not None:
-            return 'GREEN_GREEN was sent and is waiting for the record'
-        following, condition = _NEXT[self.state]
-        obstacle = self._refusal(Command(following))
-        if obstacle:
-            return obstacle
-        soon = ''
-        if self._paused(following, now):
-            soon = f' in {math.ceil(self.paused_until - now)} s'
-        return f'{following.value} may be sent{soon}{condition}'
+        self._reported_all_answered = answered
 
     def _report_order_of_finish(self) -> None:
         """Report the order of FINISH and the karts that did not finish, once for each race."""
@@ -2196,13 +2173,6 @@ class Race:
         holds = {kart.hold for kart in self.karts.values()}
         return holds.pop() if len(holds) == 1 else None, 0
 
-
-_NEXT: dict[RaceState, tuple[CommandKind, str]] = {
-    GRID_ACTIVE: (CommandKind.GREEN_GREEN, ''),
-    RED_FLAG: (CommandKind.RACE_OVER, ''),
-    RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
-}
-"""The command that may follow once every kart has acknowledged a state, and its condition."""
 
 LOST_AT_ONCE = 2.0
 """Maximum time between the losses of karts that count as lost at once, in seconds. (Each kart is
