@@ -30,7 +30,6 @@ from evgp_rcs.rules.race import (
     RaceMemory,
     RaceTimes,
     Roster,
-    StartPhase,
 )
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot, snapshot_of
 from evgp_rcs_console.client import spoken
@@ -168,7 +167,7 @@ class Walk:
             self.now,
         )
         if outcome.start is not None:
-            self.race.start_becomes(StartPhase.WRITTEN, outcome.start.number, self.now)
+            self.race.start_saved(True, outcome.start.number, self.now)
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
@@ -228,7 +227,7 @@ def check(question: Question) -> None:
 
     outcome = race.command(given(button), now)
     if outcome.start is not None:
-        outcome = race.start_becomes(StartPhase.WRITTEN, outcome.start.number, now)
+        outcome = race.start_saved(True, outcome.start.number, now)
 
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message

@@ -185,8 +185,7 @@ class Simulation:
             self.now,
         )
         if outcome.start is not None:
-            written = module.StartPhase.WRITTEN, outcome.start.number, self.now
-            outcome = self.race.start_becomes(*written)
+            outcome = self.race.start_saved(True, outcome.start.number, self.now)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message

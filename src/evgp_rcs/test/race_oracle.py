@@ -90,8 +90,6 @@ LOOSENING = (
 )
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 TROUBLE = 'the disk is full'
-# What becomes of a start that waits until it is on the disk that karts may move.
-OF_A_START = ('journal', 'withdrawn')
 # The states in which somebody must be there who can stop the race.
 IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 # What officials are told of a link, which changes nothing.
@@ -626,9 +624,9 @@ def fate(
             return ''
         if given.what == 'tick':
             return 'refused' if now >= start.until else ''
-        if given.what not in OF_A_START or given.kind == 'stale':
+        if given.what != 'journal' or given.kind == 'stale':
             return ''
-        if given.what == 'withdrawn' or not given.statement or facts.outlived:
+        if not given.statement or facts.outlived:
             return 'refused'
         view = view._replace(start=None)
         given = of_start(start)
@@ -791,7 +789,7 @@ def expect(
         there = ThereView(given.statement, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START or what in OF_A_LINK:
+    elif what == 'journal' or what in OF_A_LINK:
         pass
     elif what == 'cut off':
         cut = given.statement
@@ -1000,7 +998,7 @@ def learn(
     elif is_cut_off(before, given, now):
         paused = max(paused, now + times.pause)
     success = becomes == 'accepted'
-    if success and given.what in OF_A_START:
+    if success and given.what == 'journal':
         assert before.start is not None
         given = of_start(before.start)
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
@@ -1089,10 +1087,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'held up':
         return race.stalled(2.0, now)
     if given.what == 'journal':
-        phase = rules.StartPhase.WRITTEN if given.statement else rules.StartPhase.FAILED
-        return race.start_becomes(phase, race.starts - (given.kind == 'stale'), now)
-    if given.what == 'withdrawn':
-        return race.start_becomes(rules.StartPhase.WITHDRAWN, race.starts, now)
+        return race.start_saved(given.statement, race.starts - (given.kind == 'stale'), now)
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
@@ -1184,7 +1179,7 @@ def check_input(
             _check_refusal(race, given, opinion, outcome, late)
             return learn(before, facts, given, becomes, after, now, race.times)
     _check_start(before, facts, given, outcome, after, becomes)
-    started = becomes == 'accepted' and what in OF_A_START
+    started = becomes == 'accepted' and what == 'journal'
     if started:
         assert before.start is not None
         given = of_start(before.start)
@@ -2162,7 +2157,6 @@ class Search:
         if self.waits:
             yield Input('held up'), now
         if view.start is not None:
-            yield Input('withdrawn'), now
             yield Input('journal', 'stale', statement=True), now
             for written in (True, False):
                 yield Input('journal', statement=written), now
@@ -2222,7 +2216,7 @@ class Search:
     def _check_home(self, outcome: Any) -> None:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
-        give(self.rules, self.race, Input('withdrawn'), 0.0)  # a start that waits is not home
+        give(self.rules, self.race, Input('journal'), 0.0)  # a start that waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
         allowed = self.race.track_access().allowed or view.unstated

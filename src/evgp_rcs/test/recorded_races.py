@@ -33,7 +33,6 @@ from evgp_rcs.rules.race import (
     Outcome,
     RaceTimes,
     StampedEvent,
-    StartPhase,
 )
 
 PATIENCE = 60.0
@@ -73,8 +72,7 @@ class PaperRace:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome.events)
         if outcome.start is not None:
-            written = StartPhase.WRITTEN, outcome.start.number
-            self.feed(inputs.StartBecame(self.now, *written))
+            self.feed(inputs.StartSaved(self.now, True, outcome.start.number))
         return outcome
 
     def tell(self, events: Iterable[Event]) -> None:

@@ -26,7 +26,6 @@ from evgp_rcs.rules.race import (
     Race,
     RaceMemory,
     RaceTimes,
-    StartPhase,
 )
 from evgp_rcs.rules.snapshot import snapshot_of
 import pytest
@@ -70,8 +69,7 @@ class Officials:
         outcome = self.race.command(command, self.now)
         # What a start waits for is so at once.
         if outcome.start is not None:
-            written = StartPhase.WRITTEN, outcome.start.number, self.now
-            outcome = self.race.start_becomes(*written)
+            outcome = self.race.start_saved(True, outcome.start.number, self.now)
         assert outcome.answer is not None
         return outcome
 

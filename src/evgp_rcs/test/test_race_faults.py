@@ -315,22 +315,21 @@ what the rules refuse is announced for the end of the pause: available-from avai
     reason => Availability(kind, False, reason, '', self.paused_until)
 karts start before it is on the disk: start-first command: kind refusal => refusal or
     self.record_fails or True
-a start that was withdrawn goes out: start-first, green-needs-acks, green-needs-grid WHY_NO_START:
-    without while
-a start that the disk did not take goes out: start-first, start-answer WHY_NO_START: without did
+a start that the disk did not take goes out: start-first, start-answer _end_of_start: never saved
+    not
 a start waits for the disk for ever: start-answer, start-first tick: until => it + 9.0
 a start that was stopped meanwhile goes out when it is on the disk: green-needs-grid,
     green-needs-acks, start-first, start-other-grid, pause, no-record [waits] _end_of_start: came
-    command => '' if phase == StartPhase.WRITTEN else self.record_fails
+    command => '' if saved else self.record_fails
 a start that waited while race control was held up goes out: pause [waits] _end_of_start: came =>
     now + 9.0
-what was written for another start starts karts: start-answer, start-first start_becomes: start !=
+what was written for another start starts karts: start-answer, start-first start_saved: start !=
     => self.start.number < number
 a second GREEN_GREEN takes the place of the one that waits: availability _no_green_green: never
     start
 while a start waits a crash leaves the race on the grid: start-memory memory: skips start if
 a start that is refused is waited for all the same: effect _end_of_start: instead of start None: if
-    phase == StartPhase.WRITTEN: ¶> self.start = None
+    saved: ¶> self.start = None
 a restart forgets the karts that left the roster: restart recover: always held not
 a restart does not name the karts that left the roster: restart recover: gone #3 => ()
 a restart forgets a stop that was left unanswered: restart recover: before held_alone: kart.doubt =
@@ -451,7 +450,7 @@ the MSR is asked for to clear the track of karts that were not seen to move: use
 GREEN_GREEN without a record: availability, no-record _no_green_green: _no_record ( => ''
 GRID_ACTIVE without a record: availability _no_grid_active: without _no_record
 a record that fails while a start waits does not stop it: start-first, no-record [waits around]
-    _end_of_start: instead of came: trouble = self.record_fails ¶ if phase == StartPhase.WRITTEN:
+    _end_of_start: instead of came: trouble = self.record_fails ¶ if saved:
     ¶> self.record_fails = '' ¶ refusal = self._refusal_of(start.command, start.came) ¶
     self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False

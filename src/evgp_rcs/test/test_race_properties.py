@@ -48,7 +48,7 @@ TIMES = st.builds(
     settle=st.floats(0.0, 10.0),
     nobody_there=st.just(0.0) | st.floats(0.0, 20.0),
 )
-OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', 'withdrawn', ''))
+OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', ''))
 
 
 class Races(RuleBasedStateMachine):
@@ -124,9 +124,7 @@ class Races(RuleBasedStateMachine):
     def let_become_of_a_start(self, what: str) -> None:
         if self.race.start is None:
             return
-        if what == 'withdrawn':
-            self.give(oracle.Input('withdrawn'))
-        elif what:
+        if what:
             self.give(oracle.Input('journal', statement=what == 'written'))
 
     # ----- officials ----------------------------------------------------------------------
@@ -202,7 +200,7 @@ class Races(RuleBasedStateMachine):
     ) -> None:
         self.give(oracle.Input('rival', statement=False))
         self.give(oracle.Input('record', statement=False))
-        self.give(oracle.Input('withdrawn'))
+        self.give(oracle.Input('journal'))
         for number, each in self.race.karts.items():
             self.give(oracle.Input('contested', '', number))
             if not each.connected:

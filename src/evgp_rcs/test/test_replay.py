@@ -33,7 +33,6 @@ from evgp_rcs.rules.race import (
     Outcome,
     RaceTimes,
     StampedEvent,
-    StartPhase,
 )
 import pytest
 from recorded_races import change_event, edit, kept, PaperRace
@@ -108,13 +107,13 @@ class Running(PaperRace):
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
-                inputs.StartBecame(self.now, StartPhase.WITHDRAWN, self.race.starts),
+                inputs.StartSaved(self.now, False, self.race.starts),
             )
             return self.chance.choice(rare)
         if self.race.start is not None:
-            phase = StartPhase.WRITTEN if self.chance.random() < 0.9 else StartPhase.FAILED
+            saved = self.chance.random() < 0.9
             number = self.race.starts - (self.chance.random() < 0.1)
-            return inputs.StartBecame(self.now, phase, number)
+            return inputs.StartSaved(self.now, saved, number)
         return self.any_command(kart.number)
 
     def any_command(self, kart: int) -> inputs.Input:

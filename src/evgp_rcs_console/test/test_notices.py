@@ -20,7 +20,6 @@ from evgp_rcs.rules.race import (
     Outcome,
     Race,
     StampedEvent,
-    StartPhase,
 )
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
@@ -234,7 +233,7 @@ def said_in_a_race(*karts: int) -> list[str]:
         outcome = race.command(Command(kind, kart, True, named, official='Anna (pc 1)'), now)
         take(outcome)
         if outcome.start is not None:
-            take(race.start_becomes(StartPhase.WRITTEN, outcome.start.number, now))
+            take(race.start_saved(True, outcome.start.number, now))
 
     def answer(now: float) -> None:
         for each in race.karts.values():

@@ -56,7 +56,6 @@ from evgp_rcs.rules.race import (
     Outcome,
     Race,
     StampedEvent,
-    StartPhase,
 )
 from evgp_rcs.rules.snapshot import snapshot_of
 
@@ -415,14 +414,13 @@ class KartServer:
         self._notice_stall(now)
         if not written:
             self._note_record_trouble(now)
-        phase = StartPhase.WRITTEN if written else StartPhase.FAILED
-        self._take(inputs.StartBecame(now, phase, number))
+        self._take(inputs.StartSaved(now, written, number))
 
     def _withdraw_start(self) -> None:
         """Withdraw the start that waits, if any."""
         if self._race.start is not None:
             number = self._race.start.number
-            self._take(inputs.StartBecame(self.now(), StartPhase.WITHDRAWN, number))
+            self._take(inputs.StartSaved(self.now(), False, number))
 
     def _notice_stall(self, now: float) -> None:
         """Tell the rules if race control stalled."""

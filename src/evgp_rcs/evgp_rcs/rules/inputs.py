@@ -39,7 +39,6 @@ from evgp_rcs.rules.race import (
     RaceMemory,
     RaceTimes,
     StampedEvent,
-    StartPhase,
 )
 
 # ----- the setup of the rules -----------------------------------------------------------------
@@ -193,11 +192,11 @@ class RecordTrouble(NamedTuple):
     text: str
 
 
-class StartBecame(NamedTuple):
-    """The start of this number came to this ``StartPhase``."""
+class StartSaved(NamedTuple):
+    """The disk has saved the memory of the start of this number, or the start must not wait on."""
 
     at: float
-    phase: StartPhase
+    saved: bool
     number: int
 
 
@@ -231,7 +230,7 @@ Input = (
     | Rival
     | Attended
     | RecordTrouble
-    | StartBecame
+    | StartSaved
     | Recovered
 )
 
@@ -265,8 +264,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.attended(there, at)
         case RecordTrouble(at, text):
             return race.record_trouble(text, at)
-        case StartBecame(at, phase, number):
-            return race.start_becomes(phase, number, at)
+        case StartSaved(at, saved, number):
+            return race.start_saved(saved, number, at)
         case Recovered(at, memory, last_run, why):
             return race.recover(memory, last_run, at, why)
 

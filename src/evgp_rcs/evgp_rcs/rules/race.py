@@ -610,26 +610,6 @@ class RaceMemory:
         return LastRun.ENDED_OPEN if self.track_open else LastRun.ENDED
 
 
-class StartPhase(enum.IntEnum):
-    """Phase that a start has reached; if two apply at once, the later one wins."""
-
-    WAITS = 0
-    WRITTEN = 1
-    FAILED = 2
-    SUPERSEDED = 3
-    WITHDRAWN = 4
-
-
-WHY_NO_START = {
-    StartPhase.FAILED: 'the record did not save it in time; send it again',
-    StartPhase.SUPERSEDED: (
-        'GRID_ACTIVE was sent again before it took effect; look at the race, then send it again'
-    ),
-    StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
-}
-"""Why a start is refused in its last phase, although the rules alone would accept it."""
-
-
 class Start(NamedTuple):
     """
     A GREEN_GREEN that would be accepted, and waits until the disk has saved that karts may move.
@@ -638,7 +618,7 @@ class Start(NamedTuple):
     :param came: when the command came, in seconds.
     :param until: when it stops waiting, in seconds.
     :param memory: what must be on the disk first.
-    :param phase: WAITS; or SUPERSEDED, if GRID_ACTIVE has been accepted since.
+    :param superseded: whether GRID_ACTIVE has been accepted since.
     """
 
     number: int
@@ -646,7 +626,7 @@ class Start(NamedTuple):
     came: float
     until: float
     memory: RaceMemory
-    phase: StartPhase = StartPhase.WAITS
+    superseded: bool = False
 
 
 class Race:
@@ -654,7 +634,7 @@ class Race:
     The state of one race and of every kart of the roster (§3, §4.B).
 
     Each input is a method: ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``;
-    what became of a waiting start (``start_becomes``); who can stop the race (``attended``); and
+    what became of a waiting start (``start_saved``); who can stop the race (``attended``); and
     troubles around the race (``stalled``, ``cut_off``, ``contested``, ``rival``,
     ``record_trouble``). Each returns the orders to send and the events that happened. Times are
     seconds of one monotonic clock and never go back.
@@ -859,22 +839,25 @@ class Race:
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
-    def start_becomes(self, phase: StartPhase, number: int, now: float) -> Outcome:
+    def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
-        Record whether the disk has saved the memory of a start, or that the start is withdrawn.
+        Record that the disk has saved the memory of a start, or that the start must not wait on.
 
         :param number: number of the start; if it no longer waits, nothing happens.
         :returns: an outcome with the answer to the start.
         """
         if self.start is None or self.start.number != number:
             return self._outcome()
-        return self._outcome(self._end_of_start(self.start, phase, now))
+        return self._outcome(self._end_of_start(self.start, saved, now))
 
-    def _end_of_start(self, start: Start, phase: StartPhase, now: float) -> Answer:
-        """Judge again a start whose wait is over, or refuse it because of its phase."""
+    def _end_of_start(self, start: Start, saved: bool, now: float) -> Answer:
+        """Judge a start again once its wait is over."""
         self.start = None
         refusal = self._refusal_of(start.command, start.came)
-        refusal = refusal or WHY_NO_START.get(max(phase, start.phase), '')
+        if not refusal and start.superseded:
+            refusal = 'GRID_ACTIVE was sent again after it; look at the race, then send it again'
+        if not (refusal or saved):
+            refusal = 'the record did not save it in time; look at the race, then send it again'
         return self._decide(start.command, refusal, now)
 
     def stalled(self, seconds: float, now: float) -> Outcome:
@@ -1184,7 +1167,7 @@ class Race:
             self._go(RED_FLAG, now, NOBODY_THERE)
         answer = None
         if self.start is not None and now >= self.start.until:
-            answer = self._end_of_start(self.start, StartPhase.FAILED, now)
+            answer = self._end_of_start(self.start, False, now)
         self._report_all_answered()
         self._report_alerts(now)
         return self._outcome(answer)
@@ -1360,7 +1343,7 @@ class Race:
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
-            self.start = self.start._replace(phase=StartPhase.SUPERSEDED)
+            self.start = self.start._replace(superseded=True)
         if self.state is GRID_ACTIVE:
             return (
                 'GRID_ACTIVE is the last command again; karts that have acknowledged it need not '
