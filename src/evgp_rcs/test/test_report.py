@@ -176,10 +176,6 @@ def test_every_change_of_state_has_the_command_that_caused_it(paper: PaperRace) 
     assert race.results
 
 
-def test_every_kind_of_event_has_a_name() -> None:
-    assert wording.KINDS.keys() == set(EventKind)
-
-
 def test_a_kart_that_takes_its_stop_back_is_an_incident(paper: PaperRace) -> None:
     paper.drive()
     paper.say(7, RaceState.GRID_ACTIVE)

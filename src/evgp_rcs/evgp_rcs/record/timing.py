@@ -14,7 +14,7 @@ from typing import NamedTuple
 from evgp_node.results import Act, Corrected, Standings
 from evgp_node.stream import BOOK, Gap, SCHEMA_VERSION, Stream
 from evgp_rcs.record.runs import say
-from evgp_rcs.record.store import open_read_only
+from evgp_rcs.record.store import blocks_of, open_read_only
 
 _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
@@ -42,9 +42,7 @@ def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | G
         if version != SCHEMA_VERSION:
             raise sqlite3.DatabaseError(f'its version is {version}, not {SCHEMA_VERSION}')
         for (run,) in database.execute('SELECT DISTINCT run FROM block ORDER BY run').fetchall():
-            query = 'SELECT number, data FROM block WHERE run = ? ORDER BY number'
-            blocks = database.execute(query, (run,)).fetchall()
-            for entry in _STREAM.entries_of(blocks, only=(Standings, Corrected)):
+            for entry in _STREAM.entries_of(blocks_of(database, run), (Standings, Corrected)):
                 yield run, entry
 
 

@@ -12,7 +12,6 @@ from evgp_rcs import words
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.model import NOT_CONNECTED, NOT_KNOWN, Out, Stop, StopAnswer, Why
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.race import EventKind
 
 STATES = {state.name: said for state, said in words.STATES.items() if state is not None} | {
     NOT_CONNECTED: 'not connected',
@@ -20,27 +19,6 @@ STATES = {state.name: said for state, said in words.STATES.items() if state is n
 }
 
 STATUS = words.STATUS
-
-KINDS = {
-    EventKind.COMMAND: "Officials' command",
-    EventKind.RACE_STATE: 'State of the race',
-    EventKind.KART_STATE: 'Sent to a kart',
-    EventKind.DELIVERED: 'Delivered to a kart',
-    EventKind.ACKNOWLEDGED: 'Acknowledgement',
-    EventKind.WITHDRAWN: 'Acknowledgement withdrawn',
-    EventKind.REPORTED: 'A kart reports another state',
-    EventKind.CONNECTED: 'Kart connected',
-    EventKind.DISCONNECTED: 'Kart disconnected',
-    EventKind.REFUSED_CONNECTION: 'Connection refused',
-    EventKind.MALFORMED: 'Malformed message',
-    EventKind.LINK_GRADE: 'Quality of a link',
-    EventKind.ALERT_RAISED: 'Alert',
-    EventKind.ALERT_CLEARED: 'Alert ended',
-    EventKind.ALL_ACKNOWLEDGED: 'Every kart has acknowledged',
-    EventKind.ORDER_OF_FINISH: 'Order of finish',
-    EventKind.ENDED: 'Race control ends',
-}
-"""The name of each kind of event."""
 
 SILENCES = {
     '': 'not acknowledged',
