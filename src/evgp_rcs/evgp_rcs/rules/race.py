@@ -260,7 +260,6 @@ class Event(NamedTuple):
     :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
         COMMAND: age of an old press, 0 if it was recent; in seconds.
     :param grade: for LINK_GRADE: the new grade of the link.
-    :param hold: the hold of this kart at that time; for kart 0, the hold that every kart had.
     :param place: the place of this kart in the order of FINISH at that time; 0 for none.
     :param race: the number of the race under way; 0 for none.
     :param heat: the name of the heat in the race; empty for none.
@@ -277,7 +276,6 @@ class Event(NamedTuple):
     alert: AlertKind | None = None
     after: float = 0.0
     grade: Grade | None = None
-    hold: RaceState | None = None
     place: int = 0
     race: int = 0
     heat: str = ''
@@ -2139,7 +2137,7 @@ class Race:
         of_race = (self.number, self.heat)
         # Not `_replace`, which is slow: it would delay a stop to a hundred karts by 0.3 ms.
         events = tuple(
-            Event(*each[:-4], *self._hold_and_place(each.kart), *of_race) for each in self._events
+            Event(*each[:-3], self._place(each.kart), *of_race) for each in self._events
         )
         outcome = Outcome(tuple(self._orders), events, answer, start)
         self._orders = []
@@ -2148,13 +2146,10 @@ class Race:
             self.number = 0  # only from now on: IN_GARAGE itself belongs to the race it ends
         return outcome
 
-    def _hold_and_place(self, number: int) -> tuple[RaceState | None, int]:
-        """Return the hold and place of a kart; for number 0, the hold that all karts share."""
-        if number:
-            kart = self.karts.get(number)
-            return (None, 0) if kart is None else (kart.hold, kart.place)
-        holds = {kart.hold for kart in self.karts.values()}
-        return holds.pop() if len(holds) == 1 else None, 0
+    def _place(self, number: int) -> int:
+        """Return the place of a kart; 0 if it has none, or is not in the roster."""
+        kart = self.karts.get(number)
+        return 0 if kart is None else kart.place
 
 
 LOST_AT_ONCE = 2.0
