@@ -769,7 +769,7 @@ class Race:
                 kart.in_race = before.in_race
                 kart.place = before.place
             kart.doubt = before.doubt
-            kart.held_alone = before.held and before.held_alone
+            kart.held_alone = before.held_alone
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
@@ -1055,29 +1055,21 @@ class Race:
                 state,
                 chatter=True,
             )
-        elif self._perhaps_earlier(kart, state, now, counts_in):
-            pass
-        elif state is not kart.reported:
-            text = f'{_capital(kart)} reports {state.value} while it is sent {kart.sent.value}'
-            self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
+        elif state is not kart.sent:
+            kart.counts_at = None
+            if state is not kart.reported:
+                text = f'{_capital(kart)} reports {state.value} while it is sent {kart.sent.value}'
+                self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
+        elif not kart.acknowledged and state is not IN_GARAGE:
+            is_new = kart.counts_at is None
+            kart.counts_at, kart.counts_in = now + counts_in, counts_in
+            if is_new:
+                text = f'{_capital(kart)} {self._silence(kart)}'
+                self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
         return self._outcome()
-
-    def _perhaps_earlier(self, kart: Kart, state: RaceState, now: float, counts_in: float) -> bool:
-        """Judge a report that does not count; return whether it names the state that is sent."""
-        if state is not kart.sent:
-            kart.counts_at = None
-            return False
-        if kart.acknowledged or state is IN_GARAGE:
-            return False
-        first = kart.counts_at is None
-        kart.counts_at, kart.counts_in = now + counts_in, counts_in
-        if first:
-            text = f'{_capital(kart)} {self._silence(kart)}'
-            self._add_event(EventKind.REPORTED, text, kart.number, state, chatter=True)
-        return True
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
@@ -2171,10 +2163,10 @@ MARKED_AS_FINISHED = 'marked as finished'
 """Why a finished kart is held; still true if places move up later or its finish is undone."""
 
 
-def _cut(phrases: list[str], what: str = 'karts') -> str:
+def _cut(phrases: list[str]) -> str:
     """Join up to four phrases, since an official cannot act on more at once."""
     more = len(phrases) - 3
-    shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more {what}']
+    shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more karts']
     return '; '.join(shown)
 
 
