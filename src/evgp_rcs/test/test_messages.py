@@ -77,7 +77,7 @@ def test_a_race_comes_out_of_its_message_as_race_control_put_it_in() -> None:
         assert read.stamp == pytest.approx(seen.stamp)
     for stamped in paper.stamped[:200]:
         (message,) = events_message([stamped]).events
-        inner = stamped.event._replace(chatter=False, hold=None)
+        inner = stamped.event._replace(chatter=False)
         assert event_of(message).event == inner
         assert event_of(message)[:2] == stamped[:2]
 

@@ -9,43 +9,45 @@ Rules for the code in this file:
 - Pure. No clock, socket, ROS, thread, file or log. Every input carries its time, in seconds of
   one monotonic clock; the rules never read a clock themselves.
 - One owner. One thread uses a ``Race``, so it needs no lock.
-- One table (``COMMANDS``, at the end) says for every official's command when it is refused and
-  why, what the official must state, and what it does. Availability is read from the same table
-  that judges the command, so the two cannot differ.
+- One table (``COMMANDS``, at the end) says when each command is refused and why, what the
+  official must state, and what the command does. Availability comes from the same table, so it
+  cannot differ from what happens.
 
 Theory of operation. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
-RED_RED). What a kart is sent follows from these two alone (``_commanded``): in the race, the
-stricter of them; outside the race, IN_GARAGE or its hold. After every change, the rules *redirect*
-the karts concerned: a kart whose state changes gets a new ``Order`` with its own serial number,
-and loses its acknowledgement. An acknowledgement counts only if it names the state of the kart's
-present order and was heard under that order's serial. A report from before the command, or from
-an earlier connection, therefore never counts.
+RED_RED). Together they decide what the kart is sent (``_commanded``): in the race, the stricter of
+the two; outside the race, its hold or else IN_GARAGE. After every change, the rules *redirect* the
+karts concerned. A kart whose state changes gets a new ``Order`` with its own serial number, and
+loses its acknowledgement. An acknowledgement counts only if it names the state of the kart's
+present order and was heard under that order's serial, so a report from before the command, or from
+an earlier connection, never counts.
 
-Holds only get stricter. They end in two places, ``_race_in_garage`` and ``_release_kart``, both
-an official's explicit act. Only ``_green_green`` sets GREEN_GREEN.
+A hold can get stricter, but only an official's explicit act ends it (``_race_in_garage`` or
+``_release_kart``). Only ``_green_green`` sets GREEN_GREEN.
 
-Commands can cross. A *pause* follows every stop, and every stall of race control. A command that
-loosens or starts anything and came before the end of the pause is refused, because its sender may
-not have seen the stop. Race control also saves that karts may move before it lets them move: a
-GREEN_GREEN that would be accepted is a *start* that waits for the disk (``Start``). Inputs that
-arrive meanwhile are judged first, and the start is judged again when the disk has answered.
+Commands can cross on their way. After every stop, and after every stall of race control, there is
+a *pause*. Race control refuses a command that loosens or starts anything if it came before the end
+of the pause, because its sender may not have seen the stop. Race control lets karts move only once
+the disk has saved that they may: a GREEN_GREEN that would be accepted is a *start* that waits
+(``Start``). Inputs that arrive meanwhile are judged first, and the start is judged again when the
+disk has answered.
 
 Doubt means stop (``Doubt``). A kart that was sent GREEN_GREEN, was seen to move, or left a stop
-unanswered *may be moving*; a kart that was sent GRID_ACTIVE is *on the grid*. Two things end
-either doubt: the kart acknowledges a red and keeps reporting it for ``settle`` seconds on the same
-connection, or an official states that it was made safe by hand. A lost connection never does.
+unanswered *may be moving*; a kart that was sent GRID_ACTIVE is *on the grid*. Either doubt ends
+when the kart acknowledges a red and keeps reporting it for ``settle`` seconds on the same
+connection, or when an official states that it was made safe by hand. A lost connection never ends
+a doubt.
 
-Race control assumes the worst where it cannot know: about the time before it started, unless it
-knows that the last run on this machine ended in good order with nothing under way (``recover``);
-and about the time while it is cut off from the karts (``cut_off``). The proposal makes one
-exception (§3.B): where no earlier run is known, the race begins in IN_GARAGE.
+Race control assumes the worst about any time of which it knows nothing: the time before it
+started, unless the last run on this machine ended in good order with nothing under way
+(``recover``), and the time while it is cut off from the karts (``cut_off``). The proposal makes
+one exception (§3.B): if no earlier run is known, the race begins in IN_GARAGE.
 
-Somebody must be able to stop the race (``Attendance``). If race control no longer hears any of
-the programs from which an official could stop a race, it does not start that race, and puts it in
-RED_FLAG after ``nobody_there`` seconds.
+Somebody must be able to stop the race (``Attendance``). If race control no longer hears any
+program from which an official can stop the race, it refuses GREEN_GREEN, and sends RED_FLAG after
+``nobody_there`` seconds.
 
-Laps are the timekeeper's business (``evgp_timing``). The rules know only FINISH, which gives a
-kart its place in the order of FINISH and a RED_FLAG after it.
+The timekeeper counts the laps (``evgp_timing``). The rules know only FINISH, which gives a kart
+its place in the order of FINISH and, after a delay, a RED_FLAG.
 
 Section numbers (§) are those of the EVGP proposal.
 """
@@ -70,7 +72,7 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Age of a press above which race control mentions it, in seconds."""
+"""Minimum age of a press that race control mentions, in seconds."""
 
 
 class EventKind(enum.Enum):
@@ -133,8 +135,8 @@ class Doubt(enum.IntEnum):
     What a kart may be doing, from harmless to worst.
 
     ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since on its present
-    connection. ``MOVING``: it was sent GREEN_GREEN or a red, or was seen to move: it reported
-    GREEN_GREEN unasked, or withdrew its acknowledgement of a red.
+    connection. ``MOVING``: it was sent GREEN_GREEN or a red; or it was seen to move, because it
+    reported GREEN_GREEN unasked or withdrew its acknowledgement of a red.
     """
 
     NONE = 0
@@ -172,7 +174,7 @@ class Command(NamedTuple):
 
     :param kind: which command.
     :param kart: number of the kart; 0 for a command to the race, to all karts or to the track.
-    :param statement: the official makes the statement that the command requires, if any.
+    :param statement: whether the official makes the statement that the command requires.
     :param karts: for a command that starts or releases karts: those karts, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
@@ -183,10 +185,10 @@ class Command(NamedTuple):
     :param reading: for TAKE_ROSTER: the number of the reading that the official saw
         (``Race.reading``).
     :param official: name of the sender, as the sender gives it. No rule depends on it.
-    :param run: for the timekeeper's FINISH: the id of the run of race control; empty for the race
-        under way.
-    :param race: with ``run``: the number of the race.
-    :param attempt: with ``run``: how often the kart's finish was undone in that race.
+    :param run: for the timekeeper's FINISH: id of the run of race control that it is for; empty
+        for the race under way.
+    :param race: with ``run``: number of the race.
+    :param attempt: with ``run``: number of times that the kart's finish was undone in that race.
     :param age: for a stop: time since the official pressed, as the sender measures it, in seconds.
         No rule depends on it.
     """
@@ -251,10 +253,10 @@ class Event(NamedTuple):
     """
     Something that happened, in one sentence.
 
-    :param kart: number of the kart it happened to; 0 if it concerns no single kart.
-    :param chatter: whether a kart can cause any number of these events by its reports alone; the
-        server may limit how many of them it publishes.
-    :param command: for a change of state: the command that caused it; None if none did.
+    :param kart: number of the kart that it happened to; 0 if it concerns no single kart.
+    :param chatter: whether a kart alone can cause any number of these events; the server may
+        publish only some of them.
+    :param command: the command, or the command that caused the change of state; None for none.
     :param official: name of the command's sender, as the sender gave it.
     :param alert: for an alert that was raised or has ended: its kind.
     :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
@@ -300,8 +302,8 @@ class Outcome(NamedTuple):
     """
     The result of one input: the orders to send and the events that happened.
 
-    :param answer: the answer to the command that was given, or to a start that waited.
-    :param start: the start that waits from now on, if the command was one.
+    :param answer: the answer to the command, or to a start whose wait is over.
+    :param start: the start that waits from now on, if the command is one.
     """
 
     orders: tuple[Order, ...]
@@ -338,8 +340,8 @@ class Availability(NamedTuple):
     :param reason: why it would be refused; empty if it would be accepted.
     :param statement: what the official must state with it; empty if nothing.
     :param available_from: end of the pause that blocks this command, in seconds; None if no pause
-        does.
-    :param karts: the karts it would start or release; the command must name the same karts.
+        blocks it.
+    :param karts: karts that it would start or release; the command must name the same karts.
     """
 
     command: CommandKind
@@ -356,8 +358,8 @@ class TrackAccess:
     Whether officials have opened the track, and whether humans may be on it (§3.A).
 
     :param opening: number of the last opening in this run, even if closed since; 0 for none.
-    :param settled_by: the command whose statement is the only thing missing before humans are
-        allowed; None if they are allowed, or something else is missing.
+    :param settled_by: the command whose statement is all that is missing before humans are
+        allowed; None if they are allowed, or if more is missing.
     """
 
     open: bool  # noqa: A003 - the message's name
@@ -377,12 +379,12 @@ class RaceTimes:
     """
     The times of the rules, in seconds.
 
-    :param finish_delays: time that a kart drives on from FINISH to RED_FLAG, for place 1, 2, …
-        (§4.B FINISH); the last one applies to all later places. The longest comes first, so that
-        karts that finish later find the line clear.
+    :param finish_delays: time from FINISH to RED_FLAG for place 1, 2, … (§4.B FINISH); the last
+        one applies to all later places. The longest comes first, so that karts that finish later
+        find the line clear.
     :param finish_stop: time that a finished kart has to acknowledge its RED_FLAG before the race
         is over without it (§3.A: 10-15 s to come to a stop).
-    :param auto_race_over: whether the race is over automatically after the last finish (§3.C).
+    :param auto_race_over: whether race control ends the race after the last finish (§3.C).
     :param ready_alert: time until the alert that GRID_ACTIVE is not acknowledged (§3.A: 2 min).
     :param green_alert: the same for GREEN_GREEN (§3.A: 30 s).
     :param flag_alert: the same for RED_FLAG (§3.A: 10-15 s).
@@ -390,13 +392,13 @@ class RaceTimes:
     :param pause: time after a stop during which commands that loosen or start anything are
         refused; at least ``LEAST_PAUSE``.
     :param pause_after_stall: the same after a stall of race control, because commands sent during
-        the stall arrive late (DDS delivered some 3 s late); ``pause`` if that is longer.
+        the stall arrive late (DDS delivered some 3 s late); if ``pause`` is longer, it applies.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
     :param settle: time for which a kart must keep reporting its acknowledged red before humans may
         rely on it.
     :param require_inspection: whether a kart needs an inspection to race.
-    :param nobody_there: time without any program that can stop the race, after which a race that
-        had one goes to RED_FLAG; 0 for never.
+    :param nobody_there: time without any program that can stop the race until a race that had one
+        goes to RED_FLAG; 0 for never.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -431,33 +433,34 @@ class Kart:
     One kart of the roster. Only the rules write to it; all other code reads it.
 
     :param hold: its own hold, RED_FLAG or RED_RED; ``None`` if it is not held.
-    :param sent: state that it is sent; while it is not connected, the state it would be sent.
+    :param sent: state that it is sent or, while it is not connected, would be sent.
     :param sent_since: when that state was first commanded; a reconnection does not change it.
     :param serial: number of its present order.
-    :param acknowledged: it has acknowledged its present order, and not withdrawn that since.
+    :param acknowledged: it has acknowledged its present order, and has not withdrawn that since.
     :param reported: state that it last reported on this connection, asked or unasked.
-    :param doubt: what it may be doing, until it has kept reporting a red for long enough or was
-        made safe by hand.
+    :param doubt: what it may be doing, until it has kept reporting a red for long enough, or an
+        official states that it was made safe by hand.
     :param settles_at: when its acknowledged red ends its doubt, if it keeps reporting that red
         until then, in seconds; ``None`` if nothing is pending.
-    :param lost_since: when it was lost, if it dropped out of a race under way or while it may have
-        been moving; in the latter case the value stays until its doubt ends.
+    :param lost_since: when it lost its connection in a race under way or while it may have been
+        moving; if it may have been moving, the value stays until its doubt ends.
     :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 for none.
-    :param attempt: how often its finish was undone in this race; the timekeeper's FINISH names it.
+    :param attempt: number of times that its finish was undone in this race; the timekeeper's
+        FINISH names it.
     :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
     :param held_alone: an official held this kart individually and has not released it.
     :param withdrawn: it withdrew an acknowledgement of its present order.
-    :param counts_at: if it reports the state it is sent, but may be answering an earlier order:
-        latest time at which that report becomes valid, in seconds; a past time if that is
+    :param counts_at: if it reports the state that it is sent, but may be answering an earlier
+        order: latest time at which that report becomes valid, in seconds; a past time if that is
         unknown; None if there is no such report.
-    :param counts_in: the same, as time from its last report, in seconds; 0 if unknown.
+    :param counts_in: the same as time from its last report, in seconds; 0 if unknown or over.
     :param inspected: date of its inspection according to the roster; empty for none.
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
     :param ordered_at: when its present order was given, in seconds.
     :param delivered_at: when its kernel had answered that order, in seconds; None if it has not.
     :param acknowledged_at: when it first acknowledged that order, in seconds; None if it has not.
     :param link: how good its link is; None if not measured on this connection. No rule depends on
-        it, nor on the three times above; they are for officials.
+        it or on the three times above; they are for officials.
     :param contested: two programs connect as this kart, and push each other out.
     :param went_silent_at: when its connection was last lost because its link stopped answering, in
         seconds; None if it has a connection, or lost it in another way.
@@ -511,7 +514,7 @@ class Kart:
 
     @property
     def stands(self) -> bool:
-        """Return whether humans may rely on its stop, which it has reported for long enough."""
+        """Return whether it has reported its stop for so long that humans may rely on it."""
         return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
 
     @property
@@ -553,8 +556,8 @@ class LastRun(enum.Enum):
 
     ``NONE``: no earlier run is known. ``ENDED``: it ended in good order with nothing under way,
     held or in doubt, and with the track closed. ``ENDED_OPEN``: the same, with the track open.
-    ``UNKNOWN``: a run began and how it ended is not known, or even that is uncertain. The values
-    are those of the machine's mark (``run_mark``).
+    ``UNKNOWN``: a run began, and nobody knows how it ended; or even that is uncertain. The values
+    are the texts of the machine's mark (``run_mark``).
     """
 
     NONE = 'none'
@@ -600,7 +603,7 @@ class RaceMemory:
 
     @property
     def ends_as(self) -> LastRun:
-        """Return what the next run learns of this one, if it ends in good order like this."""
+        """Return what the next run learns of this one if it ends in good order like this."""
         if not self.at_rest:
             return LastRun.UNKNOWN
         if self.unstated:
@@ -614,8 +617,8 @@ class Start(NamedTuple):
 
     :param number: number of the start, from 1.
     :param came: when the command came, in seconds.
-    :param until: when it stops waiting, in seconds.
-    :param memory: what must be on the disk first.
+    :param until: end of its wait, in seconds.
+    :param memory: what must be on the disk before it takes effect.
     :param superseded: whether GRID_ACTIVE has been accepted since.
     """
 
@@ -652,7 +655,7 @@ class Race:
         heats: Iterable[Heat] = (),
         run: str = '',
     ) -> None:
-        """Begin in IN_GARAGE, as §3.B has it."""
+        """Begin in IN_GARAGE (§3.B)."""
         self.times = times
         self.run = run
         self.karts: dict[int, Kart] = {}
@@ -734,18 +737,18 @@ class Race:
         self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
     ) -> Outcome:
         """
-        Restore the race from what the last run saved; to be called before any other input.
+        Restore the race from what the last run saved; call this before any other input.
 
-        If the last run ended in good order with nothing under way, or no earlier run is known,
-        the race begins from the roster. If no earlier run is known, the track also stays closed
-        until an official states that no race is under way anywhere, because this machine may
-        replace another one.
+        If the last run ended in good order with nothing under way, or no earlier run is known, the
+        race begins from the roster. If no earlier run is known, the track also stays closed until
+        an official states that no race is under way anywhere, because this machine may replace
+        another one.
 
-        In every other case the last run may not have saved what happened last, and least of all a
-        stop, since a stop never waits for the disk. The race therefore comes back as after
-        ALL_KILL: in RED_RED, with every kart held, and the track counts as open. The official's
-        statement with IN_GARAGE covers every kart except those that were known to be in doubt or
-        held individually. Such a kart must report its own stop, or be released individually.
+        In every other case, the last run may not have saved what happened last, least of all a
+        stop, because a stop never waits for the disk. The race therefore comes back as after
+        ALL_KILL: it is in RED_RED, every kart is held, and the track counts as open. The
+        official's statement with IN_GARAGE covers every kart that was not known to be in doubt or
+        held individually. Any other kart must report its stop, or be released individually.
 
         :param memory: what the record contains; None if nothing.
         :param why: why the proof that the last run ended in good order is rejected, in a phrase;
@@ -773,8 +776,8 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # If the race was in RED_RED, its order of FINISH may have been reported already; if no
-        # kart had finished either, the race may not even have been started.
+        # In RED_RED, the order of FINISH may have been reported already; it is reported again. If
+        # no kart had a place either, the race may never have started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
@@ -815,8 +818,8 @@ class Race:
 
         :param came: when the command came, if earlier than now, in seconds.
         :returns: an outcome with an answer, unless the command is a start that waits. A refused
-            command changes nothing, except that a stop begins a pause even if the roster has no
-            such kart.
+            command changes nothing, but even a stop to a kart that the roster does not have begins
+            a pause.
         """
         came = now if came is None else came
         if CATALOGUE[command.kind].stop:
@@ -862,8 +865,8 @@ class Race:
         """
         Record that race control stalled: commands that come now may have been sent long ago.
 
-        Race control has not read yet what karts reported during the stall, nor noticed which are
-        gone, so each kart must report its stop for the whole time again.
+        Race control has not yet read what karts reported during the stall, or noticed which karts
+        are gone, so the time for which each kart must report its stop begins again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
@@ -873,10 +876,10 @@ class Race:
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
-        Record that race control lost the karts' network; the race is as after a crash.
+        Record that race control has lost the karts' network, which is treated like a crash.
 
-        Until the network is back, another race control may command the karts, so commands that
-        loosen anything are refused.
+        Until the network is back, another race control may command the karts, so this one refuses
+        commands that loosen anything.
 
         :param reason: what is lost, in a phrase; empty once the network is back.
         """
@@ -956,8 +959,8 @@ class Race:
         """
         Record a kart's new connection (§3.B, §4.A).
 
-        If the kart is still connected, the new connection replaces the old one, which counts as a
-        disconnect first.
+        If the kart is still connected, the new connection replaces the old one, whose loss is
+        recorded first.
 
         :raises KeyError: if the roster has no such kart.
         """
@@ -1015,13 +1018,12 @@ class Race:
         """
         Judge what a kart reports: an acknowledgement, or any other report (§3.A, §4.C).
 
-        A kart that reports another state than the one it acknowledged withdraws its
-        acknowledgement. This holds even if the other report may be old, because then the
-        acknowledgement may have been just as old.
+        A kart withdraws its acknowledgement when it reports another state. This is true even if
+        that report may be old, because then the acknowledgement may have been just as old.
 
-        :param serial: the kart's order that had been sent when the frame began to arrive.
-        :param counts_in: for a report that does not count yet: the longest time until the same
-            report would count, in seconds; 0 if unknown or never.
+        :param serial: serial of the order that had been sent when the frame began to arrive.
+        :param counts_in: for a report that does not count yet: maximum time until the same report
+            would count, in seconds; 0 if unknown or never.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1073,9 +1075,9 @@ class Race:
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that the kart's kernel has answered an order: it has arrived, even if not been read.
+        Record that the kart's kernel has answered an order, which its program may not have read.
 
-        :param serial: serial of the order; if a newer order has been given, nothing happens.
+        :param serial: serial of the order; if there is a newer order, nothing happens.
         :param answered: latest time at which the kernel can have answered, in seconds.
         :raises KeyError: if the roster has no such kart.
         """
@@ -1111,7 +1113,7 @@ class Race:
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
-        """Record that another race control runs among the same officials, or is gone."""
+        """Record whether another race control runs on the officials' network."""
         self.has_rival = present
         self._report_alerts(now)
         return self._outcome()
@@ -1136,7 +1138,7 @@ class Race:
         """
         Let time pass.
 
-        This sends the RED_FLAG of each finish that is due, ends a race that all karts have
+        This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
         finished, stops a race that nobody can stop any longer, and refuses a start that has waited
         too long for the disk. It also reports alerts, which never act themselves.
         """
@@ -1200,10 +1202,10 @@ class Race:
         """
         Return whether humans may be on the track now, and why or why not (§3.A).
 
-        The proposal's conditions speak of connected karts only. Race control also considers karts
+        The proposal's conditions are about connected karts only. Race control also considers karts
         that were lost in motion or on the grid. Such a kart stays unsafe until it is back and
-        reports its stop, or an official states that the MSR was used or that the kart was made
-        safe by hand.
+        reports its stop, or until an official states that the MSR was used or that the kart was
+        made safe by hand.
         """
         allowed, reason, settled_by = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
@@ -1241,8 +1243,8 @@ class Race:
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             elif not self._covered_by_statement(kart):
-                # It is sent to race, or to stop and has not confirmed that yet. A kart that is
-                # sent RED_RED only because race control does not know what happened is exempt.
+                # It is told to race, or to stop and has not confirmed that. This does not apply to
+                # a kart that is sent RED_RED only because race control may have missed something.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is sent {state.value}'
@@ -1252,7 +1254,7 @@ class Race:
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
-            # The reason keeps naming the official's hold, since only an official can release it.
+            # The reason keeps naming the official's hold, which only an official can release.
             before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
             kart.hold_reason = reason + before
         self._redirect(kart, now)
@@ -1433,7 +1435,7 @@ class Race:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} no longer has a place'
-        # This loosens nothing that was sent; it only cancels a RED_FLAG that has not gone out.
+        # This loosens no state that was sent; it only cancels a RED_FLAG that was not sent yet.
         kart.finish_due = None
         if kart.sent is GREEN_GREEN:
             text += ' and drives on; its RED_FLAG had not been sent yet'
@@ -1502,7 +1504,7 @@ class Race:
             )
             kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
             self.karts[each.number] = kart
-        # A bound kart is in the new roster, or was in none before.
+        # The new roster has every bound kart, except those that the old one did not have either.
         self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
         self.heats = self._read.heats
         return f'The roster that was read is in force: {changes}'
@@ -1558,7 +1560,7 @@ class Race:
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
 
     def _no_record(self) -> str:
-        """Return why no race can go on and what to do, if the record fails; else nothing."""
+        """Return why no race can start if the record fails, and what to do; empty if it works."""
         if not self.record_fails:
             return ''
         return (
@@ -1705,7 +1707,7 @@ class Race:
         return self._no_read_roster(command._replace(roster=self._read))
 
     def _bound(self, roster: Roster) -> str:
-        """Return which karts must stay at their address but do not in a roster; empty if none."""
+        """Return which karts a roster must keep at their address but does not; empty if none."""
         addresses = {each.number: each.address for each in roster.karts}
         bound = [
             f'{kart} {kart.bound}'
@@ -1736,7 +1738,7 @@ class Race:
         )
 
     def _misnamed(self, command: Command, came: float) -> str:
-        """Return what the command names wrongly, as a reason to refuse it; empty if nothing."""
+        """Return why a command is refused because of what it names; empty if it is not."""
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
@@ -1857,8 +1859,9 @@ class Race:
         Return the name of the heat in the race; empty for none.
 
         This is the heat that was last put into the race. At first, it is the heat that has exactly
-        the karts of the race, if there is only one such heat. Its karts may leave the race; once
-        a kart of another heat joins, or none is left, the heat is no longer in the race.
+        the karts of the race, if there is only one such heat. Karts of the heat may leave the
+        race, but once a kart from outside the heat joins, or no kart is left, the heat is no
+        longer in the race.
         """
         racing = {each.number for each in self.racing()}
         inside = any(heat.name == self._put_in and racing <= {*heat.karts} for heat in self.heats)
@@ -1947,9 +1950,9 @@ class Race:
         """
         Return the karts that the race waits for, including lost ones unless the MSR was used.
 
-        In a red, the race does not wait for a kart that was not connected and at rest when all
-        karts were stopped. If race control does not know what happened, every connected kart that
-        is held must answer as well, unless the official's statement covers it.
+        In a red, the race does not wait for a kart that is away at rest. If race control does
+        not know what happened, it also waits for every connected kart that is sent a red, unless
+        the official's statement covers it.
         """
         return [
             kart
@@ -2211,7 +2214,7 @@ Guard = Callable[[Race, Command], str]
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B); what does not depend on the race is in ``CATALOGUE``.
+    One row of the table of commands (§4.B); ``CATALOGUE`` has what does not depend on the race.
 
     :param effect: puts the command in force and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if it is not.
@@ -2262,7 +2265,7 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._state_made_safe,
         lambda race, command: [race.karts[command.kart]],
     ),
-    # The rest are not commands to karts, so GRID_ACTIVE stays the last command.
+    # The rest are no buttons of §4.B, so GRID_ACTIVE stays the last button pressed.
     CommandKind.KART_UNDO_FINISH: Rule(
         Race._kart_undo_finish,
         Race._no_undo_finish,
