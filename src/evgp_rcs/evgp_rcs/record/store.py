@@ -31,11 +31,11 @@ from typing import IO
 
 from evgp_node.encoding import read, written
 from evgp_node.folder import rcs_folder
-from evgp_node.stream import Began, Block, Gap, joined, SCHEMA_VERSION
+from evgp_node.stream import Began, Block, joined, SCHEMA_VERSION
 from evgp_protocol import clock, states
 from evgp_rcs.record.run_mark import claim, in_words
 from evgp_rcs.rules import catalogue, race
-from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules
+from evgp_rcs.rules.inputs import Batch, encode, entries_of, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
 PROGRAM = 'race control'
@@ -403,18 +403,14 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
         return None
     happened: list[StampedEvent] = []  # the newest ones
     for block in blocks_of(database, number, backwards=True):
-        happened[:0] = [each for each in _alone(block) if isinstance(each, StampedEvent)]
+        own = entries_of([block], (StampedEvent,))  # regardless of the blocks before it
+        happened[:0] = [each for each in own if isinstance(each, StampedEvent)]
         if happened and happened[-1].monotonic - happened[0].monotonic > LAST_WORDS:
             break
     ends = (each for each in happened if each.event.kind is EventKind.ENDED)
     ended_ns = next((each.wall_ns for each in ends if each.event.success), None)
     events, last_ns = (happened[-1].sequence, happened[-1].wall_ns) if happened else (0, 0)
     return Session(number, began.wall_ns or last_ns, ended_ns, events, last_ns, began.run)
-
-
-def _alone(block: tuple[int, bytes]) -> Iterator[Entry | Gap]:
-    """Yield the events of a block, regardless of the blocks before it."""
-    return entries_of([block], only=(StampedEvent,))
 
 
 def events(database: sqlite3.Connection, run: int) -> Iterator[StampedEvent]:

@@ -193,7 +193,7 @@ class RecordTrouble(NamedTuple):
 
 
 class StartSaved(NamedTuple):
-    """The disk has saved the memory of the start of this number, or the start must not wait on."""
+    """Whether the disk has saved the memory of the start of this number, whose wait is over."""
 
     at: float
     saved: bool

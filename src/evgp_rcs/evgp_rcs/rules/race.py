@@ -842,8 +842,9 @@ class Race:
 
     def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
-        Record that the disk has saved the memory of a start, or that the start must not wait on.
+        Record whether the disk has saved the memory of a start, whose wait is then over.
 
+        :param saved: whether it has; otherwise, the start is refused.
         :param number: number of the start; if it no longer waits, nothing happens.
         :returns: an outcome with the answer to the start.
         """

@@ -156,7 +156,7 @@ class StopAnswer(NamedTuple):
     @property
     def is_silent(self) -> bool:
         """Return whether it is certain that the kart did not acknowledge it."""
-        known = {self.band.what, self.then}.isdisjoint({NOT_KNOWN}) and self.band.what in REDS
+        known = self.band.what in REDS and self.then != NOT_KNOWN
         return known and self.band.acknowledged is None
 
 
