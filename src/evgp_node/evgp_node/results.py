@@ -247,7 +247,6 @@ class Standings(NamedTuple):
     karts: tuple[KartResult, ...] = ()
     overall: tuple[KartResult, ...] = ()
     passings: tuple[Judged, ...] = ()
-    older: int = 0
     grids: tuple[HeatGrid, ...] = ()
     next_heat: str = ''
     races: tuple[RaceOfEvent, ...] = ()

@@ -465,7 +465,6 @@ class Desk:
             return seen
         race = self.races[-1]
         laps = race.laps
-        passings = tuple(laps.last_passings(MOST_PASSINGS))
         return seen._replace(
             run=race.run,
             race=race.number,
@@ -475,8 +474,7 @@ class Desk:
             grid=laps.grid,
             karts=laps.results,
             overall=self.best(laps.format),
-            passings=passings,
-            older=len(laps.crossings) - len(passings),
+            passings=tuple(laps.last_passings(MOST_PASSINGS)),
             published=race.published,
         )
 

@@ -160,7 +160,7 @@ def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:
 
 
 def test_where_only_the_last_passings_are_there_they_are_still_of_the_last_laps() -> None:
-    results = race(result(7, 1, 40.0, 41.0, 42.0), passings=(seen(7, 3), seen(7, 4)), older=2)
+    results = race(result(7, 1, 40.0, 41.0, 42.0), passings=(seen(7, 3), seen(7, 4)))
     texts = [each.text for each in view.crossings(results)]
     assert texts == ['lap 3, 0:42.000: finish', 'lap 2, 0:41.000']
 

@@ -1187,8 +1187,7 @@ class Race:
     def alerts(self, now: float) -> list[Alert]:
         """Return the present alerts, newest first."""
         alerts = []
-        for kind, kart, since, text in self._current_alerts(now):
-            number = kart.number if kart else 0
+        for kind, number, since, text in self._current_alerts(now):
             if since is None:
                 told = self._alerts.get((kind, number))
                 since = told.since if told else now
@@ -2012,25 +2011,25 @@ class Race:
 
     def _current_alerts(
         self, now: float
-    ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
-        """Yield each alert, when it began (None: when it was first seen), and its text."""
+    ) -> Iterator[tuple[AlertKind, int, float | None, str]]:
+        """Yield each alert, its kart, when it began (None: when first seen), and its text."""
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
             GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
             RED_FLAG: (AlertKind.FLAG_UNACKNOWLEDGED, self.times.flag_alert),
             RED_RED: (AlertKind.RED_UNACKNOWLEDGED, self.times.red_alert),
         }
-        for kart in self.karts.values():
+        for number, kart in self.karts.items():
             if kart.lost_since is not None:
                 # A kart that is back may not have stopped yet; only its report ends the alert.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart)
+                    yield AlertKind.LOST_IN_MOTION, number, kart.lost_since, self._lost(kart)
                 elif not kart.connected:
                     text = f'{_capital(kart)} lost its connection'
-                    yield AlertKind.KART_LOST, kart, kart.lost_since, text
+                    yield AlertKind.KART_LOST, number, kart.lost_since, text
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it reported GREEN_GREEN while it is sent {kart.sent.value}'
-                yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
+                yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 late_by = f'answers {kart.link.worst_answer:.1f} s late, so a stop may be late'
                 if kart.link.behind:
@@ -2039,10 +2038,10 @@ class Race:
                         'echoes fewer frames than it is sent or leaves them unread'
                     )
                 text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
-                yield AlertKind.LINK_POOR, kart, None, text
+                yield AlertKind.LINK_POOR, number, None, text
             if kart.contested:
                 text = f'Two programs connect as {kart} in turn: have its team end one of them'
-                yield AlertKind.TWO_PROGRAMS, kart, None, text
+                yield AlertKind.TWO_PROGRAMS, number, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 # Under a red, a new connection restarts the time unless the kart had been lost.
@@ -2057,14 +2056,14 @@ class Race:
                     text = f'{kart} stopped itself while it is sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
-                yield alert, kart, due, _capital(text)
+                yield alert, number, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
             text = f'Clear the track: {self._humans_allowed()[1]}'
-            yield AlertKind.TRACK_UNSAFE, None, None, text
+            yield AlertKind.TRACK_UNSAFE, 0, None, text
         if self.has_rival:
             yield (
                 AlertKind.TWO_RACE_CONTROLS,
-                None,
+                0,
                 None,
                 'Another race control is running: end it. Until then nothing can be started or '
                 'released; every stop works, but only for the karts that are connected to the '
@@ -2075,12 +2074,12 @@ class Race:
             text = 'Open a window: race control hears no screen or button that can stop the race'
             if self.times.nobody_there:
                 text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s of that'
-            yield AlertKind.NOBODY_THERE, None, since, text
+            yield AlertKind.NOBODY_THERE, 0, since, text
         if self.there.button_fault:
             text = f'Check the stop button: {self.there.button_fault}'
-            yield AlertKind.BUTTON_FAULT, None, None, text
+            yield AlertKind.BUTTON_FAULT, 0, None, text
         if self.record_fails:
-            yield AlertKind.RECORD_FAILING, None, None, self.record_fails
+            yield AlertKind.RECORD_FAILING, 0, None, self.record_fails
 
     @staticmethod
     def _lost(kart: Kart) -> str:
