@@ -2009,9 +2009,7 @@ class Race:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.ORDER_OF_FINISH, text))
 
-    def _current_alerts(
-        self, now: float
-    ) -> Iterator[tuple[AlertKind, int, float | None, str]]:
+    def _current_alerts(self, now: float) -> Iterator[tuple[AlertKind, int, float | None, str]]:
         """Yield each alert, its kart, when it began (None: when first seen), and its text."""
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
