@@ -104,7 +104,6 @@ def test_results_come_out_of_their_message_as_the_timekeeper_put_them_in() -> No
             Judged(passing, 7, Mark.COUNTED, 12.5, ''),
             Judged(unsure, 0, Mark.STRUCK, 13.0, 'why not'),
         ),
-        older=3,
         grids=(HeatGrid('Final', (8, 7)),),
         next_heat='Final',
         races=(RaceOfEvent(1, 'Heat 1', 2.5, 2, counts=True),),
