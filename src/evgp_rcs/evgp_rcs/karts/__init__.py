@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The process that stops karts: sockets, links, the beat; and the process that writes the record.
+The kart server's process, which stops karts, and the process that writes the record.
 
-It imports ``rules``, ``files`` and ``record``, but not ROS.
+This package imports ``rules``, ``files`` and ``record``, but not ROS.
 """

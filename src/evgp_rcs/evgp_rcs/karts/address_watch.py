@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The watch of race control's address: whether another machine has it, and whether it is still here.
+A watch that notices when another machine has race control's address, or this one loses it.
 
 Every race control runs this watch from start to end. At every interface by which karts reach race
-control, it asks by ARP for its own address. These are RFC 5227 probes, which change no cache. It
-also hears ARP packets in which other machines claim the address, and notices when such an
-interface loses its cable or its address.
+control, the watch asks by ARP for race control's own address. Its questions are RFC 5227 probes,
+which do not change any cache. The watch also hears ARP packets in which other machines claim the
+address, and notices when such an interface loses its cable or its address.
 
-`Lookout` and everything above it is pure; `AddressWatch` is the thread around it. It asks through
-a raw packet socket if this process may open one, otherwise through ``arping`` (iputils-arping). If
-neither works, it cannot know who has the address. It does not ask on the loopback interface, where
-there are no other machines.
+`Lookout` and everything above it is pure. `AddressWatch` is the thread around it. The watch asks
+through a raw packet socket if this process may open one, and otherwise through ``arping``
+(iputils-arping). If neither works, the watch cannot know who has the address. It does not ask on
+the loopback interface, where there are no other machines.
 """
 
 from __future__ import annotations
@@ -38,23 +38,25 @@ from evgp_rcs.karts.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
 """Time between two questions, and maximum time between two looks at the interfaces, in seconds.
-The kernel reports most changes at once, including every cable that is plugged in again."""
+The kernel reports most changes at once, for example when a cable is plugged in again."""
 
 HEARD_WITHIN = 1.0
-"""Time within which another machine answers, in seconds. Race control serves no kart before."""
+"""Time within which another machine answers, in seconds. Race control first waits for this time,
+and only then serves karts."""
 
 ANNOUNCEMENTS = 5
-"""Number of times that race control announces its address, once no other machine has answered, in
-case some are lost. Until then, machines may still send to the address's previous owner."""
+"""Number of times that race control announces its address once no other machine has answered. It
+does so more than once in case an announcement is lost. Until one arrives, machines may still send
+to the previous owner of the address."""
 
 CLAIMS = 3
-"""Number of times that race control claims the address again before it ends because of another
-machine, which may not have been asking just then."""
+"""Number of times that race control claims the address again before it ends because another
+machine has the address. The other machine may not have been asking at that moment."""
 
 _CLAIM_EVERY = 0.1
 
 MOST_BLIND = 5
-"""Maximum number of failed looks at the interfaces in a row; one more ends race control."""
+"""Maximum number of failed looks at the interfaces in a row. One more ends race control."""
 
 MOST_HEARD = 1000
 """Maximum number of ARP packets read between two looks at the interfaces."""
@@ -70,7 +72,7 @@ _NOT_NOW = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.ENOBUFS, errno.EAGA
 
 
 class AddressTakenError(RuntimeError):
-    """Another machine has race control's address; the text says which, and what to do."""
+    """Another machine has race control's address. The text says which machine."""
 
 
 # ----- questions and claims -------------------------------------------------------------------
@@ -78,10 +80,12 @@ class AddressTakenError(RuntimeError):
 
 class Claim(NamedTuple):
     """
-    A claim of a machine at an interface that it has an address.
+    A machine's claim, heard at an interface, that it has an address.
 
+    :param interface: name of the interface.
+    :param address: the IPv4 address.
     :param hardware: hardware address of the machine.
-    :param alone: only the first answer was heard, so others may be missing.
+    :param alone: whether only the first answer was heard, so that others may be missing.
     """
 
     interface: str
@@ -91,7 +95,7 @@ class Claim(NamedTuple):
 
 
 class Question(NamedTuple):
-    """The question whether another machine at an interface has an address."""
+    """The question whether another machine at this interface has this IPv4 address."""
 
     address: str
     card: Card
@@ -101,8 +105,9 @@ def packet(hardware: str, sender: str, address: str) -> bytes:
     """
     Return a broadcast ARP request for an address.
 
-    :param hardware: hardware address of the interface that sends it.
-    :param sender: 0.0.0.0 for a probe, or the same address for an announcement.
+    :param hardware: hardware address of the interface that sends the request.
+    :param sender: 0.0.0.0 for a probe, or the same address as `address` for an announcement.
+    :param address: the IPv4 address that the request is about.
     """
     own = bytes.fromhex(hardware.replace(':', ''))
     addresses = socket.inet_aton(sender), _NOBODY, socket.inet_aton(address)
@@ -110,7 +115,7 @@ def packet(hardware: str, sender: str, address: str) -> bytes:
 
 
 def claim_in(interface: str, data: bytes) -> Claim | None:
-    """Return the claim in an ARP request or reply; None if there is none."""
+    """Return the claim in an ARP request or reply; None if the data contains no claim."""
     if len(data) < _PACKET.size:
         return None
     _, _, *fixed, _, hardware, sender, _, _ = _PACKET.unpack_from(data)
@@ -121,11 +126,11 @@ def claim_in(interface: str, data: bytes) -> Claim | None:
 
 def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple[Question, ...]:
     """
-    Return the interfaces, and the addresses there, by which karts reach race control.
+    Return the questions to ask: each interface and address by which karts reach race control.
 
     :param host: the address at which race control listens, or `EVERY`.
-    :param karts: the addresses of the roster.
-    :param there: the interfaces of this machine.
+    :param karts: the karts' addresses in the roster.
+    :param there: the present interfaces of this machine.
     """
     known = [ipaddress.IPv4Address(each) for each in karts]
     return tuple(
@@ -142,11 +147,9 @@ def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple
 
 class Lookout:
     """
-    What is known about race control's addresses from everything seen and heard so far.
+    Everything that the watch has found out about race control's addresses so far.
 
-    :param asks: returns the questions to ask, given the interfaces.
-    :ivar cut_off: why karts cannot reach race control, as a phrase; empty if they can, as far as
-        is known. It is set until the interface is back and no other machine has answered there.
+    :param asks: a function that returns the questions to ask at the given interfaces.
     """
 
     def __init__(self, asks: Callable[[Sequence[Card]], Sequence[Question]]) -> None:
@@ -161,7 +164,11 @@ class Lookout:
 
     @property
     def cut_off(self) -> str:
-        """Return which of the interfaces that karts use are lost, as a phrase."""
+        """
+        Return why karts cannot reach race control, as a phrase; empty if no reason is known.
+
+        A loss ends once the interface is back and no other machine has answered there.
+        """
         return '; '.join(self._lost.values())
 
     @property
@@ -188,8 +195,10 @@ class Lookout:
 
         :param there: the present interfaces.
         :param gone: the addresses that were removed since the last look.
+        :param now: the time, in seconds.
         """
-        # A packet that this machine sent a moment ago may arrive at another of its interfaces now.
+        # Keep the previous hardware addresses as well. A packet that this machine sent a moment
+        # ago may arrive at another of its interfaces now.
         own = frozenset(each.hardware for each in there if each.name != LOOPBACK_CARD)
         self._own, self._owned = own, self._own
         names = {each.name: each for each in there}
@@ -216,14 +225,14 @@ class Lookout:
         found = []
         for key, since in self._since.items():
             if now - since >= self._times[key] * ASK_EVERY and key in self._asked:
-                # Missed questions are not made up for.
+                # The watch does not make up for questions that it missed.
                 times = self._times[key] = int((now - since) / ASK_EVERY) + 1
                 announce = 0 < times - HEARD_WITHIN / ASK_EVERY <= ANNOUNCEMENTS
                 found.append((self._asked[key], announce))
         return found
 
     def hear(self, claim: Claim) -> str:
-        """Return, as a sentence, which other machine a claim reveals; empty if none."""
+        """Return, as a sentence, which other machine made a claim; empty if this one did."""
         if (claim.address, claim.interface) not in self._asked:
             return ''
         if claim.hardware not in self._own | self._owned:
@@ -244,7 +253,7 @@ def _takes_arp(card: Card) -> bool:
 
 
 def _is_same(before: Card, after: Card) -> bool:
-    """Return whether an interface kept its cable all the time between two looks."""
+    """Return whether an interface has kept its cable since the previous look."""
     return before._replace(addresses=()) == after._replace(addresses=())
 
 
@@ -261,10 +270,12 @@ def _what_is_lost(address: str, name: str, card: Card | None) -> str:
 
 class Asker:
     """
-    Asks at an interface, and hears who claims an address; this base class cannot ask.
+    The way to ask at an interface, and to hear who claims an address.
 
-    :ivar trouble: why it cannot ask; empty if it can.
-    :ivar asked: number of questions sent so far.
+    This base class is used when this process cannot ask at all.
+
+    :ivar trouble: why it cannot ask, as a phrase. Empty if it can.
+    :ivar asked: number of questions asked so far.
     :ivar files: file descriptors that become readable when there are claims.
     """
 
@@ -277,21 +288,21 @@ class Asker:
         self.files: tuple[int, ...] = ()
 
     def ask(self, question: Question) -> None:
-        """Ask whether another machine has the address."""
+        """Ask whether another machine has the address. The answers appear in `claims`."""
 
     def announce(self, question: Question) -> None:
         """Announce at the interface that this machine has the address."""
 
     def claims(self) -> list[Claim]:
-        """Return the claims heard since the last call."""
+        """Return the claims heard since the last call. This method does not wait."""
         return []
 
     def close(self) -> None:
-        """Stop asking."""
+        """Close the socket, or end the programs that ask."""
 
 
 class _RawSocket(Asker):
-    """Asks by a raw socket, and hears all ARP packets at every interface of this machine."""
+    """Asking through a raw socket, which hears every ARP packet at any interface."""
 
     def __init__(self) -> None:
         """
@@ -304,7 +315,7 @@ class _RawSocket(Asker):
         self._socket = socket.socket(socket.AF_PACKET, kind, socket.htons(_PROTOCOL))
         self.trouble, self.asked = '', 0
         self.files = (self._socket.fileno(),)
-        # Processes started from now on do not need this right, and strangers can reach some.
+        # Processes that this one starts do not need this right, and strangers can reach some.
         ctypes.CDLL(None).prctl(_AMBIENT, _CLEAR_ALL, 0, 0, 0)
 
     def ask(self, question: Question) -> None:
@@ -320,7 +331,7 @@ class _RawSocket(Asker):
             self._socket.sendto(packet(card.hardware, sender, address), (card.name, _PROTOCOL))
             self.trouble = ''
         except OSError as error:
-            if error.errno not in _NOT_NOW:  # the next look at the interfaces shows it
+            if error.errno not in _NOT_NOW:  # the next look at the interfaces shows these
                 self.trouble = f'race control cannot ask at {card.name}: {error.strerror}'
 
     def claims(self) -> list[Claim]:
@@ -338,7 +349,7 @@ class _RawSocket(Asker):
 
 
 class _Arping(Asker):
-    """Asks by the program ``arping``, which may have a right that this process lacks."""
+    """Asking through the program ``arping``, which may have a right that this process lacks."""
 
     def __init__(self) -> None:
         """
@@ -368,7 +379,7 @@ class _Arping(Asker):
             stderr=subprocess.STDOUT,
             text=True,
             errors='replace',
-            start_new_session=True,  # Ctrl-C in a terminal must not reach it
+            start_new_session=True,  # Ctrl-C in a terminal must not reach arping
             env={**os.environ, 'LC_ALL': 'C'},
         )
 
@@ -410,10 +421,10 @@ def _an_asker() -> Asker:
 
 class AddressWatch:
     """
-    The watch, in a thread of its own, which starts at once.
+    The watch, which runs in its own thread from the start.
 
-    :param asks: as for `Lookout`.
-    :param announces: whether this machine has the address, and announces that.
+    :param asks: a function that returns the questions to ask at the given interfaces.
+    :param announces: whether this machine has the address and must announce it.
     """
 
     def __init__(
@@ -447,16 +458,19 @@ class AddressWatch:
 
     @property
     def error(self) -> BaseException | None:
-        """Return the error that ended the watch, if any."""
+        """Return the error that ended the watch; None if there is none."""
         return self._error
 
     def first_look(self, seconds: float = HEARD_WITHIN) -> str:
         """
         Wait until another machine with the address would have answered, if the watch can ask.
 
-        :param seconds: how long that takes, from the start of the watch, in seconds.
-        :return: why it is unknown whether another machine has the address; empty if none has.
+        :param seconds: time from the start of the watch within which another machine would answer,
+            in seconds.
+        :return: why it is unknown whether another machine has the address, as a phrase; empty if
+            no other machine has it.
         :raises AddressTakenError: if another machine has the address.
+        :raises BaseException: the error that ended the watch.
         """
         until = self._began + seconds
         with self._state:
@@ -480,7 +494,7 @@ class AddressWatch:
             on_news()
 
     def close(self) -> None:
-        """End the watch, within `ASK_EVERY`."""
+        """Make the thread end, which takes at most `ASK_EVERY` seconds."""
         self._closing.set()
 
     def _run(self) -> None:
@@ -511,13 +525,14 @@ class AddressWatch:
                     raise
             lookout.see(there, gone, clock.now())
             self._answer = next(filter(None, map(lookout.hear, asker.claims())), '')
-            # A loss must be reported before its end is.
+            # Before `tell`, keep a loss even if it has ended, so that `on_news` still reports it.
             cut_off = lookout.cut_off
             if cut_off != self._cut_off and (cut_off or self._on_news is not None):
                 self._cut_off = cut_off
                 self._notify()
         if self._answer:
-            # If this race control has served karts, it also lets the other machine know.
+            # If this race control has served karts, it claims the address again, so that the other
+            # machine notices.
             serves = self._on_news is not None
             self._notify()
             for _ in range(CLAIMS if serves else 0):
@@ -535,9 +550,9 @@ class AddressWatch:
 
 def watch_for_race_control(host: str, karts: Callable[[], Iterable[str]]) -> AddressWatch:
     """
-    Return the watch of the address at which race control listens.
+    Start the watch of the address at which race control listens.
 
     :param host: the address, or `EVERY`.
-    :param karts: returns the addresses of the roster.
+    :param karts: a function that returns the karts' addresses in the roster.
     """
     return AddressWatch(lambda there: to_be_asked(host, karts(), there))

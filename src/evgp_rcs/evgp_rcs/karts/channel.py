@@ -4,12 +4,12 @@
 """
 The messages between the processes of race control, over local socket pairs.
 
-The *kart server* (``karts.process``) has one pair with the *ROS half* (``ros.node``) and one with
-the *record* (``karts.record_process``). A message is its length, followed by the pickle of one of
-the classes below, a ``Snapshot`` or a ``Batch``. Both ends are this package and no other program
-can reach a pair, so pickle is safe here.
+The *kart server* (``karts.process``) shares one pair with the *ROS half* (``ros.node``) and one
+with the *record* (``karts.record_process``). Each message begins with its length, followed by the
+pickle of one of the classes below, a ``Snapshot`` or a ``Batch``. Pickle is safe here, because
+only this package can reach the two ends of a pair.
 
-No ROS, no thread, no clock.
+This module uses no ROS, no thread and no clock.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from evgp_rcs.rules.race import (
 )
 
 ANSWER_TIMEOUT = 4.0
-"""Maximum time that an official's call waits for its answer, in seconds; after that, only stops
-still take effect. A working kart server needs at most `RaceTimes.journal_timeout`; one that hangs
-is killed earlier."""
+"""Maximum time that an official's call waits for its answer, in seconds. After that, only stops
+still take effect. A working kart server needs at most `RaceTimes.journal_timeout`. A kart server
+that hangs is killed before this time is over."""
 
 PAIR_BYTES = 65536
 """Maximum number of bytes read from a pair at a time."""
@@ -56,10 +56,11 @@ class ServerSettings:
     """
     How the kart server listens and sends.
 
-    :param host: IPv4 address to listen at; 0.0.0.0 for every address of the machine.
-    :param port: TCP port; 0 lets the system choose one (for tests).
-    :param beat_rate: frames per second to each kart; §4.C requires at least 10 Hz.
-    :param send_timeout: time after which a kart that leaves bytes unanswered is lost, in seconds.
+    :param host: IPv4 address to listen at. 0.0.0.0 means every address of the machine.
+    :param port: TCP port. With 0, as in tests, the system chooses one.
+    :param beat_rate: frames per second to each kart. §4.C requires at least 10 Hz.
+    :param send_timeout: time after which the server drops a kart that leaves bytes unanswered, in
+        seconds.
     :param snapshot_interval: minimum time between two snapshots of the race, in seconds.
     :param snapshot_at_least: maximum time between two snapshots, in seconds.
     """
@@ -75,12 +76,13 @@ class ServerSettings:
 @dataclass(frozen=True)
 class Begin:
     """
-    The first message: the roster and settings to start with.
+    The first message, which contains the roster and the settings to start with.
 
     :param record: path of the record.
-    :param cannot_know: why another race control at the same address cannot be ruled out, in a
-        phrase; empty if it can. If it cannot, no proof of a good end is believed.
-    :param run: id of this run; if empty, the record draws one.
+    :param cannot_know: why the ROS half cannot rule out another race control at the same address,
+        as a phrase. Empty if it can. If it cannot, race control does not believe any proof that
+        the last run ended well.
+    :param run: id of this run. If it is empty, the record draws one.
     """
 
     roster: Roster
@@ -106,12 +108,12 @@ class Request(NamedTuple):
 
 class Alive(NamedTuple):
     """
-    The ROS half is alive and hears officials.
+    The sign of life by which the ROS half shows that it hears officials.
 
-    :param rival: whether it hears another race control.
+    :param rival: whether the ROS half hears another race control.
     :param there: who can stop the race.
     :param cut_off: why karts cannot reach race control now, as a phrase, such as a lost cable or
-        address of an interface that they use; empty if they can.
+        address of an interface that they use. Empty if they can.
     """
 
     rival: bool
@@ -122,61 +124,61 @@ class Alive(NamedTuple):
 @dataclass(frozen=True)
 class End:
     """
-    Send RED_RED to every kart and end.
+    The order to send RED_RED to every kart, and to end.
 
-    :param in_order: an orderly end, after which the next run may begin from the roster if no race
-        was under way.
+    :param in_order: whether this is an orderly end. After an orderly end without a race under way,
+        the next run may begin from the roster.
     """
 
     in_order: bool
 
 
-# ----- from the kart server to the ROS half; and its snapshots --------------------------------
+# ----- from the kart server to the ROS half, besides its snapshots ----------------------------
 
 
 @dataclass(frozen=True)
 class Listening:
-    """Karts can connect, at this address and port."""
+    """The message that karts can now connect at this address and port."""
 
     address: tuple[str, int]
 
 
 @dataclass(frozen=True)
 class Refused:
-    """The kart server or the record cannot start; the text says why, and what to do."""
+    """The message that the kart server or the record cannot start, with why and what to do."""
 
     text: str
 
 
 class Answered(NamedTuple):
-    """The answer to a request."""
+    """The answer to the request with this number."""
 
     number: int
     answer: Answer
 
 
 class Happened(NamedTuple):
-    """Events, in order."""
+    """Events, in the order in which they happened."""
 
     events: list[StampedEvent]
 
 
 @dataclass(frozen=True)
 class Failed:
-    """The last message of a kart server that could not go on: every kart was sent RED_RED."""
+    """The last message of a kart server that failed, after it sent every kart RED_RED."""
 
     text: str
 
 
-# ----- from the kart server to the record; also inputs.Batch ----------------------------------
+# ----- from the kart server to the record, besides inputs.Batch -------------------------------
 
 
 class Remember(NamedTuple):
     """
-    What to save for the next run.
+    A memory to save for the next run.
 
-    :param confirm: number that the record returns once this is on the disk or has failed; 0 if no
-        confirmation is needed.
+    :param confirm: number that the record returns once the memory is on the disk, or writing it
+        has failed. 0 if no confirmation is needed.
     """
 
     memory: RaceMemory
@@ -186,9 +188,9 @@ class Remember(NamedTuple):
 @dataclass(frozen=True)
 class Ended:
     """
-    The last message: the run has ended.
+    The last message, which says that the run has ended.
 
-    :param ends_as: how it ended, for the next run.
+    :param ends_as: how the run ended, for the next run.
     """
 
     ends_as: LastRun
@@ -200,12 +202,12 @@ class Ended:
 @dataclass(frozen=True)
 class Opened:
     """
-    The first message: what is known of the last run.
+    The first message, which says what is known of the last run.
 
-    :param left_behind: what the record contains of it; None if nothing.
-    :param last_run: how it ended, according to the mark.
-    :param why: why that cannot be known, as a phrase; empty if it can.
-    :param error: why the record fails, as a phrase; empty if it works.
+    :param left_behind: what the record contains of the last run. None if it contains nothing.
+    :param last_run: how the last run ended, according to the mark.
+    :param why: why it is unknown how the last run ended, as a phrase. Empty if it is known.
+    :param error: why the record fails, as a phrase. Empty if it works.
     """
 
     left_behind: RaceMemory | None
@@ -216,12 +218,12 @@ class Opened:
 
 class Written(NamedTuple):
     """
-    The result of writing.
+    What the record has written.
 
     :param batches: number of batches on the disk so far.
-    :param error: why the record fails, as a phrase; empty if it works.
-    :param confirmed: numbers of the memories that are on the disk now or, if there is an error,
-        have failed.
+    :param error: why the record fails, as a phrase. Empty if it works.
+    :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk. If
+        there is an error, the memories that could not be written.
     """
 
     batches: int
@@ -239,7 +241,7 @@ def pack(message: object) -> bytes:
 
 
 class Unpacker:
-    """Splits the bytes of one direction into messages."""
+    """A buffer that splits the bytes of one direction into messages."""
 
     def __init__(self) -> None:
         self._data = bytearray()
@@ -259,9 +261,9 @@ class Unpacker:
 
 class LocalEnd:
     """
-    The kart server's end of a pair; only `first` and `send_the_rest` block.
+    The kart server's end of a pair. Only `first` and `send_the_rest` block.
 
-    :ivar gone: why the other end is gone; empty if it is not.
+    :ivar gone: why the other end is gone. Empty while it is there.
     """
 
     def __init__(self, end: socket.socket) -> None:
@@ -276,7 +278,7 @@ class LocalEnd:
         """
         Wait for the first message.
 
-        :raises EOFError: if the other end closes first.
+        :raises EOFError: if the other end closes without a message.
         """
         while data := self._end.recv(PAIR_BYTES):
             for message in self._unpacker.feed(data):
@@ -284,7 +286,7 @@ class LocalEnd:
         raise EOFError('the other end ended before it began')
 
     def attach(self, loop: asyncio.AbstractEventLoop, on_news: Callable[[], None]) -> None:
-        """Call `on_news` in this loop when there is something to receive, or the peer is gone."""
+        """Call `on_news` in this loop when a message can be received or the other end is gone."""
         self._loop = loop
         self._on_news = on_news
         self._end.setblocking(False)
@@ -313,22 +315,26 @@ class LocalEnd:
                 return
 
     def send(self, data: bytes) -> None:
-        """Send a packed message; bytes that the other end does not accept now wait here."""
+        """Send a packed message. Bytes that the other end does not accept yet wait here."""
         if not self.gone:
             self._unsent += data
             self._flush()
 
     def send_the_rest(self, *messages: object, timeout: float) -> None:
-        """Send everything that waits and the last messages, if the other end accepts them."""
+        """
+        Send everything that waits, and then the last messages, if the other end accepts them.
+
+        :param timeout: maximum time to wait, in seconds.
+        """
         if self.gone:
-            return  # half a message may be out, so the rest would be unreadable
+            return  # part of a message may have been sent, so the rest would be unreadable
         self._unsent += b''.join(map(pack, messages))
-        with contextlib.suppress(OSError):  # the other end is gone or stuck; nothing is left to do
+        with contextlib.suppress(OSError):  # the other end is gone or stuck
             self._end.settimeout(timeout)
             self._end.sendall(self._unsent)
 
     def lose(self, why: str) -> None:
-        """Give up the other end."""
+        """Give up the other end, for this reason, and discard what waits for it."""
         self.gone = why
         self._unsent.clear()
         if self._loop is not None:

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One connection of one kart: its bytes in, frames out, and whether it still answers (§4.C, §4.D).
+One connection of one kart, which reads its bytes and sends it frames (§4.C, §4.D).
 
-Everything here runs in the loop of the kart server, which owns the links. `LinkOwner` is what a
-link needs of it. ``hearing`` decides which reports of a kart count.
+The link also watches whether the kart still answers. Everything here runs in the loop of the kart
+server, which owns the links. `LinkOwner` lists what a link needs of it. ``hearing`` decides which
+reports of a kart count.
 """
 
 from __future__ import annotations
@@ -32,39 +33,41 @@ from evgp_rcs.rules.inputs import CLOSED_BY_KART
 from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
 
 TICK = 0.01
-"""Maximum tick of a kernel's clock, in seconds; the kernel's times may be one tick late."""
+"""Maximum tick of a kernel's clock, in seconds. The kernel's times may be one tick late."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
 
 class LinkOwner(Protocol):
-    """What a link needs of the kart server."""
+    """The methods of the kart server that a link calls."""
 
     def now(self) -> float:
         """Return the time on the clock of the rules, in seconds."""
 
     def take_commands(self) -> None:
-        """Judge the commands of officials, which come before the reports of karts."""
+        """Judge the commands of officials, before the link reports what a kart sent."""
 
     def link_made(self, link: KartLink, address: str) -> None:
         """Accept a new connection from this IPv4 address, or drop it."""
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
         """
-        Handle what a kart reported.
+        Handle a report of a kart.
 
+        :param link: the kart's link.
+        :param heard: the report, or bytes that are not a frame.
         :param serial: serial of the order that the report can answer.
-        :param counts_in: see `Hearing.counts_in`.
+        :param counts_in: the same as in `Hearing.counts_in`, in seconds.
         """
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Record that the kart's kernel answered an order by this time (s)."""
+        """Record that the kart's kernel answered an order by this time, in seconds."""
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
         """Record how good the link is."""
 
     def link_lost(self, link: KartLink) -> None:
-        """Record that a connection has ended; `KartLink.reason` says why."""
+        """Record that a connection has ended. `KartLink.reason` says why."""
 
 
 class KartLink(asyncio.BufferedProtocol):
@@ -72,11 +75,12 @@ class KartLink(asyncio.BufferedProtocol):
     One connection of one kart.
 
     :param owner: the kart server.
-    :param beat_rate: rate at which ``beat`` is called, in Hz.
-    :param send_timeout: time after which a kart that leaves a byte unanswered is lost, in seconds.
-    :ivar number: the kart's number, which the owner sets; 0 before that.
-    :ivar reason: why the connection ended, or will end.
-    :ivar silent: the connection ended because its link stopped answering.
+    :param beat_rate: rate at which the owner calls ``beat``, in Hz.
+    :param send_timeout: time after which the link drops a kart that leaves a byte unanswered, in
+        seconds.
+    :ivar number: the kart's number, which the owner sets. 0 before that.
+    :ivar reason: why the connection has ended or will end, as a phrase.
+    :ivar silent: whether the connection ended because the kart stopped answering.
     """
 
     def __init__(self, owner: LinkOwner, beat_rate: float, send_timeout: float) -> None:
@@ -90,7 +94,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._answers = Answers()
         self._meter = LinkMeter(owner.now())
         self._ordered = 0  # serial of the last order
-        self._delivered: tuple[int, float] | None = None  # to report to the owner
+        self._delivered: tuple[int, float] | None = None  # still to be reported to the owner
         self.number = 0
         self.reason = 'the connection ended'
         self.silent = False
@@ -109,7 +113,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Handle the bytes that were read; beyond a flood's worth, reading pauses until a beat."""
+        """Handle the bytes that were read. After a flood's worth, pause reading until a beat."""
         self._hearing.read(nbytes)
         if self._hearing.waits:
             self._look(self._owner.now())
@@ -122,16 +126,16 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Drop the kart at once, whatever waits to be written; it can no longer hear it."""
+        """Drop the kart at once. What waits to be written could no longer reach its program."""
         self.drop(CLOSED_BY_KART)
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Tell the owner."""
+        """Report the end of the connection to the owner."""
         if exc is not None:
             no_answer = isinstance(exc, TimeoutError)
             self.reason = 'its network link stopped answering' if no_answer else in_words(exc)
-            # A ConnectionError is an answer of the kart's system, as when its program is gone.
+            # A ConnectionError is an answer of the kart's system, for example without its program.
             self.silent = not isinstance(exc, ConnectionError)
         self._transport = None
         self._owner.link_lost(self)
@@ -139,12 +143,17 @@ class KartLink(asyncio.BufferedProtocol):
     # ----- the owner's side ---------------------------------------------------------------
 
     def set_up(self) -> None:
-        """Configure the socket to send without delay."""
+        """Make the socket send without delay."""
         assert self._socket is not None
         make_prompt(self._socket)
 
     def order(self, state: RaceState, serial: int) -> None:
-        """Send a new state at once; frames that have arrived by now cannot answer it."""
+        """
+        Send a new state at once. Frames that have arrived by now cannot answer it.
+
+        :param state: the state.
+        :param serial: serial of the order, which `LinkOwner.link_heard` gets with each report.
+        """
         self._frame = FRAMES[state]
         self._ordered = serial
         end = self._answers.written + len(self._frame)
@@ -155,8 +164,8 @@ class KartLink(asyncio.BufferedProtocol):
         """
         Send the state again, unless an earlier frame has not left yet.
 
-        A stop therefore never waits behind more than one earlier frame, in whatever buffer. If the
-        kart's answers become late, fewer frames are sent (``Answers.may_beat``).
+        Because of this, a stop never waits behind more than one earlier frame in any buffer. If
+        the kart's answers are late, the link sends fewer frames (``Answers.may_beat``).
         """
         now = self._owner.now()
         was_full = self._hearing.is_full
@@ -190,7 +199,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._answers.age(now) < GRADES[Grade.FAIR]
 
     def drop(self, reason: str) -> None:
-        """Give up the connection now, and discard what waits to be written."""
+        """Close the connection now, for this reason, and discard what waits to be written."""
         self.reason = reason
         if self._transport is not None:
             self._transport.abort()
@@ -213,11 +222,12 @@ class KartLink(asyncio.BufferedProtocol):
         if self._transport is None or self._socket is None:
             return
         waits = self._hearing.waits
-        # The order matters: bytes that arrived while an order was unanswered were sent before it.
+        # Count the bytes before asking what is answered. Bytes that arrived while an order was
+        # unanswered cannot answer it.
         arrived = self._unread() if waits else 0
         rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
         if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
-            # The answer came before this look, perhaps long before if race control stalled.
+            # The answer came before this look, and long before it if race control has stalled.
             info = read(self._socket)
             now -= 0.0 if info is None else max(0.0, info.since_answer - TICK)
         for took in self._answers.look(rest, now):

@@ -4,8 +4,8 @@
 """
 The network interfaces of this machine, as the kernel reports them now (rtnetlink, without root).
 
-``/sys`` would not do, because it shows the interfaces of the network namespace in which it was
-mounted, which may not be the one of this process.
+This module does not read ``/sys``, because ``/sys`` shows the interfaces of the network namespace
+in which it was mounted. That namespace may differ from the one of this process.
 """
 
 from __future__ import annotations
@@ -39,11 +39,12 @@ class Card(NamedTuple):
     """
     A network interface.
 
-    :param number: the kernel's number, which changes when the interface is unplugged.
-    :param hardware: hardware address, such as 02:00:00:00:00:01; empty if it has none.
-    :param plugged: whether it is up and has a cable or a WLAN.
-    :param losses: how often it has lost its cable or WLAN so far.
-    :param addresses: its IPv4 addresses, with their networks.
+    :param name: name of the interface, such as eth0.
+    :param number: the kernel's number of the interface, which changes when it is unplugged.
+    :param hardware: hardware address, such as 02:00:00:00:00:01. Empty if it has none.
+    :param plugged: whether the interface is up and has a cable or a WLAN.
+    :param losses: how often the interface has lost its cable or WLAN so far.
+    :param addresses: IPv4 addresses of the interface, with their networks.
     """
 
     name: str
@@ -54,13 +55,13 @@ class Card(NamedTuple):
     addresses: tuple[ipaddress.IPv4Interface, ...] = ()
 
     def has(self, address: str) -> bool:
-        """Return whether it has an IPv4 address."""
+        """Return whether the interface has this IPv4 address."""
         return ipaddress.IPv4Address(address) in [each.ip for each in self.addresses]
 
 
 def cards() -> tuple[Card, ...]:
     """
-    Return the interfaces of this machine, which takes some 0.1 ms.
+    Return the interfaces of this machine. This takes about 0.1 ms.
 
     :raises OSError: if the kernel does not report them.
     """
@@ -86,9 +87,9 @@ def cards() -> tuple[Card, ...]:
 
 class CardNews:
     """
-    Notices that an interface or an address has come, changed or gone.
+    A watch that notices when an interface or an address comes, changes or goes.
 
-    :ivar file: becomes readable then.
+    :ivar file: a socket that becomes readable when this happens.
     """
 
     def __init__(self) -> None:
@@ -99,7 +100,7 @@ class CardNews:
     def gone(self) -> set[str]:
         """Return the addresses that were removed since the last call."""
         found = set()
-        # After an overflow (ENOBUFS) nothing is lost: the caller looks at the interfaces anyway.
+        # An overflow (ENOBUFS) does no harm, because the caller looks at the interfaces anyway.
         with contextlib.suppress(OSError):  # above all BlockingIOError
             while True:
                 for kind, body in _messages(self.file.recv(_BYTES)):
@@ -108,7 +109,7 @@ class CardNews:
         return found
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close the socket."""
         self.file.close()
 
 

@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server's process: rules, karts' sockets and beat, without ROS; it starts the record's.
+The kart server's process, which holds the rules and the karts' sockets, and does not use ROS.
 
 The ROS half (``node``) starts this process, and a local socket pair connects the two
-(``channel``). Neither outlives the other. If the ROS half ends, or is silent for
-`ROS_HALF_SILENCE`, officials could no longer stop a kart, so this process sends every kart RED_RED
-and ends.
+(``channel``). This process in turn starts the record's process. Neither of the two halves outlives
+the other. If the ROS half ends, or is silent for `ROS_HALF_SILENCE`, officials could no longer
+stop a kart, so this process sends every kart RED_RED and ends.
 
-One thread runs the kart server's loop. If the ROS half is slow, its events wait here, and
-snapshots of the race are skipped.
+One thread runs the kart server's loop. If the ROS half is slow, events for it wait here, and the
+kart server skips snapshots of the race.
 """
 
 from __future__ import annotations
@@ -34,20 +34,24 @@ from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
 from evgp_rcs.rules.race import LastRun
 
 FIRST_SIGN = 2.0
-"""Additional time for the first sign of life of the ROS half, which is still starting, in
-seconds."""
+"""Additional time for the first sign of life, in seconds, because the ROS half is still
+starting."""
 
 LAST_WORDS_TIMEOUT = 2.0
-"""Maximum time at the end for the record to finish, and again for the ROS half to accept the last
-messages, in seconds."""
+"""Maximum time at the end, in seconds. The record has this long to finish, and the ROS half then
+has this long to accept the last messages."""
 
 
 async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:
     """
-    Run the kart server until it ends, and return how, for the next run.
+    Run the kart server until it ends.
 
-    :raises KartServerError: if it cannot start.
-    :raises BaseException: the failure that ended it.
+    :param begin: the roster and the settings.
+    :param ros_half: this process's end of the socket pair to the ROS half.
+    :param record: the record's process.
+    :returns: how this run ended, for the next run.
+    :raises KartServerError: if the kart server cannot start.
+    :raises BaseException: the failure that ended the kart server.
     """
     loop = asyncio.get_running_loop()
     setup = Setup(begin.roster.karts, begin.times, begin.roster.heats, loop.time(), begin.run)
@@ -69,11 +73,12 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
-    # Signals to this process end it in good order; a terminal's reach only the ROS half.
+    # A signal to this process ends it in good order. Signals from a terminal reach only the ROS
+    # half.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         loop.add_signal_handler(number, server.end)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
-    # The race and its karts stay, so the garbage collector need not visit them every time.
+    # The race and its karts stay until the end, so the garbage collector need not visit them.
     gc.collect()
     gc.freeze()
 
@@ -88,19 +93,19 @@ def main(arguments: list[str] | None = None) -> int:
     """
     Run the kart server for the ROS half at the other end of an inherited socket.
 
-    :param arguments: the number of its file descriptor.
-    :return: 0 after an orderly end, 1 after a failure, 2 if it could not start.
+    :param arguments: the number of that socket's file descriptor.
+    :return: 0 after an orderly end, 1 after a failure, 2 if the kart server could not start.
     """
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
     wake_when_the_parent_dies()
-    priority.come_before_others()  # in a session of its own
+    priority.come_before_others()  # this process has a session of its own
     with socket.socket(fileno=int(descriptor)) as end:
         ros_half = LocalEnd(end)
         try:
             begin = ros_half.first()
         except EOFError:
             return 1
-        gc.freeze()  # memory shared with the record's process stays shared
+        gc.freeze()  # so that memory shared with the record's process stays shared
         try:
             mark = run_mark.place(begin.settings.host, begin.settings.port)
             record = RecordProcess(begin.record, mark, begin.run)
@@ -110,7 +115,7 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             ends_as = clock.run(serve(begin, ros_half, record))
         except KartServerError as error:
-            # No kart was sent anything, so this run leaves what the last run left.
+            # This run has sent nothing to any kart, so it leaves behind what the last run left.
             record.end(LAST_WORDS_TIMEOUT, record.last_run)
             ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
@@ -120,8 +125,10 @@ def main(arguments: list[str] | None = None) -> int:
             ros_half.send_the_rest(Failed(words), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
                 raise
-            with contextlib.suppress(PermissionError):  # the ROS half has died; another is parent
-                os.kill(os.getppid(), signal.SIGCONT)  # a stopped ROS half notices this, and ends
+            # A stopped ROS half wakes up and ends. If it has died, this process has another
+            # parent.
+            with contextlib.suppress(PermissionError):
+                os.kill(os.getppid(), signal.SIGCONT)
             return 1
         record.end(LAST_WORDS_TIMEOUT, ends_as)
         ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)

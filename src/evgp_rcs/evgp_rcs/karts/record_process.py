@@ -2,15 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The process that writes the record and the mark of the run; no other process waits for the disk.
+The process that writes the record and the mark of the run, so that no other waits for the disk.
 
 The kart server forks this process before it does anything else, and sends it everything over a
-socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; anything beyond that is lost, and
-`RecordProcess.trouble` reports the loss. When the kart server ends, in whatever way, this process
-writes what has reached it and ends as well. If this process ends, hangs or is frozen, or cannot
-write the mark (``run_mark``), the record fails: the race goes on, but no new race can start.
+socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk. Anything beyond that is lost, and
+`RecordProcess.trouble` reports the loss. When the kart server ends, for whatever reason, this
+process writes what has reached it and ends as well.
 
-`RecordProcess.trouble` is the one place that knows whether the record fails.
+If this process ends, hangs, is frozen, or cannot write the mark (``run_mark``), the record fails.
+The race then goes on, but no new race can start. Only `RecordProcess.trouble` decides whether the
+record fails.
 """
 
 from __future__ import annotations
@@ -46,8 +47,8 @@ from evgp_rcs.rules.inputs import Batch
 from evgp_rcs.rules.race import LastRun, RaceMemory
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
-"""Maximum backlog of the stream that is not on the disk yet, in bytes; anything beyond it is lost.
-This is enough for an hour of racing with 20 karts."""
+"""Maximum backlog of the stream that is not on the disk yet, in bytes. Anything beyond it is lost.
+The backlog has room for an hour of racing with 20 karts."""
 
 SLOW = 2.0
 """Maximum time that an event waits before `RecordProcess.trouble` reports it, in seconds."""
@@ -56,7 +57,13 @@ _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 class _Confirm(NamedTuple):
-    """Something that must be on the disk: its callback, when it began to wait, and how long."""
+    """
+    A memory that must reach the disk.
+
+    :param done: called with whether the memory is on the disk.
+    :param since: when it began to wait, in seconds.
+    :param within: how long it may wait, in seconds.
+    """
 
     done: Callable[[bool], None]
     since: float
@@ -65,16 +72,17 @@ class _Confirm(NamedTuple):
 
 class RecordProcess:
     """
-    The record, as the kart server sees it; only ``__init__`` and ``end`` block.
+    The record's process, as the kart server sees it. Only ``__init__`` and ``end`` block.
 
     :param path: the file of the record.
-    :param mark: the file of the mark; see ``run_mark.place``.
-    :param run: id of the run; if empty, the record draws one.
-    :raises RecordError: if another running race control uses one of the files.
+    :param mark: the file of the mark (see ``run_mark.place``).
+    :param run: id of the run. If it is empty, the record draws one.
+    :raises RecordError: if the record cannot be used, for example because another race control
+        that is running uses one of the files.
     """
 
     def __init__(self, path: pathlib.Path, mark: pathlib.Path, run: str = '') -> None:
-        """Start the process, and wait until it knows what the last run left."""
+        """Start the process, and wait until it has read what the last run left."""
         self._path = path
         end, other = socket.socketpair()
         self.pid = os.fork()
@@ -103,11 +111,11 @@ class RecordProcess:
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
-        """What the record contains of the last run; None if nothing."""
+        """What the record contains of the last run. None if it contains nothing."""
         self.last_run: LastRun = opened.last_run
         """How the last run ended."""
         self.why: str = opened.why
-        """Why that cannot be known, as a phrase; empty if it can."""
+        """Why it is unknown how the last run ended, as a phrase. Empty if it is known."""
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
@@ -130,20 +138,21 @@ class RecordProcess:
         self._end.send(data)
 
     def remember(self, memory: RaceMemory) -> None:
-        """Save this for the next run; see ``Record.remember``."""
-        # If the process hangs, this waits until it goes on.
+        """Save this memory for the next run (see ``Record.remember``)."""
+        # If the process hangs, the memory waits until the process goes on.
         if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
             self._end.send(pack(Remember(memory)))
 
     def make_sure(self, memory: RaceMemory, within: float, done: Callable[[bool], None]) -> None:
         """
-        Save this for the next run, and report when it is on the disk.
+        Save this memory for the next run, and report when it is on the disk.
 
-        :param within: maximum time, in seconds; beyond it the record counts as failing until this
-            is on the disk.
-        :param done: called in the loop with whether this is on the disk; never called if that is
-            not known.
+        :param memory: the memory.
+        :param within: maximum time to reach the disk, in seconds. After that, the record fails
+            until the memory is on the disk.
+        :param done: called in the loop with whether the memory is on the disk. If this remains
+            unknown, ``done`` is never called.
         """
         self._confirms += 1
         self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
@@ -151,7 +160,7 @@ class RecordProcess:
         self._end.send(pack(Remember(memory, self._confirms)))
 
     def look(self) -> None:
-        """Read the messages that have come from the process."""
+        """Read the messages that the process has sent."""
         for batches, error, confirmed in self._end.receive():
             while self._batches < batches:
                 self._batches += 1
@@ -164,8 +173,8 @@ class RecordProcess:
                 self._confirm.pop(number).done(not error)
 
     def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official; empty if it does not."""
-        # Unlike the clock of the rules, this one skips suspends, which do not make a disk slow.
+        """Return why the record fails, as a sentence for an official. Empty if it works."""
+        # This clock skips suspends, unlike that of the rules, because they do not slow a disk.
         now = time.monotonic()
         if not self._events:
             self._caught_up_at = now
@@ -183,9 +192,9 @@ class RecordProcess:
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
     def _slow_for(self, now: float) -> float:
-        """Return how long the disk has not written anything, in seconds; 0 if not too long."""
+        """Return for how many seconds the disk has not written; 0 if this is not too long."""
         waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
-        # A start whose wait was too long has been refused, but the disk is still not ready.
+        # A start that waited too long has been refused, but the disk may still not be ready.
         waits += [
             now - each.since for each in self._confirm.values() if now - each.since >= each.within
         ]
@@ -193,9 +202,9 @@ class RecordProcess:
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
         """
-        Record the rest, and that this run has ended.
+        Write what is left and that this run has ended, and end the process.
 
-        :param timeout: maximum time to wait, in seconds.
+        :param timeout: maximum time to wait for the process, in seconds.
         :param ends_as: how the run ended, for the next run.
         """
         until = time.monotonic() + timeout
@@ -206,9 +215,9 @@ class RecordProcess:
                 while self._socket.recv(PAIR_BYTES) and time.monotonic() < until:
                     pass
             except ConnectionError:
-                pass  # it has ended without reading the last messages
+                pass  # the process has ended without reading the last messages
             if time.monotonic() < until:
-                os.waitpid(self.pid, 0)  # it must not outlive the kart server
+                os.waitpid(self.pid, 0)  # the process must not outlive the kart server
         self._socket.close()
 
 
@@ -224,10 +233,11 @@ def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) 
     """Run the record's process until it ends."""
     code = 1
     try:
-        # The kart server's files, such as the ROS half's pair, must close when it ends.
+        # This process must not keep open the kart server's files, such as the pair of the ROS
+        # half.
         os.closerange(3, end.fileno())
         os.closerange(end.fileno() + 1, os.sysconf('SC_OPEN_MAX'))
-        # This process ends with the kart server; SIGCONT then wakes it if it is frozen.
+        # This process ends with the kart server. If it is frozen then, SIGCONT wakes it.
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
         wake_when_the_parent_dies()
@@ -240,7 +250,7 @@ def _live(path: pathlib.Path, mark: pathlib.Path, run: str, end: socket.socket) 
 
 
 def _whole(batch: Batch) -> Batch:
-    """Return a batch with its events put in their places."""
+    """Return the batch with each event at its place in the stream."""
     happened = Unpacker().feed(batch.happened)
     told = iter([event for each in happened for event in each.events])
     entries = [next(told) if entry is None else entry for entry in batch.entries]
@@ -296,6 +306,6 @@ def _write(path: pathlib.Path, mark_path: pathlib.Path, run: str, end: socket.so
         fails = record.error or mark.error
         if tried or fails != told or (fails and confirm):
             told = fails
-            with contextlib.suppress(ConnectionError):  # the kart server has ended: see above
+            with contextlib.suppress(ConnectionError):  # the kart server has ended
                 end.sendall(pack(Written(written, fails, tuple(confirm))))
             confirm.clear()

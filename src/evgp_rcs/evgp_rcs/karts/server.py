@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server: the TCP side of race control, and the one owner of the race (§4.A, §4.C, §4.D).
+The kart server, which owns the race and talks to the karts by TCP (§4.A, §4.C, §4.D).
 
-Rules for the code in this file:
+The code in this file follows these rules:
 
-- One thread, one asyncio loop, in a process without ROS (``karts.process``). Only that thread
-  touches the race, the sockets and everything below.
-- No disk, no log file. What the ROS half and the record need goes into two socket pairs
-  (``channel``), which never block.
-- The server judges a command and writes its frames to every socket in one go, without an await,
-  so nothing else runs between an official's stop and its bytes.
-- Every input reaches the rules through ``KartServer._take``, which logs it so that a replay can
-  repeat it.
-- Every peer has limits: bytes read per beat, bytes waiting to be written, and events published.
+- The server has one thread with one asyncio loop, in a process without ROS (``karts.process``).
+  Only that thread uses the race, the sockets and everything below.
+- The server never uses the disk or a log file. It sends what the ROS half and the record need
+  through two socket pairs (``channel``), which never block.
+- The server judges a command and writes its frames to every socket without an await in between.
+  Nothing else can run between an official's stop and its bytes.
+- Every input reaches the rules through ``KartServer._take``, which logs the input so that a replay
+  can repeat it.
+- The server limits how many bytes it reads from a peer in each beat, how many bytes wait to be
+  written to it, and how many events the peer can cause.
 """
 
 from __future__ import annotations
@@ -60,55 +61,58 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import snapshot_of
 
 STALL = 1.0
-"""Maximum delay of a beat; after a longer one, race control has stalled, in seconds."""
+"""Maximum delay of a beat, in seconds. If a beat is later than this, race control has stalled."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit on a kart's connections: the size of a burst, and the rate per second after that."""
+"""Limit on each kart's connections: the size of a burst, and the rate per second after that."""
 
 TAKEOVERS = (3, 10.0)
-"""Limit on takeovers of a kart: if new connections replace a live one this many times within this
-many seconds, two programs contest the kart. It ends after that time without a takeover."""
+"""Limit on takeovers: the number of times, and the period in seconds. If new connections replace a
+kart's live connection this many times within the period, two programs contest the kart. The
+contest ends after one such period without a takeover."""
 
 CONNECTION_QUEUE = 4096
-"""Maximum number of connections that wait to be accepted; the kernel may allow fewer (somaxconn).
+"""Maximum number of connections that wait to be accepted. The kernel may allow fewer (somaxconn).
 A kart that finds the queue full tries again after 1, 3, 7, ... s."""
 
 CONNECTIONS_AT_ONCE = 16
-"""Maximum number of connections accepted before a stop or a beat has its turn."""
+"""Maximum number of connections that the server accepts before it handles a stop or a beat."""
 
 GATHER = 0.005
-"""Time for which events are gathered before they are sent on, in seconds. If a hundred karts
-acknowledge at once, single events would keep all processes busy, and delay the answer to the stop
-that caused them."""
+"""Time for which the server gathers events before it sends them on, in seconds. If a hundred karts
+acknowledge at once, sending each event separately would keep all processes busy and delay the
+answer to the stop that caused the events."""
 
 SHOW_AFTER = 0.01
-"""Time from an event until a snapshot shows it, in seconds, for the same reason."""
+"""Minimum time from an event until a snapshot shows it, in seconds. The reason is that of
+`GATHER`: the snapshot then shows many events at once."""
 
 MOST_GATHERED = 100
-"""Number of gathered events above which no more are added. Sending this many takes some 0.4 ms,
-during which a stop waits."""
+"""Maximum number of gathered events. The server sends them on before it gathers more, which takes
+about 0.4 ms. A stop waits during this time."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it checks for commands again."""
 
 TO_ROS_HALF_BYTES = 64 * 2**20
-"""Maximum backlog to the ROS half, in bytes; beyond it, the ROS half counts as gone."""
+"""Maximum backlog to the ROS half, in bytes. Beyond it, the server gives up the ROS half."""
 
 ROS_HALF_SILENCE = 1.0
-"""Time after which a silent ROS half counts as gone, in seconds."""
+"""Time after which the server gives up a silent ROS half, in seconds."""
 
-_ENDING = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
+_ENDING = Answer(False, 'Race control is ending. If a kart still moves, use the MSR.')
 
 
 class KartServerError(RuntimeError):
-    """The kart server cannot start or go on; the text says why, and what to do."""
+    """The kart server cannot start or go on. The text says why, and what to do."""
 
 
 class RosHalfGoneError(RuntimeError):
     """
-    The ROS half was silent for longer than `ROS_HALF_SILENCE`, or is gone.
+    The ROS half has failed, has gone, or was silent for longer than `ROS_HALF_SILENCE`.
 
-    :param how: what became of it, for officials, who do not know the term "ROS half".
+    :param how: what happened to the ROS half. Officials do not know the term "ROS half", so the
+        text calls it the part that hears officials.
     """
 
     def __init__(self, how: str) -> None:
@@ -118,10 +122,11 @@ class RosHalfGoneError(RuntimeError):
 @dataclass
 class Waiting:
     """
-    A command that waits to be judged.
+    A command that waits until the server judges it.
 
-    :param answered: called with the answer, once every frame has been written.
-    :param came: when the command came, in seconds.
+    :param command: the command.
+    :param answered: called with the answer once the server has written every frame.
+    :param came: when the command came, on the clock of the rules, in seconds.
     """
 
     command: Command
@@ -129,12 +134,16 @@ class Waiting:
     came: float
 
     def is_late(self, now: float) -> bool:
-        """Return whether it has expired, because its sender was already told "no answer"."""
+        """
+        Return whether the command has expired, which a stop never does.
+
+        The sender of an expired command has already been told that there is no answer.
+        """
         return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
 
 
 class _Allowance:
-    """Limit a peer with a token bucket: a burst at first, then `rate` events per second."""
+    """A token bucket that limits a peer to a burst, and then to `rate` events per second."""
 
     def __init__(self, burst: int, rate: float = 1.0) -> None:
         self._burst = burst
@@ -153,20 +162,20 @@ class _Allowance:
         return True
 
     def mention(self) -> str:
-        """Return the end of a sentence that mentions what was withheld since the last mention."""
+        """Return the end of a sentence, which says how many were withheld since the last call."""
         withheld, self.withheld = self.withheld, 0
         return f' ({withheld} more not reported)' if withheld else ''
 
 
 class KartServer:
     """
-    The karts' sockets and the race, in one asyncio loop.
+    The race and the karts' sockets, in one asyncio loop.
 
-    :param race: the race; from ``serve`` on, it belongs to this server.
+    :param race: the race. From ``serve`` on, only this server may use it.
     :param settings: how to listen and send.
     :param ros_half: this process's end of the socket pair to the ROS half.
     :param record: the record's process.
-    :param left_behind: what is known of the last run; ``None`` for a new race (in tests).
+    :param left_behind: what is known of the last run. Tests pass ``None`` for a new race.
     """
 
     def __init__(
@@ -177,7 +186,7 @@ class KartServer:
         record: RecordProcess,
         left_behind: inputs.Recovered | None = None,
     ) -> None:
-        """Prepare the server; ``serve`` opens its port."""
+        """Prepare the server. Only ``serve`` opens its port."""
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
@@ -189,12 +198,12 @@ class KartServer:
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
-        # A start that waits for the record; its answer is still to come.
+        # The start that waits for the record and is not answered yet.
         self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
-        # For each kart, by its number.
+        # The limits of each kart, by its number.
         self._connections = defaultdict[int, _Allowance](lambda: _Allowance(*CONNECTIONS))
         self._takeovers = defaultdict[int, deque[float]](lambda: deque(maxlen=TAKEOVERS[0]))
         self._too_often = defaultdict[int, _Allowance](lambda: _Allowance(1))
@@ -213,12 +222,12 @@ class KartServer:
 
     async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
         """
-        Listen for karts until ``end``; the last frame that every kart is sent is RED_RED.
+        Serve karts until ``end`` is called, and send every kart RED_RED as its last frame.
 
-        :param listening: called with the address and port, once karts can connect.
+        :param listening: called with the address and port once karts can connect.
         :returns: how this run ended, for the next run.
-        :raises KartServerError: if it cannot listen at its address.
-        :raises BaseException: the failure that ended it, after every kart was sent RED_RED.
+        :raises KartServerError: if the server cannot listen at its address.
+        :raises BaseException: the failure that ended the server, after it sent every kart RED_RED.
         """
         self._loop = loop = asyncio.get_running_loop()
         self._closing = asyncio.Event()
@@ -232,15 +241,15 @@ class KartServer:
                 backlog=CONNECTIONS_AT_ONCE,
                 reuse_address=True,
             )
-            # asyncio has one number for both limits, so the queue is enlarged here.
+            # asyncio uses one number for both limits, so this second call enlarges the queue.
             with server.sockets[0].dup() as taking:
                 taking.listen(CONNECTION_QUEUE)
         except OSError as error:
             where = f'{self._settings.host}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {in_words(error)}. '
-                'Is another race control still running here? Stop the program that has the port, '
-                'or choose another address or port'
+                'Another race control may still be running here. Stop the program that uses the '
+                'port, or choose another address or port'
             ) from error
         if self._left_behind is not None:
             self._publish_outcome(self._first_events, self._left_behind.at)
@@ -255,11 +264,11 @@ class KartServer:
                 link.farewell()
             self._publish(_ended(self._failure))
             self._refuse_the_rest()
-            # The next run must also find what changed since the last snapshot.
+            # The next run must also find the changes since the last snapshot.
             self._remember()
             ends_as = self._race.memory().ends_as
-        # One turn of the loop, so that closed transports release their sockets, and disconnections
-        # are published after the end that caused them.
+        # Give the loop one turn. Closed transports then release their sockets, and the server
+        # publishes the disconnections after the end that caused them.
         await asyncio.sleep(0)
         self._flush()
         if self._failure is not None:
@@ -270,23 +279,30 @@ class KartServer:
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
     ) -> None:
         """
-        Queue an official's command; ``take_commands`` judges it, with all stops first.
+        Queue an official's command until ``take_commands`` judges it, with all stops first.
 
-        :param answered: called with the answer.
-        :param came: when the command came, if earlier than now, in seconds.
+        :param command: the command.
+        :param answered: called with the answer once the server has written every frame.
+        :param came: when the command came, on the clock of the rules, in seconds. ``None`` means
+            now.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
 
     def expect_ros_half(self, allowance: float) -> None:
-        """Expect signs of life from the ROS half; the first may take this much longer (s)."""
+        """
+        Expect signs of life from the ROS half from now on.
+
+        :param allowance: additional time for the first sign of life, in seconds.
+        """
         self._ros_half_heard_at = self.now() + allowance
 
     def end(self, failure: BaseException | None = None) -> None:
         """
-        Send every kart RED_RED, close every connection, and make ``serve`` return.
+        Make ``serve`` send every kart RED_RED, close every connection, and return.
 
-        :param failure: exception for ``serve`` to raise.
+        :param failure: the exception that ``serve`` raises instead of returning. If there are
+            several, ``serve`` raises the first. ``None`` for an end in good order.
         """
         if self._failure is None:
             self._failure = failure
@@ -301,10 +317,10 @@ class KartServer:
     # ----- the loop -----------------------------------------------------------------------
 
     def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-        """Stop everything on an unexpected error: karts are sent RED_RED, then disconnected."""
+        """Handle an error that the loop reports: send every kart RED_RED, and end."""
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
-            # No file descriptor is left. asyncio tries again in a second, and the race goes on.
+            # No file descriptor is left. The race goes on, and asyncio tries again in a second.
             if self._refusals.take(self.now()):
                 text = f'Race control cannot accept another connection now: {in_words(error)}'
                 self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
@@ -345,7 +361,7 @@ class KartServer:
         if now - self._shown_at >= self._settings.snapshot_at_least:
             self._ask_to_show()
         period = 1.0 / self._settings.beat_rate
-        # A late beat is not made up for; the next one comes at most one period later.
+        # The server does not make up for late beats. The next one comes at most one period later.
         due = max(due + period, self._loop.time())
         self._loop.call_at(due, self._beat, due)
 
@@ -353,13 +369,13 @@ class KartServer:
         """End if the ROS half is silent, because no official could then stop a kart."""
         if self._ros_half_heard_at is None:
             return
-        # During a stall of its own, race control could not hear the ROS half.
+        # While race control itself stalled, it could not hear the ROS half.
         silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
         if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
-        """Judge the commands that have come, stops first; called before any other work."""
+        """Judge the commands that have come, stops first. Called before any other work."""
         for message in self._ros_half.receive():
             self._hear(message)
         if self._ros_half.gone:
@@ -376,12 +392,12 @@ class KartServer:
                 waiting.answered(_ENDING)
                 continue
             if CATALOGUE[waiting.command.kind].loosens:
-                # No race starts without a record, so check whether it works now.
+                # A race must not start without a record, so check whether the record works now.
                 self._note_record_trouble(now)
             self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
 
     def _hear(self, message: Any) -> None:
-        """Handle a message of the ROS half; each one is a sign that it accepts stops."""
+        """Handle a message from the ROS half. Each one shows that the ROS half accepts stops."""
         self._ros_half_heard_at = self.now()
         if isinstance(message, Request):
             number = message.number
@@ -408,7 +424,7 @@ class KartServer:
     def _journal(self, number: int, written: bool) -> None:
         """Pass on to the rules whether the disk has saved the memory of a start."""
         if self._is_ending():
-            return  # the start is refused with the rest
+            return  # _refuse_the_rest answers the start
         self.take_commands()
         now = self.now()
         self._notice_stall(now)
@@ -423,7 +439,7 @@ class KartServer:
             self._take(inputs.StartSaved(self.now(), False, number))
 
     def _notice_stall(self, now: float) -> None:
-        """Tell the rules if race control stalled."""
+        """Report it to the rules if race control has stalled."""
         stalled = now - self._beat_at - 1.0 / self._settings.beat_rate
         if stalled > STALL:
             self._beat_at = self._began_again_at = now
@@ -431,15 +447,15 @@ class KartServer:
             self._ask_to_show()
 
     def _feed(self, given: inputs.Input) -> Outcome:
-        """Log an input and feed it to the rules; nothing else may feed them."""
+        """Log an input, and feed it to the rules. No other code may feed the rules."""
         self._log.add(given)
         return inputs.feed(given, self._race)
 
     def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
         """
-        Feed an input to the rules, then send, answer and publish what results from it.
+        Feed an input to the rules, and then send, answer and publish the results.
 
-        :param waiting: the waiting command, if the input is one.
+        :param waiting: the command, if the input is a command.
         """
         outcome = self._feed(given)
         self._send(outcome)
@@ -473,20 +489,20 @@ class KartServer:
         """
         Publish the events of the last input.
 
-        :param at: time of the input, in seconds. Its events get the same time, so that a replay
+        :param at: time of the input, in seconds. The events get the same time, so that a replay
             can compare them.
-        :param entries: number of log entries that belong to this input.
+        :param entries: number of log entries that belong to the input.
         """
         published = [each for each in events if not each.chatter or self._may_publish(each, at)]
         if published:
             self._gather(self._stamped(published, at), entries)
 
     def _may_publish(self, event: Event, at: float) -> bool:
-        """Return whether a kart may cause one more event."""
+        """Return whether the kart may cause one more event now."""
         return self._reports[event.kart].take(at)
 
     def _publish(self, event: Event) -> None:
-        """Publish an event that does not come from the rules."""
+        """Publish an event that the rules did not cause."""
         self._gather(self._stamped([event], self.now()))
 
     def _stamped(self, events: Iterable[Event], at: float) -> list[StampedEvent]:
@@ -495,10 +511,10 @@ class KartServer:
 
     def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
         """
-        Gather events, to send them on together.
+        Gather events, so that the server can send them on together.
 
-        :param of_stamped: number of the last log entries that caused them; these entries stay
-            together with their events.
+        :param of_stamped: number of the latest log entries, which caused the events. These entries
+            stay together with their events.
         """
         if len(self._gathered) >= MOST_GATHERED:
             self._flush(of_stamped)
@@ -510,7 +526,7 @@ class KartServer:
         self._ask_to_show()
 
     def _flush(self, but: int = 0) -> None:
-        """Send on the gathered events, and the stream without its last `but` entries."""
+        """Send on the gathered events, and all log entries but the last `but`."""
         gathered, self._gathered = self._gathered, []
         happened = pack(Happened(gathered)) if gathered else b''
         self._ros_half.send(happened)
@@ -528,7 +544,7 @@ class KartServer:
             self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
-        """Send a snapshot, unless the ROS half has not accepted the previous messages yet."""
+        """Send a snapshot, unless earlier messages still wait for the ROS half."""
         assert self._loop is not None
         self.take_commands()
         self._showing = False
@@ -539,7 +555,7 @@ class KartServer:
             self._ros_half.send(pack(snapshot_of(self._race, now)))
         self._remember()
         if self._race.paused_until > max(now, self._shown_pause):
-            # At the end of the pause more commands are available, even if nothing else happens.
+            # When the pause ends, more commands are available, even if nothing else has changed.
             self._shown_pause = self._race.paused_until
             self._loop.call_at(self._shown_pause, self._ask_to_show)
 
@@ -580,7 +596,8 @@ class KartServer:
                 self._publish(event)
             return
         old = self._links.pop(number, None)
-        # A kart that lost its link and is back before race control has noticed does not count.
+        # It is not a takeover if the kart lost its link and connects again before race control
+        # has noticed the loss.
         is_pushed_out = old is not None and old.answers(now)
         if old is not None:
             old.drop('a new connection from its address replaced it')
@@ -593,7 +610,7 @@ class KartServer:
             self._check_contest(number, now)
 
     def _check_contest(self, number: int, now: float) -> None:
-        """Tell the rules if two programs contest a kart, or no longer do."""
+        """Report it to the rules when two programs begin or cease to contest a kart."""
         most, within = TAKEOVERS
         before, at = self._race.karts[number].contested, self._takeovers[number]
         contested = len(at) == most and now - at[-1 if before else 0] <= within
@@ -601,7 +618,7 @@ class KartServer:
             self._take(inputs.Contested(now, number, contested))
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
-        """Handle a frame, or a malformed one, from a kart."""
+        """Handle a frame from a kart, or bytes that are not a frame."""
         if self._links.get(link.number) is not link:
             return
         now = self.now()
@@ -615,17 +632,17 @@ class KartServer:
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Record that the kart's kernel answered an order by this time (s)."""
+        """Pass on to the rules that the kart's kernel answered an order by this time (s)."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Record how good the link is."""
+        """Pass on to the rules how good the link is."""
         if self._links.get(link.number) is link:
             self._take(inputs.Measured(self.now(), link.number, quality))
 
     def link_lost(self, link: KartLink) -> None:
-        """Record that a connection ended, unless a new one has replaced it already."""
+        """Pass on to the rules that a connection ended, unless a new one has replaced it."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
             given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)
@@ -634,9 +651,9 @@ class KartServer:
 
 def _ended(failure: BaseException | None) -> Event:
     """Return the event that race control ends, and why."""
-    follows = 'RED_RED is sent to every connected kart, and the connections are closed'
+    follows = 'It sends RED_RED to every connected kart, and closes the connections'
     if failure is None:
-        text = f'Race control ends because it was told to (Ctrl-C or a signal): {follows}'
+        text = f'Race control ends because of Ctrl-C or a signal. {follows}'
     else:
-        text = f'Race control ends because of a failure ({in_words(failure)}): {follows}'
+        text = f'Race control ends because of a failure ({in_words(failure)}). {follows}'
     return Event(EventKind.ENDED, text, success=failure is None)

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The half that officials reach by ROS: node, topics, services, messages, settings.
+The ROS half, which officials reach: the node, its topics and services, messages and settings.
 
-It imports all rooms except ``spare``. No decision that a stop waits for is made here.
+This package imports all other packages of race control except ``spare``. It makes no decision that
+a stop must wait for.
 """

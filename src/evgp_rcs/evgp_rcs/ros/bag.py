@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A bag of ROS messages in the MCAP format, for Foxglove, PlotJuggler and ``ros2 bag``."""
+"""Writes bags of ROS messages in the MCAP format, for Foxglove, PlotJuggler and ``ros2 bag``."""
 
 from __future__ import annotations
 
@@ -48,11 +48,13 @@ def _source(package: str, name: str) -> str:
 
 def write_bag(path: pathlib.Path, messages: Iterable[tuple[str, int, Any]]) -> int:
     """
-    Write messages to a new file, and return how many.
+    Write messages to a new bag, and return how many were written.
 
-    :param messages: topic, wall time of publication (in ns since the epoch) and message.
-    :raises FileExistsError: if the file exists; it is left unchanged.
-    :raises OSError: if the file cannot be written.
+    :param path: the file of the bag.
+    :param messages: the topic, wall time of publication (in ns since the epoch) and content of
+        each message.
+    :raises FileExistsError: if the file exists already. It is not changed.
+    :raises OSError: if the file cannot be written. It is then removed.
     """
     channels: dict[str, int] = {}
     written = 0

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ROS half's end of the kart server: starts its process, passes commands on, hears events.
+The ROS half's client of the kart server.
 
-A thread of its own hears the kart server. Every method may be called from any thread.
+The client starts the kart server's process, passes commands on to it, and hears its events in a
+thread of its own. You may call every method from any thread.
 """
 
 from __future__ import annotations
@@ -41,41 +42,44 @@ from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
-"""Maximum time that the kart server's process may take to end before it is killed, in seconds."""
+"""Time after which the client kills a kart server that does not end, in seconds."""
 
 START_TIMEOUT = 20.0
-"""Maximum time that the kart server may take to start, in seconds. A disk may be slow, but a disk
-that hangs must not leave officials without an answer."""
+"""Maximum time that the kart server may take to start, in seconds. This allows for a slow disk. If
+the disk hangs, officials must get an answer nevertheless."""
 
 KART_SERVER_SILENCE = 1.5
-"""Time after which a silent kart server counts as hung, in seconds. It normally sends a snapshot
-of the race at least every 0.5 s."""
+"""Time after which the client kills a silent kart server, in seconds. A working kart server sends
+a snapshot of the race at least every 0.5 s."""
 
 LOOKS = 10
-"""Number of checks for silence in that time. If this process was stopped, that is one check."""
+"""Number of checks for silence in `KART_SERVER_SILENCE`. They are counted because a stopped
+process, however long it was stopped, misses only one check."""
 
 SEND_TIMEOUT = 0.5
-"""Maximum time that a message waits for a kart server that does not read, in seconds."""
+"""Time after which the client gives up a kart server that does not read, in seconds."""
 
 FROM_KART_SERVER_BYTES = 1 << 20
-"""Maximum number of bytes read from the kart server at a time, enough for a large snapshot."""
+"""Maximum number of bytes read from the kart server at a time. A large snapshot fits into it."""
 
 _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from evgp_rcs.karts.process import main; sys.exit(main(sys.argv[1:2]))'
 )
-"""Program of the kart server's process, which finds its modules where this process does."""
+"""The program that runs the kart server. It looks for modules where this process does."""
 
 
 class KartServerClient:
     """
-    The kart server in its process, as the ROS half sees it.
+    The kart server's process, as the ROS half sees it.
 
     :param begin: the roster and settings to start with.
-    :param on_events: called with events, in order, in the hearing thread; it must not block.
-    :param on_snapshot: called with each snapshot of the race, likewise.
-    :param on_end: called, in the hearing thread, with the reason if the kart server has ended on
+    :param on_events: called with events, in order, in the hearing thread. It must not block.
+    :param on_snapshot: called with each snapshot of the race, in the hearing thread. It must not
+        block.
+    :param on_end: called with the reason, in the hearing thread, if the kart server has ended on
         its own. Every kart has then been sent RED_RED or has lost its connection.
+    :ivar address: the address and port at which karts can connect, once ``start`` has returned.
     """
 
     def __init__(
@@ -85,7 +89,7 @@ class KartServerClient:
         on_snapshot: Callable[[Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
-        """Prepare the client; ``start`` starts the process."""
+        """Prepare the client. Only ``start`` starts the process."""
         self._begin = begin
         self._on_events = on_events
         self._on_snapshot = on_snapshot
@@ -96,7 +100,7 @@ class KartServerClient:
         self._sending = threading.Lock()
         self._ended = ''
         self._stopping = False
-        """The end of the kart server was requested, so nothing more is sent."""
+        """Whether the client has told the kart server to end, and sends nothing more."""
         self._end: socket.socket
         self._process: subprocess.Popen[bytes]
         self._thread = threading.Thread(target=self._run, name='kart_client', daemon=True)
@@ -106,7 +110,7 @@ class KartServerClient:
         """
         Start the kart server, and return once karts can connect.
 
-        :raises KartServerError: if it cannot start.
+        :raises KartServerError: if the kart server cannot start, or not within `START_TIMEOUT`.
         """
         self._end, other = socket.socketpair()
         # A kart server that hangs must not block the thread that receives the next stop.
@@ -114,11 +118,11 @@ class KartServerClient:
         self._end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, option)
         with other:
             self._process = subprocess.Popen(
-                # -m would look for modules in the working directory first.
+                # With -m, Python would first look for modules in the working directory.
                 [sys.executable, '-c', _CHILD, str(other.fileno()), *map(str, sys.path)],
                 pass_fds=(other.fileno(),),
                 stdin=subprocess.DEVNULL,
-                # A signal of the terminal reaches only the ROS half, which ends the kart server.
+                # A signal from the terminal then reaches only the ROS half, which ends both.
                 start_new_session=True,
             )
         self._thread.start()
@@ -132,23 +136,25 @@ class KartServerClient:
             self._process.kill()
             self._clear_away()
             raise KartServerError(
-                f'the kart server has not started within {START_TIMEOUT:g} s. Does the disk of '
-                f'the record hang ({self._begin.record})?'
+                f'the kart server has not started within {START_TIMEOUT:g} s. Check whether the '
+                f'disk of the record hangs ({self._begin.record})'
             ) from None
 
     def command(self, command: Command, came: float) -> Answer | None:
         """
         Pass on an official's command, and wait for its answer.
 
-        Without an answer, a stop still waits to be judged, but no other command does.
+        If there is no answer in time, the kart server still carries out a stop, but no other
+        command.
 
+        :param command: the command.
         :param came: when the command came, on the clock of the rules, in seconds.
-        :return: the answer, which comes once every frame has been written; None if it does not
-            come within `ANSWER_TIMEOUT`.
+        :return: the answer, which comes once the kart server has written every frame. None if it
+            does not come within `ANSWER_TIMEOUT`.
         :raises KartServerError: if the kart server is gone, so that only the MSR can stop karts.
         """
         number = next(self._numbers)
-        # A future would take longer to create than a stop takes to send.
+        # Creating a future would take longer than sending a stop.
         answers = self._waiting[number] = queue.SimpleQueue()
         self._send(Request(number, command, came))
         if self._ended:
@@ -159,25 +165,25 @@ class KartServerClient:
             self._waiting.pop(number, None)
             return None
         if answer is None:
-            raise KartServerError('race control has lost its karts: use the MSR')
+            raise KartServerError('race control has lost its karts, so use the MSR')
         return answer
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
         """
-        Give the kart server a sign of life: the ROS half can receive a stop.
+        Give the kart server a sign of life, which shows that the ROS half can receive a stop.
 
-        :param rival: whether another race control is heard in this domain.
+        :param rival: whether the node hears another race control in this domain.
         :param there: who can stop the race.
-        :param cut_off: why karts cannot reach race control now; empty if they can.
+        :param cut_off: why karts cannot reach race control now, as a phrase; empty if they can.
         """
         if not self._stopping:
             self._send(Alive(rival, there, cut_off))
 
     def end(self, in_order: bool) -> None:
         """
-        Make the kart server send every kart RED_RED and end, and return at once.
+        Tell the kart server to send every kart RED_RED and to end. Return at once.
 
-        :param in_order: as for ``channel.End``.
+        :param in_order: whether this is an orderly end (see ``channel.End``).
         """
         if self._stopping or self._thread.ident is None:
             return
@@ -185,10 +191,10 @@ class KartServerClient:
         try:
             self._send(End(in_order))
         except KartServerError:
-            pass  # it has ended already
+            pass  # the kart server has ended already
 
     def stop(self, in_order: bool) -> None:
-        """Do what ``end`` does, and return when the process has ended."""
+        """Do the same as ``end``, and wait until the process has ended."""
         self.end(in_order)
         if self._thread.ident is not None:
             self._clear_away()
@@ -209,10 +215,10 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Half a message may be out, so this gives up the kart server, which then ends.
-            with contextlib.suppress(OSError):  # it is closed already
+            # Part of a message may have been sent, so give up the kart server, which then ends.
+            with contextlib.suppress(OSError):  # the socket is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
-            raise KartServerError('race control hangs: use the MSR') from error
+            raise KartServerError('race control hangs, so use the MSR') from error
 
     # ----- the hearing thread -------------------------------------------------------------
 
@@ -220,9 +226,10 @@ class KartServerClient:
         try:
             why = self._hear()
         except BaseException as error:  # noqa: BLE001 - the node ends the process
-            why = f'it can no longer be heard: {error!r}'
+            why = f'race control can no longer hear it: {error!r}'
         self._ended = why
-        # In any case, end the kart server: no kart may stay with a race control nobody hears.
+        # End the kart server in any case. Karts must not stay connected to a race control that
+        # officials cannot hear.
         with contextlib.suppress(OSError):
             self._end.shutdown(socket.SHUT_RDWR)
         self._refuse_the_rest()
@@ -232,7 +239,7 @@ class KartServerClient:
             self._on_end(why)
 
     def _hear(self) -> str:
-        """Handle messages of the kart server until it ends; return why it ended."""
+        """Handle messages from the kart server until it ends, and return why it ended."""
         unpacker = Unpacker()
         why = 'its process has ended'
         silent = 0
@@ -276,5 +283,5 @@ class KartServerClient:
             try:
                 _, answers = self._waiting.popitem()
             except KeyError:
-                return  # another thread that refuses was quicker
+                return  # another thread has refused the last one
             answers.put(None)

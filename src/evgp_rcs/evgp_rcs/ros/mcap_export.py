@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes a recorded run as a bag: its ``~/race``, ``~/events`` and ``/diagnostics``."""
+"""Writes the ``~/race``, ``~/events`` and ``/diagnostics`` of a recorded run as a bag."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from evgp_rcs.rules.snapshot import snapshot_of
 NS = 1_000_000_000
 
 NODE = 'rcs'
-"""The node's name in the bag, whatever it was when the record was made."""
+"""The node's name in the bag, which may differ from its name during the run."""
 
 DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
 
 def options() -> argparse.ArgumentParser:
-    """Return the parser of `rcs_record mcap`."""
+    """Return the parser of the arguments of `rcs_record mcap`."""
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} mcap',
         description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
@@ -52,20 +52,21 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str]) -> int:
     """
-    Write a run into a bag.
+    Write a run as a bag.
 
+    :param arguments: the arguments after `rcs_record mcap`.
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
     try:
-        # Imported here, because it needs ROS, and mcap, which has no rosdep key.
+        # This import needs ROS and mcap. mcap may be missing, because it has no rosdep key.
         from evgp_rcs.ros.bag import write_bag
     except ModuleNotFoundError as error:
         if (error.name or '').split('.')[0] != 'mcap':
             raise
         say(
-            'bags need the Python package mcap: install it with '
+            'bags need the Python package mcap. Install it with '
             f"'{sys.executable} -m pip install mcap'"
         )
         return UNREADABLE
@@ -85,7 +86,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 Message = tuple[str, int, Any]
-"""A topic, the time in the bag (ns since the epoch), and a message."""
+"""A topic, the message's time in the bag (in ns since the epoch), and the message."""
 
 
 def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
@@ -93,7 +94,7 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
     Yield a run as messages, including the race as far as the rules can replay it.
 
     Readers sort messages by their times in the bag. Those times are therefore on the clock of the
-    rules, which cannot be set; the messages themselves contain the wall time.
+    rules, which nobody can set. The messages themselves contain the wall time.
     """
     from evgp_node.codec import message_of
     from evgp_rcs.ros.messages import diagnostics_message, events_message
@@ -108,7 +109,7 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
             yield f'/{NODE}/events', _wall_ns(last.monotonic, first), events_message([last])
         if step.race is not None and isinstance(step.entry, Shown):
             race, at = snapshot_of(step.race, step.entry.at), step.entry.at
-            # The wall clock may have been set since the first event, but hardly since the last.
+            # Someone may have set the wall clock since the first event, but hardly since the last.
             in_bag, wall_ns = _wall_ns(at, first), _wall_ns(at, last)
             yield f'/{NODE}/race', in_bag, message_of(race, msg.Race, wall_ns - round(at * NS))
             if at - told >= DIAGNOSTICS_EVERY:
@@ -117,5 +118,5 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
 
 
 def _wall_ns(at: float, event: StampedEvent) -> int:
-    """Return the wall time at a time of the rules, counted from an event."""
+    """Return the wall time (ns since the epoch) at a time of the rules, counted from an event."""
     return event.wall_ns + round((at - event.monotonic) * NS)

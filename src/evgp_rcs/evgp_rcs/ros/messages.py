@@ -1,7 +1,11 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Conversions of the race to messages that are not field by field (``evgp_node.codec``)."""
+"""
+Conversions between the race and messages.
+
+``evgp_node.codec`` converts field by field. This module contains what differs from that.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_msgs import msg
 
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
-"""Alerts that are errors in the diagnostics although they do not call for the MSR."""
+"""Alerts that are errors in the diagnostics, although they do not ask for the MSR."""
 
 CONSTANTS |= {
     CommandKind: msg.CommandAvailability,
@@ -26,11 +30,11 @@ CONSTANTS |= {
     AlertKind: msg.Alert,
 }
 
-# ----- what is not field by field -------------------------------------------------------------
+# ----- conversions that are not field by field ------------------------------------------------
 
 
 def events_message(events: Iterable[StampedEvent], run: str = '') -> msg.RaceEvents:
-    """Return events as a message."""
+    """Return events as a message of the run with this id."""
     return msg.RaceEvents(run=run, events=list(map(_event, events)))
 
 
@@ -45,8 +49,10 @@ def _event(stamped: StampedEvent) -> msg.RaceEvent:
 
 def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> StampedEvent:
     """
-    Return the event in a message; ``said`` as for ``value_of``.
+    Return the event that a message contains.
 
+    :param message: the message.
+    :param said: the conversion of its texts, as for ``value_of``.
     :raises ValueError: if the message is invalid.
     """
     wall_ns = message.stamp.sec * NS + message.stamp.nanosec
@@ -56,7 +62,7 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
 
 def race_of(message: msg.Race) -> Snapshot:
     """
-    Return the race in a message.
+    Return the snapshot of the race that a message contains.
 
     :raises ValueError: if the message is invalid.
     """
@@ -65,8 +71,9 @@ def race_of(message: msg.Race) -> Snapshot:
 
 def diagnostics_message(race: Snapshot, wall_ns: int, name: str) -> DiagnosticArray:
     """
-    Return race control's diagnostics: the race, and each kart.
+    Return race control's diagnostics, with one status for the race and one for each kart.
 
+    :param race: the race.
     :param wall_ns: wall time of the message, in ns since the epoch.
     :param name: name of the node, with its namespace.
     """

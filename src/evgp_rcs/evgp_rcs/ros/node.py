@@ -2,20 +2,21 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``rcs`` node: race control as ROS topics and services (§4.B); the ROS half of race control.
+The ``rcs`` node, which is the ROS half of race control and offers it to officials (§4.B).
 
 The kart server, with the rules and the karts' sockets, is another process (``karts.process``).
-This process starts it, and neither outlives the other. The threads of this process:
+This process starts the kart server, and neither outlives the other. This process has these
+threads:
 
-- three threads serve officials' calls: one for stops, one for GREEN_GREEN, which may wait for the
-  disk, and one for the rest. Each passes a command to the kart server and waits for the answer, so
-  a stop never waits behind another kind of call;
-- the client's thread (``kart_client``) hears the kart server;
-- the asking thread calls this node repeatedly, as an official's program would. As long as the
+- Three threads serve officials' calls. One serves stops, one serves GREEN_GREEN, which may wait
+  for the disk, and one serves the rest. Each thread passes a command to the kart server and waits
+  for the answer. A stop therefore never waits behind another kind of call.
+- The client's thread (``kart_client``) hears the kart server.
+- The asking thread calls this node repeatedly, as an official's program would. As long as the
   calls arrive, it gives the kart server signs of life. It also reports who can stop the race, and
-  checks the graph;
-- the publisher's thread (``publisher``) publishes the race and its events, and logs;
-- the watch's thread (``address_watch``) notices if another machine has race control's address.
+  checks the graph.
+- The publisher's thread (``publisher``) publishes the race and its events, and logs them.
+- The watch's thread (``address_watch``) notices if another machine has race control's address.
 """
 
 from __future__ import annotations
@@ -76,15 +77,15 @@ ALIVE_EVERY = 0.2
 server sends RED_RED to every kart."""
 
 CALL_EVERY = 2
-"""Number of signs of life per call of race control to itself."""
+"""Number of signs of life for each call that race control makes to itself."""
 
 MOST_UNHEARD = 4
 """Maximum number of these calls in a row that do not arrive, or of checks in a row that find the
-same datagram unread; one more ends race control, after 2 s. They are counted rather than timed,
-because a stopped process makes no calls."""
+same datagram unread. One more ends race control, after 2 s. Race control counts the calls instead
+of measuring time, because a stopped process makes no calls."""
 
 GRAPH_LOOK = 10
-"""Number of signs of life per check of the graph, which takes the kernel up to 1 ms."""
+"""Number of signs of life for each check of the graph, which takes the kernel up to 1 ms."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -93,7 +94,8 @@ SERVICE_QOS = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """QoS of the services. With ROS's usual depth of 10, the eleventh stop of a burst would push out
-the first, unanswered. KEEP_ALL would let a client that reads no answers block the others."""
+the first stop before its answer. With KEEP_ALL, a client that does not read its answers could
+block the others."""
 
 
 PRESENCE_QOS = QoSProfile(
@@ -104,29 +106,30 @@ PRESENCE_QOS = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Infinite,
 )
-"""QoS of ``~/presence``. It requires the least liveliness, so that every program is heard; a
-program that is silent for `presence.SILENT_AFTER` counts as gone."""
+"""QoS of ``~/presence``. It requires the least liveliness, so that race control hears every
+program. After `presence.SILENT_AFTER` of silence, race control considers a program gone."""
 
 
 MOST_AGE = 86_400.0
-"""Maximum age of a press, in seconds (a day); race control limits a longer one to it."""
+"""Maximum age of a press, in seconds (one day). Race control treats an older press as this old."""
 
 
 class DeafError(RuntimeError):
-    """Officials' calls no longer arrive."""
+    """Race control's calls to itself do not arrive, so officials' calls would not either."""
 
 
 class RcsNode(StrictNode):
     """
     Race control's node.
 
-    :param on_failure: called, in another thread, when race control cannot go on and the process
-        should end. Every kart has then been sent RED_RED, or ``close`` sends it.
+    :param on_failure: called in another thread when race control cannot go on and the process must
+        end. Every kart has then been sent RED_RED, or ``close`` sends it.
+    :param node_options: further arguments for the node of rclpy.
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is wrong.
     :raises KartServerError: if the kart server cannot start.
-    :raises GraphError: if the ROS graph can be reached from where karts connect.
-    :raises RivalError: if there is another race control on the ROS graph.
+    :raises GraphError: if programs where karts connect could reach the ROS graph.
+    :raises RivalError: if another race control runs on the ROS graph.
     :raises AddressTakenError: if another machine has race control's address.
     """
 
@@ -137,35 +140,36 @@ class RcsNode(StrictNode):
         accept_open_graph = parameters.declare(
             'accept_open_graph',
             False,
-            'Accept that the ROS graph can be reached from where karts connect, without SROS2: '
-            'anyone on their network can then start them (docs/security.md).',
+            'Accept that the ROS graph can be reached from where karts connect, without SROS2. '
+            "Anyone on the karts' network can then start karts (docs/security.md).",
         )
         self._banner = parameters.declare(
             'banner',
             '',
-            'Text at the top of every screen and the beginning of every answer, such as '
-            'REHEARSAL; empty for none. People rely on it to mean that no race is under way: '
-            'never set it for a race.',
+            'Text at the top of every screen and at the beginning of every answer, such as '
+            'REHEARSAL. Empty for none. People take the text to mean that no race is under way, '
+            'so never set it for a race.',
         )
         officials = parameters.declare(
             'officials',
             [''],
-            "The names of the event's officials, which a window offers for the person who "
-            'commands from it.',
+            "Names of the event's officials. A window offers them to the person who commands "
+            'from it.',
         )
         begin = read_settings(parameters)
         self._roster = str(self.get_parameter('roster').value)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
-        # The watch asks while this process looks for rivals, and goes on until the end.
+        # The watch already asks while this process looks for rivals.
         self._addresses = [each.address for each in begin.roster.karts]
         self._watch = watch_for_race_control(begin.settings.host, lambda: self._addresses)
         try:
             refuse_rivals(self)
             begin = self._after_the_first_look(begin)
         except (RivalError, AddressTakenError):
-            # Another machine races, so what this machine knows of its last run proves nothing.
-            with contextlib.suppress(OSError):  # without a mark there is no proof either
+            # Another machine may run the race, so this machine's mark of its last run proves
+            # nothing any longer.
+            with contextlib.suppress(OSError):  # without a mark, there is no proof either
                 leave_began(place(begin.settings.host, begin.settings.port))
             raise
         self._on_failure = on_failure
@@ -204,14 +208,14 @@ class RcsNode(StrictNode):
     def close(self) -> None:
         """Send every kart RED_RED, close their connections, and publish the remaining events."""
         if self._failure:
-            # First of all, since the rest may take a while.
+            # Do this first, because the rest may take a while.
             self._server.end(in_order=False)
             self._publisher.stop()
             try:
                 self._publisher.last_words(self._failure)
-            except RCLError as error:  # as Fast DDS publishes nothing past 2038
+            except RCLError as error:  # after 2038, Fast DDS publishes nothing
                 self.get_logger().error(
-                    f'Race control cannot tell officials that it ends: {error}'
+                    f'Race control cannot report to officials that it ends: {error}'
                 )
         self._server.stop(in_order=not self._failure)
         self._publisher.stop()
@@ -221,22 +225,22 @@ class RcsNode(StrictNode):
 
     def _after_the_first_look(self, begin: Begin) -> Begin:
         """
-        Wait until another machine that has the address would have answered.
+        Wait until another machine with the address would have answered.
 
-        :return: what to start with, including whether another machine can be ruled out.
+        :return: what to start with, including why another machine cannot be ruled out.
         :raises AddressTakenError: if another machine has answered.
         """
         try:
             not_known = self._watch.first_look()
         except AddressTakenError as error:
             raise AddressTakenError(
-                f'{error}, so karts could reach either machine. Unplug one of the two, or end the '
-                'other race control and remove its address'
+                f'{error}, so karts could connect to either machine. Unplug one of the two, or '
+                'end the other race control and remove its address'
             ) from error
         if not not_known or ipaddress.IPv4Address(begin.settings.host).is_loopback:
             return begin
         if begin.settings.host == EVERY:
-            # No setting says that karts look for race control at an address of this machine.
+            # No setting names the address at which karts look for race control.
             self.get_logger().info(
                 f'Race control does not look for other race controls: {not_known}'
             )
@@ -254,8 +258,8 @@ class RcsNode(StrictNode):
         """Act on what the watch of the address has found, in the watch's thread."""
         if self._watch.error is not None:
             self._fail(
-                'Race control can no longer see whether another machine has its address, and '
-                'sends RED_RED to every kart: use the MSR if a kart still moves',
+                'Race control can no longer see whether another machine has its address. It sends '
+                'RED_RED to every kart and ends. Use the MSR if a kart still moves',
                 self._watch.error,
             )
         elif self._watch.answer:
@@ -265,7 +269,7 @@ class RcsNode(StrictNode):
                 'and ends. Use the MSR if a kart still moves, and unplug one of the two machines',
                 AddressTakenError(self._watch.answer),
             )
-            # Before anything else, because the watch then announces this machine to the karts.
+            # Do this now, because the watch next announces this machine to the karts.
             self._server.end(in_order=False)
         else:
             self._give_sign_of_life()
@@ -280,14 +284,14 @@ class RcsNode(StrictNode):
 
     def _publisher_failed(self, error: BaseException) -> None:
         self._fail(
-            f'Race control has failed and sends RED_RED to every kart ({error}): use the MSR if a '
-            'kart still moves',
+            f'Race control has failed ({error}). It sends RED_RED to every kart and ends. Use the '
+            'MSR if a kart still moves',
             error,
         )
 
     def _kart_server_ended(self, why: str) -> None:
         self._fail(
-            f'Use the MSR: race control has ended, and no kart is connected ({why})',
+            f'Race control has ended, and no kart is connected ({why}). Use the MSR',
             KartServerError(f'the kart server has ended: {why}'),
         )
 
@@ -306,21 +310,21 @@ class RcsNode(StrictNode):
             if sign % CALL_EVERY == 0:
                 missing, unread = self._calls - self._heard, inbox.unread()
                 if max(missing, unread) > MOST_UNHEARD:
-                    # Stop the signs of life as well, in case this does not end the process.
+                    # The signs of life also stop here, in case `_fail` does not end the process.
                     self._fail(
-                        'Race control no longer hears officials and sends RED_RED to every kart: '
-                        'use the MSR if a kart still moves',
+                        'Race control no longer hears officials. It sends RED_RED to every kart '
+                        'and ends. Use the MSR if a kart still moves',
                         DeafError(
                             "officials' calls do not arrive through DDS: race control misses "
-                            f'{missing} calls to itself in a row, and found a datagram unread '
+                            f'{missing} calls to itself in a row, and has found a datagram unread '
                             f'{unread} times in a row'
                         ),
                     )
                     return
                 self._rival = look_for_rivals(self)
-                # DDS sends calls to itself only by the officials' address. While that is gone
-                # (their cable was pulled), these calls cannot arrive, but those of other programs
-                # on this machine can.
+                # DDS sends these calls only through the officials' address. While that address is
+                # gone, because someone pulled the cable, these calls cannot arrive. Calls of other
+                # programs on this machine still can.
                 if has_its_address():
                     self._calls += 1
                     called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
@@ -331,7 +335,7 @@ class RcsNode(StrictNode):
 
     def _hear(self, request: Any, response: Any) -> Any:
         """Receive a call of this process to itself, in the thread that serves stops."""
-        # A call of another program shows as well that calls arrive, but its number may be wrong.
+        # A call of another program also shows that calls arrive, but its number may be wrong.
         self._heard = max(self._heard, min(request.number, self._calls))
         return response
 
@@ -339,20 +343,20 @@ class RcsNode(StrictNode):
         if not self._presences.hear(message, clock.now()):
             self.get_logger().warning(
                 f'More than {MOST_PROGRAMS} programs announce that officials can stop the race '
-                'from them; race control ignores the rest',
+                'from them. Race control ignores the rest',
                 throttle_duration_sec=60.0,
             )
 
     # ----- services -----------------------------------------------------------------------
 
     def _offer_services(self) -> None:
-        # Each node is served by one thread. On a shared node, a stop would often wait behind other
-        # services, so stops have a node of their own.
+        # One thread serves each node. On a shared node, a stop would often wait behind calls of
+        # other services, so stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
-        # The call goes from one node to another, through DDS's sockets and threads, as a stop
-        # does. A thread makes it, because some middlewares run timers by the wall clock. The
-        # answers are ignored; only the arrival of the call matters.
+        # The call to itself goes from one node to another through DDS's sockets and threads, as a
+        # stop does. A thread makes the call, because some middlewares run timers by the wall
+        # clock. Race control ignores the answers, because only the arrival of the call matters.
         name = self.resolve_service_name('~/sign_of_life')
         stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
         self._self_call = starts.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
@@ -362,7 +366,7 @@ class RcsNode(StrictNode):
             self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
-        """Return a node of this process that only offers services, in a thread of its own."""
+        """Return another node of this process, which only offers services in its own thread."""
         return Node(
             f'{self.get_name()}_{what}',
             context=self.context,
@@ -374,16 +378,17 @@ class RcsNode(StrictNode):
         )
 
     def _offer(self, node: Node, name: str, kinds: tuple[CommandKind, ...]) -> None:
-        """Offer a service at a node, for the commands that share it."""
+        """Offer at this node the service that these kinds of commands share."""
 
         def serve(request: Any, response: Any) -> Any:
             answer = self._command(_asked_for(kinds, request))
             response.success = answer.success
-            # In a rehearsal, nobody must believe that a real kart was stopped.
+            # In a rehearsal, officials must not believe that a real kart was stopped.
             response.message = ': '.join(filter(None, (self._banner, answer.message)))
             return response
 
-        # At another node, the service has the same name as at this one, remapped or not.
+        # At the other nodes, the service has the name that it would have at this node, even if
+        # this node is remapped.
         own = f'~/{name}' if node is self else self.resolve_service_name(f'~/{name}')
         service = service_class(CATALOGUE[kinds[0]].service_type)
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
@@ -409,7 +414,7 @@ class RcsNode(StrictNode):
 
 
 def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
-    """Return the command that a request means, of those that share the service."""
+    """Return the command that a request means, among the kinds that share the service."""
     kind = next(
         each
         for each in kinds
@@ -419,7 +424,7 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     taken: dict[str, Any] = {name: getattr(request, name) for name in entry.takes}
     taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
     if entry.names_heat:
-        taken['heat'] = request.heat  # as the roster has it
+        taken['heat'] = request.heat  # exactly as the roster writes it
     if entry.names_number:
         taken[entry.names_number] = getattr(request, entry.names_number)
     return Command(
@@ -435,19 +440,20 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
 
 
 def _age(said: float) -> float:
-    """Return the age of a press from an untrusted number (s); 0 if it is not a number."""
+    """Return the age of a press, in seconds, from an untrusted number; 0 if that is NaN."""
     return min(said, MOST_AGE) if said > 0.0 else 0.0
 
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run race control until SIGINT or SIGTERM, then send every kart RED_RED.
+    Run race control until SIGINT or SIGTERM, and then send every kart RED_RED.
 
-    :return: 0 after an orderly end, 1 after a failure (every kart was sent RED_RED, or lost its
-        connection), 2 if a setting is wrong, 3 if another program is in the way. The remains of a
-        crashed race control may be in the way for a few seconds.
+    :param args: command-line arguments; None for those of this process.
+    :return: 0 after an orderly end. 1 after a failure, in which every kart was sent RED_RED or
+        lost its connection. 2 if a setting is wrong. 3 if another program is in the way, which may
+        be the remains of a crashed race control for a few seconds.
     """
-    # First, so that the kart server and ROS's threads inherit the priority.
+    # Do this first, so that the kart server and ROS's threads inherit the priority.
     priority.come_before_others()
     refusals = (ParameterError, GraphError, RosterError)
     obstacles = (RivalError, AddressTakenError, KartServerError)

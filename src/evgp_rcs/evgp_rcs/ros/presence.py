@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The programs from which officials can stop the race; each announces itself at least once a second.
+The programs from which officials can stop the race, which announce themselves every second.
 
-A program counts if its last message without a fault is younger than `SILENT_AFTER`. A missing stop
-button is reported until another one is started in its place. The timekeeper never counts, because
-it sends only FINISH and cannot stop a race.
+Race control counts a program if the program's last message without a fault is younger than
+`SILENT_AFTER`. It reports a missing stop button until someone starts another one in its place. It
+never counts the timekeeper, which sends only FINISH and cannot stop a race.
 
-Pure: messages and times are inputs, from any thread.
+This module is pure: messages and times are inputs. Any thread may call it.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from evgp_node.official import MOST_OF_NAME, tidy, TIMEKEEPER
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
-"""Time after its last message from which a program counts as gone, in seconds."""
+"""Time after its last message at which race control considers a program gone, in seconds."""
 
 MOST_PROGRAMS = 50
-"""Maximum number of programs at once; further programs are ignored."""
+"""Maximum number of programs at once. Race control ignores further programs."""
 
 MOST_OF_FAULT = 160
 """Maximum length of the stored text of a fault, in characters."""
@@ -39,7 +39,7 @@ LABELS = {'rcs_gui': 'window', 'rcs_ctl': 'terminal', BUTTON: 'button'}
 
 
 class Word(Protocol):
-    """A message of a program; its fields mean the same as in `Presence.msg`."""
+    """A message of a program. Its fields mean the same as in `Presence.msg`."""
 
     program: str
     id: str  # noqa: A003 - the field's name
@@ -52,11 +52,13 @@ class Program:
     """
     A program that has announced itself.
 
-    :param name: its name for officials, with the official who uses it.
-    :param began: when it was first heard, in seconds.
-    :param heard: when it was last heard, in seconds.
-    :param worked: when it was last heard without a fault, in seconds.
-    :param replaces: whether it can still be the replacement of a missing button.
+    :param name: the program's name for officials, with the official who uses it.
+    :param is_button: whether the program is a stop button.
+    :param began: when race control first heard the program, in seconds.
+    :param heard: when race control last heard the program, in seconds.
+    :param worked: when race control last heard the program without a fault, in seconds.
+    :param fault: why the race cannot be stopped from the program, as a sentence. Empty if it can.
+    :param replaces: whether the program can still be the replacement of a missing button.
     """
 
     name: str
@@ -68,16 +70,16 @@ class Program:
     replaces: bool = True
 
     def works(self, now: float) -> bool:
-        """Return whether officials can stop the race from it."""
+        """Return whether officials can stop the race from the program at this time (s)."""
         return now - self.worked < SILENT_AFTER
 
     def is_gone(self, now: float) -> bool:
-        """Return whether it has been silent for too long."""
+        """Return whether the program has been silent for too long at this time (s)."""
         return now - self.heard >= SILENT_AFTER
 
 
 class Presences:
-    """The programs that are there, and the buttons that are missing."""
+    """The programs from which officials can stop the race, and the buttons that are missing."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -85,10 +87,12 @@ class Presences:
 
     def hear(self, word: Word, now: float) -> bool:
         """
-        Record a program's message, whatever it contains, at a time (s).
+        Record a program's message, which may contain anything.
 
-        :return: whether there was room for the program, which means fewer than `MOST_PROGRAMS`
-            others.
+        :param word: the message.
+        :param now: the time at which it came, in seconds.
+        :return: False if `MOST_PROGRAMS` other programs leave no room for this one; otherwise
+            True.
         """
         if TIMEKEEPER in (word.program, tidy(word.official)):
             return True
@@ -128,7 +132,7 @@ class Presences:
         return Attendance(len(able), _listed([each.name for each in able]), _listed(wrong))
 
     def _forget(self, now: float) -> None:
-        """Forget programs that are gone, but buttons only once another was started in place."""
+        """Forget programs that are gone, but a button only once another has replaced it."""
         gone = [(key, each) for key, each in self._programs.items() if each.is_gone(now)]
         for key, each in gone:
             others = self._programs.values()

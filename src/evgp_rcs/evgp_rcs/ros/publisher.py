@@ -4,9 +4,10 @@
 """
 Publishes what the kart server reports, in a thread of its own.
 
-Every event is published, in order; the kart server limits the events that karts can cause by their
-reports. Of several snapshots of the race, only the newest is published. It waits for at most
-`BATCH` events and may overtake the rest, so that officials see the present race.
+The publisher publishes every event, in order. The kart server limits the events that karts can
+cause by their reports. Of several snapshots of the race, the publisher publishes only the newest.
+A snapshot waits for at most `BATCH` events and may overtake the rest, so that officials see the
+present race.
 """
 
 from __future__ import annotations
@@ -36,39 +37,41 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 RACE_QOS = latched(1)
-"""QoS of ``~/race``: a late subscriber gets the present race at once."""
+"""QoS of ``~/race``, with which a late subscriber gets the present race at once."""
 
 EVENTS_QOS = latched(200)
-"""QoS of ``~/events``: a late subscriber gets the last 200 messages, each with some events."""
+"""QoS of ``~/events``, with which a late subscriber gets the last 200 messages."""
 
 OF_EACH_KART = (
     EventKind.KART_STATE,
     EventKind.DELIVERED,
     EventKind.ACKNOWLEDGED,
 )
-"""Kinds of events that are not logged: the command's event says what karts are sent, and others
-say whether all have answered."""
+"""Kinds of events that the publisher does not log. The command's own event says what karts are
+sent, and other events say whether every kart has answered."""
 
 STATE_EVERY = 0.1
 """Time between two publications of the race's plain state, in seconds."""
 
 STATE_AGE = 1.0
-"""Maximum age of a race whose plain state is still published, in seconds. An older state may have
-changed, and readers treat silence as a doubt."""
+"""Maximum age of a snapshot whose plain state is still published, in seconds. The state may have
+changed since, and silence tells readers that the state is unknown."""
 
 BATCH = 100
-"""Maximum number of events in one message, before a newer race is published."""
+"""Maximum number of events in one message, and before the next snapshot of the race."""
 
 CLOCK_STEP_NS = 10_000_000
-"""Minimum change of the wall clock after which times in the race are recomputed, in ns."""
+"""Minimum change of the wall clock after which the publisher recomputes the race's times, in
+ns."""
 
 
 class RacePublisher:
     """
-    Publishes the race, its events, its plain state and diagnostics.
+    The publisher of the race, its events, its plain state and diagnostics.
 
-    :param on_failure: called, in the publisher's thread, when it cannot go on.
-    :param banner: text at the top of every screen.
+    :param node: the node that publishes.
+    :param on_failure: called with the error, in the publisher's thread, if the publisher fails.
+    :param banner: text at the top of every screen; empty for none.
     :param officials: names of the event's officials.
     :param run: id of this run of race control.
     """
@@ -81,7 +84,7 @@ class RacePublisher:
         officials: tuple[str, ...] = (),
         run: str = '',
     ) -> None:
-        """Create the publishers; nothing is published before ``start``."""
+        """Create the publishers. Nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
         self._banner, self._officials = banner, officials
@@ -104,19 +107,23 @@ class RacePublisher:
         self._sequence = 0
 
     def events(self, events: list[StampedEvent]) -> None:
-        """Publish events; may be called from any thread."""
+        """Queue events for publication. Any thread may call this."""
         self._happened.put(events)
 
     def race(self, race: Snapshot) -> None:
-        """Publish a snapshot of the race; may be called from any thread."""
+        """Queue a snapshot of the race for publication. Any thread may call this."""
         self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
-        """Publish what is wrong with the graph (empty: nothing); may be called from any thread."""
+        """
+        Queue an alert about the ROS graph for publication. Any thread may call this.
+
+        :param text: what is wrong with the graph, as a sentence; empty if nothing is.
+        """
         self._happened.put(text)
 
     def start(self) -> None:
-        """Start publishing."""
+        """Start the publisher's thread."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -127,10 +134,12 @@ class RacePublisher:
 
     def last_words(self, text: str) -> None:
         """
-        Publish the alert that a part of race control has failed, after ``stop``.
+        Publish the alert that a part of race control has failed. Call this after ``stop``.
 
-        The alert is added to the last race that was published. This method waits until subscribers
-        have received it.
+        The alert is added to the last published race. This method waits until subscribers have
+        received the alert.
+
+        :param text: the alert, as a sentence for officials.
         """
         now, wall_ns = clock.now(), time.time_ns()
         alert = Alert(AlertKind.PART_FAILED, 0, now, text, use_msr=True)
@@ -153,7 +162,7 @@ class RacePublisher:
         while not ended or waiting:
             came = []
             if not waiting:
-                with contextlib.suppress(queue.Empty):  # then it is time for the plain state
+                with contextlib.suppress(queue.Empty):  # if nothing comes, the plain state is due
                     due = self._stated_at + STATE_EVERY - clock.now()
                     came.append(self._happened.get(timeout=max(0.0, due)))
             while not self._happened.empty():
@@ -176,7 +185,7 @@ class RacePublisher:
             self._publish_state(clock.now())
 
     def _publish_state(self, now: float) -> None:
-        """Publish the name of the race's state, if due and known."""
+        """Publish the name of the race's state, if it is known and publication is due."""
         race = self._newest
         state = race.state if race is not None and now - race.stamp <= STATE_AGE else None
         if state is self._stated and now < self._stated_at + STATE_EVERY:
@@ -214,7 +223,8 @@ class RacePublisher:
         )
         if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
             self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns
-        # At rest only the stamp changes; building the message takes longer than publishing it.
+        # If only the stamp has changed, reuse the message, because building it takes longer than
+        # publishing it.
         self._published.stamp = stamp_of(clock_ns + round(race.stamp * 1e9))
         self._shown = race
         self._race.publish(self._published)

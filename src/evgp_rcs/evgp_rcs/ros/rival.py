@@ -4,10 +4,10 @@
 """
 Protection against a second race control on the same ROS graph.
 
-Officials could not tell the two apart, because their answers and races would mix. The second one
-therefore does not start (`claim_the_graph`, `refuse_rivals`), and if two graphs are joined later,
-both notice (`look_for_rivals`). ``address_watch`` checks whether another machine has race
-control's address on the karts' network.
+The answers and races of two race controls would mix, and officials could not tell them apart. The
+second one therefore does not start (`claim_the_graph`, `refuse_rivals`). If two graphs are joined
+later, both race controls notice (`look_for_rivals`). For the karts' network, ``address_watch``
+checks whether another machine has race control's address.
 """
 
 from __future__ import annotations
@@ -25,16 +25,19 @@ _STEP = 0.05
 
 
 class RivalError(RuntimeError):
-    """There is another race control on this graph; the text says what to do."""
+    """Another race control runs on this graph. The text says what to do."""
 
 
 def claim_the_graph(node: Node) -> socket.socket:
     """
     Claim the node's name on this machine's graph, for as long as the returned socket is open.
 
-    The claim is an abstract UNIX socket. The kernel keeps these per network namespace, like the
-    loopback interface that the graph uses, and removes them when the process ends.
+    The claim is an abstract UNIX socket. The kernel keeps such sockets separately for each network
+    namespace, like the loopback interface that the graph uses. It removes them when the process
+    ends.
 
+    :param node: race control's node.
+    :return: the socket, which the caller must keep open.
     :raises RivalError: if another process holds the claim.
     """
     name = node.get_fully_qualified_name()
@@ -55,12 +58,13 @@ def refuse_rivals(node: Node) -> None:
     """
     Refuse to start if another machine on the graph runs a race control.
 
-    Call this before the node publishes the race.
+    Call this before the node publishes the race. It takes `FIRST_LOOK`, unless the graph stays on
+    this machine.
 
-    :raises RivalError: if there is a rival.
+    :raises RivalError: if there is another race control.
     """
     if reachable_at() == (LOOPBACK,):
-        return  # on this machine alone, the claim is enough
+        return  # the graph stays on this machine, so the claim is enough
     until = time.monotonic() + FIRST_LOOK
     while time.monotonic() < until:
         if look_for_rivals(node):
@@ -76,8 +80,8 @@ def look_for_rivals(node: Node) -> bool:
     """
     Return whether another node publishes the topic of this race control's race.
 
-    A rival that was killed counts until DDS gives it up, after 20 s. The call takes a few
-    microseconds per publisher, never blocks, and may be made in any thread.
+    The result stays True for 20 s after a rival was killed, until DDS gives the rival up. The call
+    takes a few microseconds per publisher and never blocks. Any thread may make it.
     """
     topic = node.resolve_topic_name('~/race')
     own = sum(publisher.topic_name == topic for publisher in node.publishers)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parameters of race control: each declared once, with its meaning, range and default."""
+"""The parameters of race control, each with its meaning, range and default."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
     ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus a reserve).', (11, 100)),
     (
         'send_timeout',
-        'Time after which a kart that leaves bytes unanswered is lost, s.',
+        'Time after which race control drops a kart that leaves bytes unanswered, s.',
         (0.2, 10),
     ),
 )
-"""Parameters of the kart server: name, meaning and range; defaults are in `ServerSettings`."""
+"""Name, meaning and range of the kart server's parameters. `ServerSettings` has the defaults."""
 
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
-    ('auto_race_over', 'Once every kart has finished, race control ends the race automatically.'),
+    ('auto_race_over', 'Race control ends the race automatically once every kart has finished.'),
     ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
     ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
     ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
@@ -38,22 +38,23 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('require_inspection', 'Karts without an inspection in the roster cannot race.'),
     (
         'nobody_there',
-        'Time after which a race that nobody can stop goes to RED_FLAG, s; 0: never.',
+        'Time after which a race that no official can stop goes to RED_FLAG, s. 0 means never.',
         (0, 3600),
     ),
     (
         'pause',
-        'After a stop, commands that loosen or start anything are refused for this long, s.',
+        'Time after a stop for which commands that loosen or start anything are refused, s.',
         (LEAST_PAUSE, 10),
     ),
 )
-"""Parameters of the rules in the same form; their defaults are in `RaceTimes`."""
+"""Name, meaning and range of the rules' parameters. `RaceTimes` has the defaults."""
 
 
 def read_roster(path: str) -> Roster:
     """
     Return the part of a roster file that the rules use.
 
+    :param path: path of the file.
     :raises RosterError: if the file cannot be read, or is not a valid roster.
     """
     roster = load_roster(pathlib.Path(path))
@@ -74,16 +75,16 @@ def read_settings(parameters: Parameters) -> Begin:
     :raises RosterError: if the roster is wrong.
     """
     declare = parameters.declare
-    path = declare('roster', '', 'Path of the file that lists the karts; see config/karts.yaml.')
+    path = declare('roster', '', 'Path of the file that lists the karts, as in config/karts.yaml.')
     record = declare(
         'record',
         '',
-        'Path of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
+        'Path of the record (SQLite). Empty means evgp_rcs/record.sqlite3 below ROS_HOME.',
     )
     address = declare(
         'address',
         ServerSettings.host,
-        'IPv4 address at which karts connect; 0.0.0.0: every address of this machine.',
+        'IPv4 address at which karts connect. 0.0.0.0 means every address of this machine.',
     )
     server: dict[str, Any] = {
         name: declare(name, getattr(ServerSettings, name), *meaning_and_limits)
@@ -92,8 +93,8 @@ def read_settings(parameters: Parameters) -> Begin:
     delays = declare(
         'finish_delays',
         list(RaceTimes.finish_delays),
-        'Time from FINISH to RED_FLAG for place 1, 2, …; the last applies to all later places, '
-        's, 0-60.',
+        'Time from FINISH to RED_FLAG for place 1, 2, …, s, 0-60. The last value applies to all '
+        'later places.',
     )
     settle = declare(
         'settle_time',

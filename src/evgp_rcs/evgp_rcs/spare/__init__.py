@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A second machine that can become race control: its copy of everything, and the takeover.
+The spare machine, which keeps a copy of race control's files and can take over from it.
 
-It imports all other rooms; no other room imports it.
+This package imports the other packages of race control. None of them imports this package.
 """

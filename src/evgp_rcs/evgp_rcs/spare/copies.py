@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_spare``, or ``make spare``: a second machine keeps a copy of race control's files.
+``rcs_spare`` (``make spare``), with which a spare machine keeps a copy of race control's files.
 
-These are the roster, the parameters, the record and the timekeeper's book. The spare machine
-fetches them repeatedly, by ssh from race control's machine. It fetches record and book as SQLite
-backups, which are consistent even while the files are being written. A copy replaces the last one
-only when it is complete. ``rcs_takeover`` starts with `latest`.
+These files are the roster, the parameters, the record and the timekeeper's book. The spare machine
+fetches them repeatedly by ssh from race control's machine. It fetches the record and the book as
+SQLite backups, which are consistent even while race control writes the files. A copy replaces the
+last one only when it is complete. ``rcs_takeover`` starts with `latest`.
 
-The first machine may race on after the copy. Therefore this machine's own mark (``run_mark``) says
-*began* before there is a copy, so that every start here assumes the worst.
+The first machine may race on after the copy. Before this machine has a copy, its own mark
+(``run_mark``) therefore says *began*, so that every start here assumes the worst.
 """
 
 from __future__ import annotations
@@ -45,16 +45,17 @@ COPY_TIMEOUT = 20.0
 """Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
-"""Files of a copy; the timekeeper's book (`BOOK`) is added if it is beside the record."""
+"""Files of a copy. It also has the timekeeper's book (`BOOK`) if that is beside the record."""
 
 ORIGIN = 'from'
-"""Name of a file with the address of the machine that the copy is from; empty for this machine."""
+"""Name of a file with the address of the machine from which the copy comes. The file is empty if
+the copy comes from this machine."""
 
 _REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
 _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
 
 # This program runs on race control's machine, with the Python there. It works in memory
-# (/dev/shm), to leave the disk to the record.
+# (/dev/shm), so that the record has the disk to itself.
 _PACK = f"""
 import os, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
@@ -75,20 +76,22 @@ with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
 
 
 class SpareError(RuntimeError):
-    """There is no copy, or copying is impossible now; the text says why, in a phrase."""
+    """There is no copy, or copying is impossible now. The text says why, as a phrase."""
 
 
 def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
-    Return a tar file of all files, each consistent.
+    Fetch the files of race control, each of them consistent, and return them as a tar file.
 
-    :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine. The
-        paths of roster and parameters are relative to the folder.
-    :raises SpareError: if that is not possible now.
+    :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine.
+    :param roster: path of the roster, relative to the folder.
+    :param parameters: path of the file of the parameters, relative to the folder.
+    :param record: path of the record.
+    :raises SpareError: if that is impossible now, or takes longer than `COPY_TIMEOUT`.
     """
     remote = _REMOTE.fullmatch(source)
     login, _, folder = remote.groups('') if remote else ('', '', source)
-    # No pathlib, since the path and ~ are those of another machine and user.
+    # Do not use pathlib, because the path and ~ may be those of another machine and user.
     own = [os.path.join(folder, each) for each in (roster, parameters)]  # noqa: PTH118
     command = ['python3' if login else sys.executable, '-', *own, record]
     if login:
@@ -109,6 +112,9 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     """
     Replace the last copy by this one, and return the age of its newest event, in seconds.
 
+    :param packed: the copy, as from `fetch`.
+    :param source: where the copy comes from, as for `fetch`.
+    :param folder: the folder of the copies.
     :raises SpareError: if the copy is incomplete, or cannot be written.
     """
     remote = _REMOTE.fullmatch(source)
@@ -127,7 +133,7 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
         for mark in _marks(folder / f'{PARAMETERS}.new'):
             leave_began(mark)
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
-        # Files that a reader left beside the last copy do not belong to this one.
+        # Remove files that a reader has left beside the last copy.
         for path in (*folder.glob(f'{RECORD}-*'), *folder.glob(f'{BOOK}*')):
             if path.name != f'{BOOK}.new':
                 path.unlink()
@@ -150,9 +156,9 @@ def _write(path: pathlib.Path, data: bytes) -> None:
 
 def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
     """
-    Return the marks that race control may have here with these parameters, for any node name.
+    Return the marks that race control may use here with these parameters, for any node name.
 
-    :raises ValueError, yaml.YAMLError: if that cannot be read.
+    :raises ValueError, yaml.YAMLError: if the parameters cannot be read.
     """
     found = list(_mappings(yaml.safe_load(parameters.read_bytes())))
     addresses = {str(each['address']) for each in found if 'address' in each}
@@ -173,7 +179,7 @@ def _mappings(value: object) -> Iterator[dict[str, object]]:
 
 
 def _newest_event(record: pathlib.Path) -> int:
-    # Nobody writes this file, so SQLite need not create files beside it.
+    # No program writes this file, so SQLite need not create files beside it.
     uri = f'{record.absolute().as_uri()}?immutable=1'
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
         newest = next(sessions(database), None)
@@ -187,38 +193,41 @@ def copies() -> pathlib.Path:
 
 def latest() -> pathlib.Path:
     """
-    Return the folder of the newest copy, which may be one that a takeover has used.
+    Return the folder of the newest copy. A takeover may already have used this copy.
 
     :raises SpareError: if there is no copy.
     """
     records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
     found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
     if not found:
-        raise SpareError(f'there is no copy in {copies()}; make one with: make spare FROM=...')
+        raise SpareError(f'there is no copy in {copies()}. Make one with: make spare FROM=...')
     return max(found)[1]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Copy until Ctrl-C.
+    Copy race control's files repeatedly until Ctrl-C, or once.
 
-    :return: 0; 1 if ``--once`` was given and the copy failed; 2 if the usage is wrong.
+    :param arguments: command-line arguments; None for those of this process.
+    :return: 0; or 1 if ``--once`` was given and the copy failed. If the usage is wrong, the
+        process exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_spare'),
         description="Keep a copy of race control's roster, parameters and record.",
     )
     add = parser.add_argument
-    add('source', help='user@address[:folder] of its machine, or a folder of this machine')
+    add('source', help='user@address[:folder], or a folder of this machine')
     add('--roster', required=True, help='the roster of race control, relative to that folder')
-    add('--params', required=True, help='the parameters of race control, likewise')
+    add('--params', required=True, help='the parameters of race control, relative to that folder')
     add('--record', default='~/.ros/evgp_rcs/record.sqlite3', help='default: %(default)s')
     add('--once', action='store_true', help='copy once, then end')
     given = parser.parse_args(arguments)
     if not (_REMOTE.fullmatch(given.source) or '/' in given.source):
         parser.error(
-            f'{given.source!r} is neither a path of this machine nor user@address of another one, '
-            'such as anna@10.1.0.5:evgp, where evgp is the folder in which make run was called'
+            f'{given.source!r} is neither a path on this machine nor user@address of another one. '
+            'An example is anna@10.1.0.5:evgp, where evgp is the folder in which make run was '
+            'called'
         )
     at: float | None = None
     with contextlib.suppress(KeyboardInterrupt):

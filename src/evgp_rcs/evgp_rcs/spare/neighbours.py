@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Checks, before a takeover, for another machine on the karts' or the officials' network.
+The checks for another race control on the karts' and the officials' networks before a takeover.
 
-`why_not` makes the decision, and is pure. An unknown result counts as bad as an answer.
+`why_not` decides whether a takeover is allowed, and is pure. It treats an unknown result like an
+answer.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ ANSWER_WITHIN = 1.0
 
 
 class Found(enum.IntEnum):
-    """The result of a look; the worst is the highest."""
+    """The result of a look, from best to worst."""
 
     NOTHING = 0
     NOT_KNOWN = 1
@@ -35,7 +36,7 @@ class Found(enum.IntEnum):
 
 
 class Look(NamedTuple):
-    """One look at a network; `what` says what answered, or why that cannot be known."""
+    """One look at a network. `what` says what answered, or why the result is not known."""
 
     found: Found
     what: str = ''
@@ -43,18 +44,18 @@ class Look(NamedTuple):
 
 def why_not(looks: Sequence[Look]) -> str:
     """Return why an address must not be taken over after these looks; empty if it may be."""
-    worst = max(looks, key=lambda look: look.found, default=Look(Found.NOT_KNOWN, 'nobody looked'))
+    worst = max(looks, key=lambda look: look.found, default=Look(Found.NOT_KNOWN, 'not checked'))
     return '' if worst.found is Found.NOTHING else worst.what
 
 
 def link(interface: str) -> Look:
-    """Check that an interface is up and has a cable, since otherwise it hears nobody."""
+    """Check that an interface is up and has a cable, without which it hears no other machine."""
     if any(each.name == interface and each.plugged for each in cards()):
         return Look(Found.NOTHING)
     return Look(
         Found.NOT_KNOWN,
-        f'{interface} is down or has no cable, so this machine cannot know who else is there: '
-        'plug it in, or name another interface',
+        f'{interface} is down or has no cable, so this machine cannot know who else is there. '
+        'Plug it in, or name another interface',
     )
 
 
@@ -62,14 +63,17 @@ def ask(address: str, interface: str, seconds: float = ASK_FOR) -> Look:
     """
     Ask whether another machine on the network of an interface has an address.
 
-    Unless there is an answer, this takes that many seconds. It asks like race control's own watch,
-    but announces nothing.
+    This asks like race control's own watch, but announces nothing.
+
+    :param address: the IPv4 address.
+    :param interface: name of the interface.
+    :param seconds: time that this takes if there is no answer, in seconds.
     """
     return _ask(address, interface, lambda card: card.name == interface, seconds)
 
 
 def ask_where_it_is(address: str) -> Look:
-    """Ask who has an address, at the interface that is on its network."""
+    """Ask whether another machine has an address, at each interface on the address's network."""
     where, ip = f'the network of {address}', ipaddress.IPv4Address(address)
     return _ask(address, where, lambda card: any(ip in own.network for own in card.addresses))
 
@@ -95,7 +99,13 @@ def _ask(
 
 
 def connect(address: str, port: int, interface: str) -> Look:
-    """Check whether anything answers at a TCP port; except on loopback, a refusal is an answer."""
+    """
+    Check whether anything answers at a TCP port. Except on loopback, a refusal is an answer.
+
+    :param address: the IPv4 address.
+    :param port: the TCP port.
+    :param interface: name of the interface through which to connect.
+    """
     with socket.socket() as trying:
         trying.settimeout(ANSWER_WITHIN)
         trying.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())

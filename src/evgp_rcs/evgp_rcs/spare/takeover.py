@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_takeover``, or ``make takeover``: a spare machine becomes race control, with its address.
+``rcs_takeover`` (``make takeover``), with which a spare machine becomes race control.
 
-It takes the address only if nobody answers on any network of the old race control. Then it starts
-race control and the timekeeper on the copy that ``rcs_spare`` has kept, like ``make run``. A copy
-proves nothing, so the race comes back in RED_RED, as after a crash. Race control keeps watching
-its address. If another machine gets the address, race control ends and does not start again, and
-this machine releases the address.
+The spare machine takes race control's address only if nothing answers on any network of the old
+race control. It then starts race control and the timekeeper with the copy that ``rcs_spare`` has
+kept, as ``make run`` would. A copy proves nothing, so the race comes back in RED_RED, as after a
+crash. Race control keeps watching its address. If another machine gets the address, race control
+ends and does not start again, and this machine releases the address.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-# However this process ends, the shell releases the address. Ctrl-C must not reach the shell.
+# The shell releases the address when this process ends for whatever reason. Ctrl-C must not reach
+# the shell.
 _HOLD = """
 trap '' INT HUP TERM QUIT
 ip address add "$1" dev "$2" || exit 1
@@ -56,7 +57,7 @@ ip address delete "$1" dev "$2"
 
 
 def look_among_officials(own_address: str) -> Look:
-    """Look for a race control on the officials' network, where this machine has an address."""
+    """Look for a race control on the officials' network, where this machine has this address."""
     interface = interfaces().get(own_address)
     if interface is None:
         return Look(Found.NOT_KNOWN, f'no interface of this machine has the address {own_address}')
@@ -64,7 +65,7 @@ def look_among_officials(own_address: str) -> Look:
     try:
         bind_graph()
         rclpy.init(context=context)
-        # It needs race control's name, to look for its topics.
+        # This node needs race control's name, so that it looks for race control's topics.
         node = Node('rcs', context=context, start_parameter_services=False, enable_rosout=False)
         fence_graph()
         refuse_rivals(node)
@@ -80,8 +81,12 @@ def look_among_officials(own_address: str) -> Look:
 @contextlib.contextmanager
 def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
     """
-    Add an address to this machine, until this process ends at the latest.
+    Add an address to an interface of this machine, and remove it at the end of the context.
 
+    The address is also removed if this process ends before.
+
+    :param address: the address and its network.
+    :param interface: name of the interface.
     :raises OSError: if the address cannot be added.
     """
     command = ['sh', '-c', _HOLD, 'sh', str(address), interface]
@@ -93,7 +98,7 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         assert shell.stdout is not None
         if not shell.stdout.readline():
             raise OSError(
-                f'cannot add the address {address} to {interface}; this needs root (sudo, or '
+                f'cannot add the address {address} to {interface}. This needs root (sudo, or '
                 'CAP_NET_ADMIN)'
             )
         yield
@@ -101,7 +106,7 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def timekeeper(copy: pathlib.Path) -> Iterator[None]:
-    """Keep the timekeeper running beside race control, with the book of a copy."""
+    """Keep the timekeeper running beside race control, with the roster and book of a copy."""
     python = ['setpriv', '--pdeathsig', 'TERM', sys.executable, '-m', 'evgp_node.restarting']
     command = [sys.executable, '-m', 'evgp_timing.timekeeper', '--ros-args']
     command += ['-p', f'roster:={copy / ROSTER}', '-p', f'book:={copy / BOOK}']
@@ -114,8 +119,11 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
 
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
     """
-    Take the address over, if nobody has it, and run race control until it ends for good.
+    Take the address over if no other machine has it, and run race control until it ends for good.
 
+    :param address: race control's address and its network.
+    :param interface: name of the interface that gets the address.
+    :param port: TCP port for karts.
     :return: the exit code, as for ``main``.
     :raises SpareError: if there is no copy.
     :raises OSError, sqlite3.Error, ValueError: if the copy cannot be used, or the address cannot
@@ -124,7 +132,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     copy, own = latest(), str(address.ip)
     _say(f'Looking for the old race control at {own}, on every network ...')
     looks = [connect(own, port, interface)]
-    rehearsed = interface == 'lo' and address.ip.is_loopback  # no other machine is there
+    rehearsed = interface == 'lo' and address.ip.is_loopback  # there are no other machines
     if not rehearsed:
         looks.append(ask(own, interface))
     if officials := os.environ.get(INTERFACE, '').strip():
@@ -136,13 +144,13 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         return IN_THE_WAY
     age = time.time() - (copy / RECORD).stat().st_mtime
     with contextlib.nullcontext() if rehearsed else held(address, interface):
-        if copy == copies():  # later copies must not overwrite this one
+        if copy == copies():  # so that a later copy does not overwrite it
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
         leave_began(place(own, port))  # the first machine may have raced on since the copy
         _say(
-            f'This machine is race control now, with a copy that is {age:.0f} s old ({copy}). '
-            'Every kart is in doubt, so the race is in RED_RED. Ctrl-C ends race control and '
-            'releases the address.'
+            f'This machine is race control now. Its copy is {age:.0f} s old ({copy}). Any kart '
+            'may be moving, so the race is in RED_RED. Ctrl-C ends race control and releases the '
+            'address.'
         )
         command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
         command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
@@ -150,7 +158,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
         with timekeeper(copy):
             code = keep_running([*command, '-p', f'port:={port}'], gives_way=True)
     if code == IN_THE_WAY:
-        _say('ENDED: something is in the way (see above). The address is released.')
+        _say('ENDED: see above for what is in the way. This machine has released the address.')
     return code
 
 
@@ -160,14 +168,15 @@ def _say(text: str) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Take over race control's address, and be race control.
+    Take over race control's address, and run race control.
 
-    :return: the exit code of race control; 2 if there is no copy, or a setting is wrong; 3 if the
-        old machine answers, if that cannot be known, or if another machine gets the address.
+    :param arguments: command-line arguments; None for those of this process.
+    :return: the exit code of race control. 2 if there is no copy, or a setting is wrong. 3 if the
+        old machine answers or may be there, or if another machine gets the address.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_takeover'),
-        description='Become race control, at the address of the old one.',
+        description="Make this machine race control, at the old race control's address.",
     )
     add = parser.add_argument
     add(
@@ -186,7 +195,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def ipv4_address(text: str) -> ipaddress.IPv4Interface:
-    """Return an address and its network, which is a /24 if the text does not name it."""
+    """
+    Return the address and network in a text. The network is a /24 if the text does not name it.
+
+    :raises ValueError: if the text is not an IPv4 address.
+    """
     return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
 
 
