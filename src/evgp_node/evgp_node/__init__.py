@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What race control's node, the bridge and our other ROS processes share.
+The code that race control's node, the bridge and our other ROS processes share.
 
-All of them import this package before rclpy. If the middleware in RMW_IMPLEMENTATION is not
-installed, importing rclpy would end the process, with an unclear text and another exit code.
+Every one of these processes imports this package before rclpy. If the middleware in
+RMW_IMPLEMENTATION is not installed, this package ends the process with a clear sentence and the
+exit code 2, which rclpy would not do.
 """
 
 import os
@@ -13,12 +14,12 @@ import sys
 
 
 def _refuse_absent_middleware(wanted: str) -> None:
-    """End the process, in one sentence, if this ROS middleware is not installed."""
-    from ament_index_python import get_resources  # slow, so only where it is needed
+    """End the process with one sentence if this ROS middleware is not installed."""
+    from ament_index_python import get_resources  # slow, so imported only when it is needed
 
     try:
         there = sorted({*get_resources('rmw_typesupport')} - {'rmw_implementation'})
-    except OSError:  # unknown, as without AMENT_PREFIX_PATH
+    except OSError:  # without AMENT_PREFIX_PATH, this is unknown
         return
     if there and wanted not in there:
         print(

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Converts values to ROS messages and back: a message of ``evgp_rcs_msgs`` is the image of a type.
+Converts values to ROS messages of ``evgp_rcs_msgs`` and back.
 
-The conversion follows from the types of the message and of the value; no field is named here. A
-field of the value is the field of the same name of the message; ``stamp_ns`` is its `stamp`. An
-enum is the constant of its name. For None, a message has UNKNOWN as a state, 0 as a time or a
-constant, and NaN as another number.
+The conversion follows from the types of the message and of the value, so this module need not name
+any field. A field of the value becomes the message's field of the same name, and ``stamp_ns``
+becomes `stamp`. A member of an enum becomes the constant of its name. None becomes UNKNOWN for a
+state, 0 for a time or a constant, and NaN for any other number.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
     Mark: msg.JudgedPassing,
     Status: msg.KartResult,
 }
-"""The message with the constants of each enum; modules with another enum add it here."""
+"""The message with the constants of each enum. A module with another enum adds it here."""
 
 STAMPED = ('sequence', 'monotonic')
-"""Fields of an event's message that come from the ``StampedEvent``, besides its `stamp`."""
+"""Fields of an event's message, besides `stamp`, that come from the ``StampedEvent``."""
 
 SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
-"""Fields that are sentences of race control; other texts are names and stay unchanged."""
+"""Fields that contain race control's sentences. Other texts are names and stay unchanged."""
 
 _Value = TypeVar('_Value')
 _TIME = 'builtin_interfaces/Time'
@@ -51,7 +51,9 @@ def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
     """
     Return a value as a message of this type.
 
-    :param wall_ns: wall time at which the clock of the value was 0, in ns since the epoch.
+    :param value: the value.
+    :param kind: the type of the message.
+    :param wall_ns: wall time at which the value's clock was 0, in ns since the epoch.
     """
     return _image(value, type(value), kind, wall_ns)
 
@@ -65,9 +67,11 @@ def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any
 
 def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
     """
-    Return the value of this type of which a message is the image; its times are wall times (s).
+    Return a message as a value of this type, whose times are wall times in seconds.
 
-    :param said: function to apply to each of ``SENTENCES``.
+    :param message: the message.
+    :param kind: the type of the value.
+    :param said: function that is applied to each of ``SENTENCES``.
     :raises ValueError: if the message has an unknown constant, or lacks a required state.
     """
     return kind(
@@ -83,7 +87,7 @@ _Read = Callable[[Any, Callable[[str], str]], Any]
 
 
 def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
-    """Return each field of a message: its name there and in the type, how to write and read it."""
+    """Return each field's name in the message and in the type, and how to write and read it."""
     hints = get_type_hints(kind)
     names = {name.removesuffix('_ns'): name for name in hints}
     return [
@@ -97,7 +101,7 @@ _fields: Callable[[Any, Any], list[tuple[str, str, _Write, _Read]]] = functools.
 
 
 def _both(name: str, hint: Any, slot: str) -> tuple[_Write, _Read]:
-    """Return how to write, and how to read, a field of these types."""
+    """Return a function that writes a field of these types, and one that reads it."""
     optional = get_origin(hint) is types.UnionType
     kind = next(each for each in get_args(hint) if each is not type(None)) if optional else hint
     if slot == _TIME and kind is int:

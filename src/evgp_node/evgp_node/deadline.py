@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Ends a process by the C library, even if something holds the interpreter's lock; without ROS.
+Makes the C library end the process, which works even if something holds Python's lock.
 
-DDS may hang inside a call and keep that lock, so that no thread or signal handler of Python runs.
+DDS may hang inside a call and keep the interpreter's lock. No thread or signal handler of Python
+can then run. This module does not use ROS.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from typing import Any
 _SIGEV_THREAD = 2  # of signal.h
 
 _TO_SAY = 0.2
-"""Time to write the sentence before the process ends, in seconds."""
+"""Time for the C library to write the sentence before the process ends, in seconds."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _timers: list[ctypes.c_void_p] = []
@@ -28,19 +29,21 @@ _kept: list[ctypes.Array[ctypes.c_char]] = []
 
 def end_within(seconds: float, code: int, said: str = '') -> None:
     """
-    Make the C library end this process after a time; a later call replaces an earlier one.
+    Make the C library end this process after a time. A later call replaces an earlier one.
 
-    `faulthandler` can only exit with code 1, and some Pythons time it by the wall clock.
+    `faulthandler` would not do, because it always exits with code 1, and some versions of Python
+    measure its time by the wall clock.
 
-    :param seconds: time until the end, in seconds; 0 cancels it.
+    :param seconds: time until the end, in seconds. 0 cancels the end.
     :param code: the exit code.
-    :param said: sentence to write to stderr before the end, after the program's name.
-    :raises OSError: if the system provides no timer.
+    :param said: sentence to write to stderr before the end, after the program's name; empty for
+        none.
+    :raises OSError: if the system has no timer for this.
     """
     sentence = ctypes.create_string_buffer(said.replace('%', '%%').encode())
     name = ctypes.create_string_buffer(pathlib.Path(sys.argv[0]).name.encode())
     short_name = ctypes.c_void_p.in_dll(_libc, 'program_invocation_short_name')
-    short_name.value = ctypes.addressof(name)  # otherwise the name would be python's
+    short_name.value = ctypes.addressof(name)  # otherwise, the name would be that of Python
     timers = []
     if seconds > 0 and said:
         timers.append(_call_after(seconds, _libc.warnx, ctypes.addressof(sentence)))
@@ -63,5 +66,5 @@ def _call_after(seconds: float, function: Any, argument: int) -> ctypes.c_void_p
     if _libc.timer_create(clock, event, ctypes.byref(timer)) or _libc.timer_settime(
         timer, 0, setting, None
     ):
-        raise OSError(ctypes.get_errno(), 'no timer for the end of the process')
+        raise OSError(ctypes.get_errno(), 'there is no timer to end the process')
     return timer

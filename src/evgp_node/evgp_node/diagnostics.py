@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How our nodes publish diagnostics."""
+"""The QoS with which our nodes publish diagnostics."""
 
 from __future__ import annotations
 
@@ -13,4 +13,4 @@ DIAGNOSTICS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``/diagnostics``, as diagnostic aggregators expect it."""
+"""QoS of ``/diagnostics``, which is the one that diagnostic aggregators expect."""

@@ -4,11 +4,11 @@
 """
 The record's encoding of values of the rules as JSON.
 
-The encoding follows from the types. A dataclass or a named tuple becomes the list of its fields,
-an enum its name (an ``IntEnum`` its number), a set a sorted list. JSON that does not fit its type
-is damaged.
+The encoding follows from the types. A dataclass or a named tuple becomes the list of its fields. A
+member of an enum becomes its name, or its number if it is an ``IntEnum``. A set becomes a sorted
+list. JSON that does not fit its type is damaged.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 MOST_SECONDS = 1e10
-"""Maximum time on the clock of the rules, in seconds; a greater one is damaged."""
+"""Limit of a time on the clock of the rules, in seconds. A time from here on is damaged."""
 
 MOST_NUMBER = 2**63
-"""Limit of a number; a number from here on is damaged."""
+"""Limit of a whole number. A number from here on is damaged."""
 
 DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
-"""The exceptions of `reader` and `json` for damaged JSON."""
+"""The exceptions that `reader` and `json` raise for damaged JSON."""
 
 _Value = TypeVar('_Value')
 
@@ -40,7 +40,7 @@ def written(value: object) -> str:
 
 def read(kind: type[_Value], text: str) -> _Value:
     """
-    Return the value of this type from its JSON.
+    Return the value of this type that is encoded in a JSON text.
 
     :raises ValueError: if the JSON is damaged.
     """
@@ -68,7 +68,7 @@ def reader(kind: Any) -> Callable[[Any], Any]:
     if kind in _CHECKS:
         return functools.partial(_checked, kind, _CHECKS[kind])
     if origin is types.UnionType:
-        some = reader(inner[0])  # the other is None
+        some = reader(inner[0])  # the other type is None
         return lambda value: None if value is None else some(value)
     if origin in (tuple, frozenset):
         each = reader(inner[0])

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Converts other lists of karts to rosters with gaps.
+Converts other programs' lists of karts to rosters with gaps.
 
-Two formats are known: an entry list exported by timing software (CSV), and the list of the first
-race control (`address: team`). Neither has everything that a roster needs, so an official fills in
-the rest.
+This module knows two formats: an entry list exported by timing software (CSV), and the list of the
+first race control (`address: team`). Neither format has everything that a roster needs, so an
+official must fill in the rest.
 """
 
 from __future__ import annotations
@@ -19,14 +19,18 @@ import re
 from typing import TypeAlias
 
 _Kart: TypeAlias = tuple[str, str, str, list[str]]
-"""Number, team, address and transponders."""
+"""The number, team, address and transponders of a kart; empty where the list has none."""
 
 _NUMBER = ('no', 'nr', 'number', 'startnumber', 'kart', 'kartnumber')
 _TEAM = ('team', 'teamname', 'name', 'firstname', 'lastname')
 
 
 def as_roster(text: str) -> tuple[str, str]:
-    """Return another list as a roster, and the missing field; ('', '') if it is not one."""
+    """
+    Return another program's list as a roster, and the name of the field that each kart lacks.
+
+    If the text is not such a list, the result is ('', '').
+    """
     lines = [line for line in text.removeprefix('\ufeff').splitlines() if line.strip()]
     if not lines:
         return '', ''
@@ -71,7 +75,7 @@ def _is_address(text: str) -> bool:
 
 
 def _roster(karts: Iterable[_Kart]) -> str:
-    """Return a roster of karts, of which some fields may be empty."""
+    """Return a roster of these karts, some of whose fields may be empty."""
     lines = ['karts:']
     for number, team, address, transponders in karts:
         # JSON is also YAML, and quotes anything in a name.

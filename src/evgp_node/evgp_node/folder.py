@@ -11,7 +11,7 @@ import pathlib
 
 def rcs_folder() -> pathlib.Path:
     """
-    Return the folder of race control and its officials, below ROS_HOME; it need not exist.
+    Return the folder of race control and its officials, below ROS_HOME. It may not exist yet.
 
     :raises RuntimeError: if neither ROS_HOME nor a home folder is known.
     """

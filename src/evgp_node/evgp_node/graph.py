@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ROS graph of this process, bound to loopback regardless of the environment.
+Binds the ROS graph of this process to loopback, whatever the environment says.
 
-Without SROS2, anyone who can send to a node's DDS sockets can call its services. Each of our
-programs therefore decides itself where its sockets are. Before ``rclpy.init``, `bind_graph` tells
-DDS to open them only on 127.0.0.1, and `fence_graph` makes the kernel drop everything that reaches
-them through another interface. The setting `INTERFACE` adds one more interface by its address; an
-interface that was unplugged and comes back with this address counts again.
+Without SROS2, anyone who can send to a node's DDS sockets can call the node's services. Each of
+our programs therefore decides itself where its sockets are. Before ``rclpy.init``, `bind_graph`
+tells DDS to open them only on 127.0.0.1. `fence_graph` then makes the kernel drop everything that
+reaches them through another interface. The setting `INTERFACE` adds one more interface by its
+address. An interface that was unplugged is used again when it comes back with this address.
 
-`reachable_at` reads the result from the sockets themselves, and not from the settings.
+`reachable_at` reads the result from the sockets themselves and not from the settings.
 """
 
 from __future__ import annotations
@@ -31,44 +31,46 @@ import threading
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
-"""Environment variable: this machine's IPv4 address of the one interface that the graph uses
-besides loopback. If empty or not set, the graph uses only loopback."""
+"""Environment variable with this machine's IPv4 address at the one interface that the graph uses
+besides loopback. If the variable is empty or not set, the graph uses only loopback."""
 
 DOMAIN = 'ROS_DOMAIN_ID'
-"""Environment variable: the ROS domain."""
+"""Environment variable with the number of the ROS domain."""
 
 LAST_DOMAIN = 232
-"""The last domain whose UDP ports (7400 + 250 for each domain) exist."""
+"""The last domain that has UDP ports (7400 + 250 for each domain)."""
 
 EVERY = '0.0.0.0'
-"""Every address of this machine, in `reachable_at`."""
+"""The text by which `reachable_at` means every address of this machine."""
 
 LOOPBACK = '127.0.0.1'
 
 ANNOUNCEMENT = 1
 """Time between two announcements of this process to the others, in seconds. A node that does not
-search for us (ROS's own SUBNET searches only the network) finds us within this time."""
+search for this process finds it within this time. (With ROS's own SUBNET, nodes search only the
+network.)"""
 
 PROCESSES = 120
-"""Maximum number of ROS processes on this machine in one domain, which has no more ports."""
+"""Maximum number of ROS processes on this machine in one domain, for which it has ports."""
 
 CROWDED = 60
 """Number of ROS processes on this machine in one domain above which race control warns officials.
-Each process announces itself to every other, which took 1.6 processors with 115 of them."""
+Each process announces itself to every other. With 115 processes, this took 1.6 processors."""
 
 HEARTBEAT = 0.1
 """Time that a sender waits for an acknowledgement before it asks for one, in seconds. A lost
 message arrives about this late. Fast DDS's default of 3 s would delay an official's call or its
-answer that much; Cyclone DDS's is 0.1 s."""
+answer by that much. Cyclone DDS's default is 0.1 s."""
 
 RECEIVE_BUFFER_BYTES = 4 * 2**20
-"""Receive buffer of each socket of Fast DDS, in bytes; net.core.rmem_max is the kernel's limit.
-The ``~/race`` of a thousand karts fills the usual 0.2 MB, so that an answer is dropped."""
+"""Receive buffer of each socket of Fast DDS, in bytes. The kernel's limit is net.core.rmem_max.
+The ``~/race`` of a thousand karts fills the usual 0.2 MB, so that the kernel would drop an
+answer."""
 
 _OVERRIDDEN = (
-    # Where DDS searches, and for whom.
+    # These say where DDS searches for other processes.
     *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT'),
-    # Other sources of Fast DDS's settings; FASTDDS_ENVIRONMENT_FILE overrides all the others.
+    # These are other sources of Fast DDS's settings. FASTDDS_ENVIRONMENT_FILE overrides the rest.
     *('FASTDDS_ENVIRONMENT_FILE', 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTDDS_STATISTICS'),
     *('RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE'),
 )
@@ -77,7 +79,8 @@ KEEPS_APART = (
     *('FASTDDS_BUILTIN_TRANSPORTS', 'ROS_AUTOMATIC_DISCOVERY_RANGE=OFF'),
     'ROS_DISCOVERY_SERVER',
 )
-"""Variables of a shell that may keep other programs from ours, which use UDP on loopback."""
+"""Variables of a shell with which other programs may fail to reach ours, which use UDP on
+loopback."""
 
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -113,8 +116,8 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
 </dds>
 """
 
-# Set explicitly, so that DDS opens no multicast socket, which would hear every interface on which
-# any program of this machine has joined the group.
+# This is set explicitly so that DDS does not open a multicast socket. Such a socket would hear
+# every interface on which any program of this machine has joined the group.
 _NO_MULTICAST = '<metatrafficUnicastLocatorList>{}</metatrafficUnicastLocatorList>'
 
 _LOCATOR = '<locator><udpv4><address>{}</address></udpv4></locator>'
@@ -138,16 +141,16 @@ _CYCLONE_DDS = """<CycloneDDS>
 
 
 class GraphError(RuntimeError):
-    """The graph cannot be bound as required; the text says why, and what to do."""
+    """The graph cannot be bound as required. The text says why, and what to do."""
 
 
 class NotNowError(GraphError):
-    """The graph cannot be bound as required now, but perhaps later."""
+    """The graph cannot be bound as required now, but may be later."""
 
 
 def refuse_domain() -> None:
     """
-    Refuse a ROS domain for which DDS has no ports; ROS itself refuses text that is not a number.
+    Refuse a ROS domain for which DDS has no ports. ROS itself refuses text that is not a number.
 
     :raises GraphError: if ROS_DOMAIN_ID is such a domain.
     """
@@ -167,8 +170,9 @@ def bind_graph() -> None:
     Call this before ``rclpy.init``. It changes the environment of this process. With Fast DDS, it
     also sets `HEARTBEAT` and `RECEIVE_BUFFER_BYTES`.
 
-    :raises GraphError: if no interface has that address, if the ROS domain does not exist, or if
-        this ROS middleware cannot be configured here.
+    :raises NotNowError: if no interface has that address now.
+    :raises GraphError: if no interface can have that address, if the ROS domain does not exist, or
+        if this function cannot configure the ROS middleware.
     """
     refuse_domain()
     interface = _named_interface()
@@ -180,20 +184,24 @@ def bind_graph() -> None:
         )
     for name in _OVERRIDDEN:
         os.environ.pop(name, None)
-    # Only this range leaves everything to the settings below.
+    # Only with this range does ROS leave everything to the settings below.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    # A call of a process to itself must show that calls can arrive (evgp_rcs.ros.node).
+    # Race control's call to itself must show that other calls can arrive (evgp_rcs.ros.node).
     profile = _private_file(fast_dds_profile(interface, intraprocess=False))
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
-    # Otherwise a file with a certain name in the working directory would override this.
+    # Otherwise, a file with a certain name in the working directory would override the profile.
     os.environ['SKIP_DEFAULT_XML_FILE'] = '1'
     os.environ['SKIP_DEFAULT_XML'] = '1'
     os.environ['CYCLONEDDS_URI'] = cyclone_dds_configuration(interface)
 
 
 def kept_apart_by() -> str:
-    """Return settings that may keep this process from ours, as ``NAME=value``; empty if none."""
+    """
+    Return the settings with which this process may fail to reach our programs, as ``NAME=value``.
+
+    Several settings are separated by commas. The text is empty if there are none.
+    """
     found = []
     for name, _, bad in (each.partition('=') for each in KEEPS_APART):
         given = os.environ.get(name, '')
@@ -204,30 +212,30 @@ def kept_apart_by() -> str:
 
 def fence_graph() -> None:
     """
-    Make the kernel drop datagrams to this process's UDP sockets through other interfaces.
+    Make the kernel drop datagrams that reach this process's UDP sockets by other interfaces.
 
-    Call this as soon as there is a node, because the first node opens the sockets. Binding to an
-    address is not enough, since Linux accepts a datagram for any of its addresses at any
-    interface. From then on, a thread follows the address named by `INTERFACE` to the interface
-    that has it.
+    Call this as soon as there is a node, because the first node opens the sockets. It is not
+    enough to bind them to an address, because Linux accepts a datagram for any of its addresses
+    at any interface. From then on, a thread follows the address named by `INTERFACE` to the
+    interface that has it.
 
-    :raises GraphError: if no interface has that address.
-    :raises NotNowError: if DDS found no free port to listen at.
+    :raises GraphError: if no interface can have that address.
+    :raises NotNowError: if no interface has that address now, or DDS found no free port.
     """
     while _profiles:
-        _profiles.pop().close()  # DDS has read it
+        _profiles.pop().close()  # DDS has read the profile
     named = _named_interface()
     _fence(named)
     with udp_sockets() as found:
         listens = any(_is_read(each) for each, _ in found)
     if not listens:
         raise NotNowError(
-            'too many ROS processes run on this machine, so this one cannot be reached: a ROS '
+            'too many ROS processes run on this machine, so this one cannot be reached. A ROS '
             f'domain has ports for {PROCESSES}. End some of them, or use another {DOMAIN}'
         )
     if named and named not in _followed:
         _followed.add(named)
-        # Created here, because it belongs to the network of the thread that creates it.
+        # Create this socket here, because it belongs to the network of the thread that creates it.
         news = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW)
         news.bind((0, _ADDRESSES_OF_INTERFACES))
         threading.Thread(target=_follow, args=(named, news), name='fence', daemon=True).start()
@@ -237,18 +245,18 @@ _followed: set[str] = set()
 
 
 def _follow(named: str, news: socket.socket) -> None:
-    """Move the fence whenever an address of this machine comes or goes."""
+    """Renew the fence whenever an address of this machine comes or goes."""
     while True:
-        with contextlib.suppress(OSError):  # the address is gone again, and more news follows
+        with contextlib.suppress(OSError):  # the address is gone again
             _fence(named)
         with contextlib.suppress(OSError):  # after an overflow, look again
             news.recv(65536)
 
 
 def _fence(named: str) -> None:
-    """Let each UDP socket hear only loopback and the interface with this address, if any."""
+    """Let each UDP socket hear only loopback and the interface that has this address, if any."""
     indices = [socket.if_nametoindex('lo')]
-    with contextlib.suppress(KeyError, OSError):  # it was unplugged
+    with contextlib.suppress(KeyError, OSError):  # the interface was unplugged
         indices.append(socket.if_nametoindex(interfaces()[named]))
     with udp_sockets() as found:
         for each, bound in found:
@@ -282,26 +290,29 @@ def has_its_address() -> bool:
 
 def trouble_of_graph(domain: int) -> str:
     """
-    Return what is wrong with this process's graph, as a sentence for officials; empty if nothing.
+    Return what is wrong with this process's graph, as a sentence for officials; empty if nothing
+    is.
 
-    This takes about a millisecond, and may be called in any thread.
+    This takes about a millisecond. Any thread may call it.
+
+    :param domain: number of the ROS domain.
     """
     if not has_its_address():
         named = os.environ[INTERFACE].strip()
         return (
             f'No interface of this machine has the address {named} now, so consoles on other '
-            'machines cannot reach race control: plug it in, or stop karts from this machine'
+            'machines cannot reach race control. Plug it in, or stop karts from this machine'
         )
     if count_processes(domain) <= CROWDED:
         return ''
     return (
         f'More than {CROWDED} ROS processes run on this machine in domain {domain}, which has '
-        f'room for {PROCESSES}: end those that are not needed, or a console may not find room'
+        f'room for {PROCESSES}. End those that you do not need, or a console may not find room'
     )
 
 
 def count_processes(domain: int) -> int:
-    """Return the number of ROS processes (more exactly: contexts) of a domain on this machine."""
+    """Return the number of ROS processes (strictly, contexts) of a domain on this machine."""
     first = 7410 + 250 * domain
     taken = {int(line[1].rpartition(':')[2], 16) for line in _lines(_NETWORK / 'udp')}
     return len(taken.intersection(range(first, first + 2 * PROCESSES, 2)))
@@ -309,7 +320,7 @@ def count_processes(domain: int) -> int:
 
 class Inbox:
     """
-    Checks whether this process reads its graph's sockets.
+    A check whether DDS still reads this process's sockets.
 
     A thread of DDS reads each socket. If the thread hangs, the oldest datagram stays unread.
     """
@@ -323,7 +334,12 @@ class Inbox:
             each.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
     def unread(self) -> int:
-        """Return the number of checks in a row, with this one, that found a datagram unread."""
+        """
+        Check the sockets again.
+
+        :return: the number of checks in a row, including this one, that have found the same
+            datagram unread. If this differs between sockets, the largest number.
+        """
         for at, each in enumerate(self._sockets):
             stamp = _oldest_arrival(each)
             before, looks = self._oldest[at]
@@ -333,15 +349,15 @@ class Inbox:
 
 def reachable_at() -> tuple[str, ...]:
     """
-    Return the IPv4 addresses at which the graph of this process can be reached.
+    Return the IPv4 addresses at which other programs can reach the graph of this process.
 
-    They are read from its UDP sockets and the kernel's filters on them. `EVERY` means every
-    address of this machine.
+    This reads them from the UDP sockets and from the kernel's filters on the sockets. `EVERY`
+    means every address of this machine.
     """
     names = interfaces()
     index: dict[int, list[str]] = {}
     for address, name in names.items():
-        with contextlib.suppress(OSError):  # gone since
+        with contextlib.suppress(OSError):  # the interface has gone
             index.setdefault(socket.if_nametoindex(name), []).append(address)
     addresses: set[str] = set()
     with udp_sockets() as found:
@@ -359,13 +375,14 @@ def reachable_at() -> tuple[str, ...]:
 
 def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     """
-    Refuse a graph that can be reached from where karts connect.
+    Refuse a graph that programs could reach from where karts connect.
 
     Call this once there is a node.
 
     :param kart_address: address at which race control listens for karts, or `EVERY`.
-    :param accepted: whether a parameter accepts this explicitly.
-    :raises GraphError: if it can be reached, SROS2 is not enforced, and it is not accepted.
+    :param accepted: whether a parameter accepts such a graph explicitly.
+    :raises GraphError: if programs could reach the graph from there, SROS2 is not enforced, and
+        `accepted` is False.
     """
     if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
@@ -384,14 +401,14 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     karts = 'every address' if kart_address == EVERY else kart_address
     raise GraphError(
         f'karts connect at {karts}, and the ROS graph can be reached at {at}, so anyone on the '
-        "karts' network could start them. Set the parameter address (make run ADDRESS=...) to "
+        "karts' network could start karts. Set the parameter address (make run ADDRESS=...) to "
         "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one "
-        "on the officials' network, or leave officials out; docs/security.md describes other ways"
+        "on the officials' network, or leave officials out. For other ways, see docs/security.md"
     )
 
 
 def where_reachable() -> str:
-    """Return a sentence that says from where the graph of this process can be reached."""
+    """Return a sentence that says from where programs can reach the graph of this process."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     if not beyond:
         return 'The ROS graph can be reached only from this machine'
@@ -416,7 +433,7 @@ def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
     :param intraprocess: whether messages within a process bypass the sockets.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
-    # DDS finds other machines by multicast, which goes only to the interface.
+    # DDS finds other machines by multicast, which it sends only through this interface.
     peers = [LOOPBACK, *([_DISCOVERY_GROUP] if interface else [])]
     return _FAST_DDS.format(
         addresses=''.join(f'<address>{each}</address>' for each in addresses),
@@ -448,8 +465,8 @@ def cyclone_dds_configuration(interface: str) -> str:
 
 
 def _private_file(content: str) -> str:
-    """Return the path of a file that only this user can read; `fence_graph` deletes it."""
-    # Fast DDS requires a file with a name, which a memfd does not have.
+    """Return the path of a file that only this user can read. `fence_graph` deletes the file."""
+    # Fast DDS requires a file with a name. A memfd has none.
     file = tempfile.NamedTemporaryFile('w', prefix='evgp-graph-', suffix='.xml')  # noqa: SIM115
     file.write(content)
     file.flush()
@@ -461,7 +478,7 @@ _profiles: list[tempfile._TemporaryFileWrapper[str]] = []
 
 
 def _may_come(named: str) -> bool:
-    """Return whether an interface can have this address."""
+    """Return whether an interface could ever have this address."""
     try:
         address = ipaddress.IPv4Address(named)
     except ValueError:
@@ -471,10 +488,10 @@ def _may_come(named: str) -> bool:
 
 def _named_interface() -> str:
     """
-    Return the address that `INTERFACE` names; empty for loopback only.
+    Return the address that `INTERFACE` names; empty if the graph uses only loopback.
 
-    :raises NotNowError: if no interface of this machine has it now.
-    :raises GraphError: if no interface can ever have it.
+    :raises NotNowError: if no interface of this machine has the address now.
+    :raises GraphError: if no interface can ever have the address.
     """
     named = os.environ.get(INTERFACE, '').strip()
     if not named:
@@ -528,12 +545,12 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
         number = bytes.fromhex(line[1].partition(':')[0])
         bound[line[9]] = socket.inet_ntoa(number[::-1])
     for line in _lines(_NETWORK / 'udp6'):
-        bound[line[9]] = EVERY  # we open none, so one must not go unnoticed
+        bound[line[9]] = EVERY  # our programs open none, so such a socket must not go unnoticed
     with contextlib.ExitStack() as stack:
         found = []
         for own in list(_DESCRIPTORS.iterdir()):
             try:
-                # A copy, since the original may be closed now and its number used again.
+                # Use a copy, because the original may be closed now and its number used again.
                 descriptor = os.dup(int(own.name))
             except OSError:
                 continue
@@ -548,12 +565,12 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
 
 
 def _is_read(each: socket.socket) -> bool:
-    """Return whether Fast DDS reads a socket; it only sends by the others."""
+    """Return whether Fast DDS reads this socket. It uses other sockets only to send."""
     return _sends_multicast_at(each) == '0.0.0.0'
 
 
 def _sends_multicast_at(each: socket.socket) -> str:
-    """Return a socket's multicast address, which Fast DDS sets on sockets by which it sends."""
+    """Return a socket's multicast address, which Fast DDS sets on sockets that it sends with."""
     return socket.inet_ntoa(each.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4))
 
 
@@ -570,12 +587,12 @@ def _oldest_arrival(each: socket.socket) -> bytes:
 def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
     """Let a socket send and hear multicast at the interface that has this address now."""
     if _sends_multicast_at(each) == named:
-        # The kernel keeps the number of the interface, not the address.
+        # The kernel has stored the number of the interface and not its address.
         each.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(named))
     elif _is_open(bound):
         membership = socket.inet_aton(_DISCOVERY_GROUP) + socket.inet_aton(named)
         for option in (socket.IP_DROP_MEMBERSHIP, socket.IP_ADD_MEMBERSHIP):
-            with contextlib.suppress(OSError):  # not a member, or the address is gone again
+            with contextlib.suppress(OSError):  # not a member, or the address is gone
                 each.setsockopt(socket.IPPROTO_IP, option, membership)
 
 
@@ -608,9 +625,9 @@ def _attach_filter(to: socket.socket, indices: list[int]) -> None:
 
 
 def _filtered_interfaces(of: socket.socket) -> list[int] | None:
-    """Return the numbers of the interfaces that a socket hears; None if it hears all."""
+    """Return the numbers of the interfaces that a socket hears; None if it hears every one."""
     code = ctypes.create_string_buffer(8 * 64)
-    # This option counts in instructions, both ways, and not in bytes like others.
+    # Unlike others, this option counts instructions and not bytes, for its input and its result.
     count = ctypes.c_uint32(64)
     if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
         return None

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-For launch files: decides when not to restart a node.
+Decides for launch files when not to restart a node.
 
-Only launch files import this, because the `launch` package comes only with an installed ROS.
+Only launch files import this module, because only an installed ROS has the `launch` package.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 def keep_trying_if_it_was_up(*beside: Action) -> OnExit:
     """
-    Return an `on_exit` that gives up a node which would only end in the same way again.
+    Return an `on_exit` that gives up a node if a restart would not help.
 
-    :param beside: the nodes that end with it.
+    :param beside: the nodes that end together with this one.
     """
     ends = Ends(time.monotonic())
 

@@ -4,16 +4,17 @@
 """
 The name of the official who sends a command, as the sender gives it.
 
-The name is a claim, not proof: anyone who can send a command can use any name (docs/security.md).
-Therefore no rule depends on it, and no text that is sent as a name leads to a refusal.
+The name is a claim and proves nothing, because anyone who can send a command can use any name
+(docs/security.md). For this reason, no rule depends on the name, and race control never refuses a
+command because of it.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
 
 MOST = 80
-"""Maximum stored length of the official of a command, in characters."""
+"""Maximum length of the name that race control stores, in characters."""
 
 MOST_OF_NAME = 40
 """Maximum length of the name that our own programs send, in characters."""
@@ -29,33 +30,34 @@ def tidy(text: str, most: int = MOST) -> str:
     """
     Return a name as one printable line, for logs, terminals and pages.
 
-    Characters that cannot be printed are left out, including those that change the direction of
-    the text.
+    The line leaves out characters that cannot be printed, including those that change the
+    direction of the text.
 
-    :param most: maximum length, in characters.
+    :param text: the name, which may contain anything.
+    :param most: maximum length of the line, in characters.
     """
-    # Cut first, so that a text of any length costs little time.
+    # Cut the text first, so that a very long text takes little time.
     begun = text[: 4 * MOST]
     shown = ''.join(each for each in begun if each.isprintable() or each.isspace())
     return ' '.join(shown.split())[:most].rstrip()
 
 
 TIMEKEEPER = 'timekeeper'
-"""The official of a FINISH that the timekeeper sends; it never counts as able to stop."""
+"""The official of a FINISH that the timekeeper sends. The timekeeper cannot stop a race."""
 
 
 def heard(text: str) -> str:
-    """Return the official of a command from an untrusted text; never empty."""
+    """Return the official of a command from an untrusted text; `UNNAMED` if it has no name."""
     return tidy(text) or UNNAMED
 
 
 def claim(name: str, host: str, process: int | None = None) -> str:
     """
-    Return what our own programs send as the official, different for each program.
+    Return what our own programs send as the official, which differs for each program.
 
-    :param name: name of the official; empty if unnamed.
+    :param name: name of the official; empty if there is none.
     :param host: name of the machine.
-    :param process: number of the process; None if the process sends only one command.
+    :param process: number of the process; None for a process that sends only one command.
     """
     number = '' if process is None else f' {process}'
     who = tidy(name, MOST_OF_NAME) or UNNAMED
@@ -64,8 +66,9 @@ def claim(name: str, host: str, process: int | None = None) -> str:
 
 def said_by(text: str, official: str) -> str:
     """
-    Return an event's sentence with the official who caused it.
+    Return an event's sentence, followed by the official who caused the event.
 
-    :param official: empty if no command caused it.
+    :param text: the sentence.
+    :param official: the official; empty if no command caused the event.
     """
     return f'{text} [{official}]' if official else text

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Standard output and error that never block the process."""
+"""Keeps standard output and error from blocking the process."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ import sys
 import threading
 
 FINISH_TIMEOUT = 1.0
-"""Maximum time at the end to print the last output, in seconds."""
+"""Maximum time for printing the last output at the end, in seconds."""
 
 
 @contextlib.contextmanager
 def unwaiting_output() -> Iterator[None]:
     """
-    Put a pipe and a thread before standard output and error; output that does not fit is lost.
+    Put a pipe and a thread between the process and its standard output and error.
 
-    rclpy writes its log while it holds the interpreter's lock. With a blocked terminal (Ctrl-S, a
-    hung ssh, a stopped ``ros2 launch``), the next line of the log would stop every thread of the
-    process, and with them every stop for every kart.
+    rclpy writes its log while it holds the interpreter's lock. If the terminal blocks (Ctrl-S, a
+    hung ssh, a stopped ``ros2 launch``), the next line of the log would block every thread of the
+    process, and officials could no longer stop any kart. With the pipe, output that does not fit
+    is lost instead.
     """
     for stream in (1, 2):
         if os.isatty(stream):
-            # rcutils would see a pipe, and omit the colours.
+            # rcutils would see a pipe and leave out the colours.
             os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
     pumps = [_Pump(stream) for stream in (1, 2)]
     try:
@@ -39,7 +40,7 @@ def unwaiting_output() -> Iterator[None]:
 
 
 class _Pump:
-    """The pipe and thread before one file descriptor."""
+    """The pipe and thread for one file descriptor."""
 
     def __init__(self, stream: int) -> None:
         self._stream = stream
@@ -52,8 +53,8 @@ class _Pump:
         self._thread.start()
 
     def finish(self) -> None:
-        """Restore the descriptor, once everything is printed or that takes too long."""
-        # This closes the last writer of the pipe, so that the thread ends.
+        """Restore the descriptor, and wait up to `FINISH_TIMEOUT` until everything is printed."""
+        # This closes the last writing end of the pipe, so that the thread ends.
         os.dup2(self._original, self._stream)
         self._thread.join(FINISH_TIMEOUT)
 
@@ -64,4 +65,4 @@ class _Pump:
                     count = os.write(self._original, data)
                     data = data[count:]
             except OSError:
-                pass  # the reader is gone, and race control goes on without it
+                pass  # the reader is gone, and the process goes on without it

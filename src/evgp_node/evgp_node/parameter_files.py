@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Finds what ROS silently ignores in parameter files: duplicate keys, and other nodes' sections.
+Finds duplicate keys and other nodes' sections in parameter files.
 
-A setting in an ignored part would silently keep its default.
+ROS silently ignores both, so a setting there would keep its default without any message.
 """
 
 from __future__ import annotations
@@ -19,11 +19,12 @@ import yaml
 
 def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
     """
-    Yield a sentence, with the line, for everything that ROS ignores in the parameter files.
+    Yield a sentence, with file and line, for everything that ROS ignores in parameter files.
 
-    :param arguments: the command line, with the names of the files.
+    :param arguments: the command line, which names the files.
     :param node: name of the node, with its namespace, such as /rcs.
-    :param alone: the files are for this node only, and may not have sections for others.
+    :param alone: whether the files are for this node only. If not, a file may also have sections
+        for other nodes.
     """
     for before, path in itertools.pairwise(arguments):
         if before != '--params-file':
@@ -44,7 +45,7 @@ def _said(path: str, key: yaml.Node, what: str) -> str:
 
 
 def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:
-    """Yield each duplicate key in a mapping, with the earlier one."""
+    """Yield each duplicate key in a mapping at any depth, with the first one."""
     if isinstance(node, yaml.MappingNode):
         first: dict[str, yaml.Node] = {}
         for key, value in node.value:
@@ -54,7 +55,7 @@ def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:
 
 
 def _sections(node: yaml.Node | None, name: str = '') -> Iterator[tuple[str, yaml.Node]]:
-    """Yield the name and key of each node section with parameters."""
+    """Yield the node's name and the key of each section that has parameters."""
     for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
         inner = f'{name}/{key.value}' if name else str(key.value)
         if isinstance(value, yaml.MappingNode):

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Parameters of a node: declared with meaning and range, read-only, and refused in one sentence.
+Declares a node's parameters, with meaning and range, and refuses wrong ones in one sentence.
 
 ``rclpy`` ignores undeclared parameters, so a misspelt key in a file would silently leave the
-default in force. Our nodes refuse such a key at start, and suggest the name that was meant.
+default in force. Our nodes refuse such a key when they start, and suggest the right name.
 """
 
 from __future__ import annotations
@@ -33,14 +33,16 @@ _IN_WORDS = {
 
 
 class ParameterError(ValueError):
-    """A parameter is wrong; the text says which one, why, and what to do."""
+    """A parameter is wrong. The text says which one, why, and what to do."""
 
 
 def check_address(name: str, address: str) -> None:
     """
-    Check that a parameter is an IPv4 address.
+    Check that the value of a parameter is an IPv4 address.
 
-    :raises ParameterError: if it is not.
+    :param name: name of the parameter.
+    :param address: its value.
+    :raises ParameterError: if the value is not an IPv4 address.
     """
     try:
         ipaddress.IPv4Address(address)
@@ -53,10 +55,12 @@ def check_address(name: str, address: str) -> None:
 
 class StrictNode(Node):
     """
-    A node that knows all parameters that it was given, declared or not.
+    A node that knows every parameter that it was given, even if it never declares it.
 
-    :ivar beside: other nodes of the process that only serve, each in a thread of its own.
+    :ivar beside: other nodes of the process, which only offer services. Each has its own thread.
+    :ivar given: names of the given parameters, without those of ROS itself.
     :raises ParameterError: if a parameter has no value.
+    :raises GraphError: if the graph cannot be fenced (``graph.fence_graph``).
     """
 
     beside: tuple[Node, ...] = ()
@@ -69,7 +73,7 @@ class StrictNode(Node):
             )
         except ValueError as error:
             raise ParameterError(
-                f'a parameter has no value ({error}). Give it a value; a list must not be empty'
+                f'a parameter has no value ({error}). Give it a value. A list must not be empty'
             ) from error
         fence_graph()
         self.given = {
@@ -81,11 +85,11 @@ class StrictNode(Node):
             self.undeclare_parameter(name)
 
     def close(self) -> None:
-        """End the node's threads and leave everything safe, while ROS still works."""
+        """End the node's threads, and leave everything safe. ROS still works at this time."""
 
 
 class Parameters:
-    """The parameters of one node, which are all declared here."""
+    """The parameters of one node, which declares each of them through this object."""
 
     def __init__(self, node: StrictNode) -> None:
         self._node = node
@@ -97,8 +101,10 @@ class Parameters:
         """
         Declare a read-only parameter and return its value.
 
-        :param meaning: what it is, with its unit.
-        :param limits: minimum and maximum of a number.
+        :param name: name of the parameter.
+        :param default: value if none is given. It also determines the type.
+        :param meaning: what the parameter means, with its unit.
+        :param limits: minimum and maximum of a number; None for no limits.
         :raises ParameterError: if the given value has another type or is outside the limits.
         """
         descriptor = ParameterDescriptor(description=meaning, read_only=True)
@@ -125,10 +131,10 @@ class Parameters:
 
     def refuse_unknown(self, own_file: bool = False) -> None:
         """
-        Refuse parameters that were given but not declared; call this after the last ``declare``.
+        Refuse given parameters that are not declared. Call this after the last ``declare``.
 
-        :param own_file: a parameter file must not have sections for other nodes.
-        :raises ParameterError: if there is such a parameter or section.
+        :param own_file: whether to refuse sections for other nodes in a parameter file as well.
+        :raises ParameterError: if there is such a parameter, such a section or a duplicate key.
         """
         for name in sorted(self._node.given - set(self._declared)):
             meant = difflib.get_close_matches(name, self._declared, n=1)

@@ -1,7 +1,11 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Runs a node as a process until a signal ends it, or says in one sentence why it cannot."""
+"""
+Runs a node as a process until a signal ends it.
+
+If the node cannot start because of a setting or an obstacle, one sentence on stderr says why.
+"""
 
 from __future__ import annotations
 
@@ -25,26 +29,26 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
 SWITCH_INTERVAL = 0.0002
-"""Time after which a thread yields the interpreter to another, in seconds. With Python's usual
-5 ms, a stop would wait that long while another thread builds a message."""
+"""Time after which a thread yields the interpreter to another, in seconds. With Python's usual 5
+ms, a stop would wait for 5 ms while another thread builds a message."""
 
 LOOK_INTERVAL = 1.0
 """Time between two signs of life of the main thread, in seconds."""
 
 HANGS = 10.0
-"""Time without such a sign after which the process ends with exit code 1, in seconds. Something,
-such as DDS, then holds the interpreter's lock, and only a restart helps."""
+"""Time without a sign of life after which the process ends with exit code 1, in seconds. Something
+such as DDS then holds the interpreter's lock, and only a restart helps."""
 
 CLOSE_TIMEOUT = 8.0
-"""Maximum time for a node to close, in seconds. After it, the process ends with exit code 1, and
-karts stop because their connections are gone."""
+"""Maximum time for a node to close, in seconds. After this time, the process ends with exit code
+1, and karts stop because their connections are gone."""
 
 LAST_WORD = 0.5
-"""Maximum time to wait until subscribers have a publisher's last messages, in seconds."""
+"""Maximum time to wait until subscribers have received a publisher's last messages, in seconds."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time to shut ROS down after that, in seconds. After it, the process ends anyway, with
-the exit code that it has by then."""
+"""Maximum time for shutting ROS down after the node has closed, in seconds. After this time, the
+process ends with the exit code that it has by then."""
 
 OnFailure = Callable[[BaseException], None]
 
@@ -57,24 +61,25 @@ def run_node(
     obstacles: tuple[type[Exception], ...] = (),
 ) -> int:
     """
-    Run a node until a signal of `ENDING`, then `close` it; after that, the process must end.
+    Run a node until a signal of `ENDING`, and then `close` it. After that, the process must end.
 
-    The end takes at most `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, even if DDS holds the
+    The end takes at most `CLOSE_TIMEOUT` plus `TEARDOWN_TIMEOUT`, even if DDS holds the
     interpreter's lock.
 
-    :param name: name to print before the sentence on stderr that says what is wrong.
-    :param make_node: creates the node. It gets a function that the node calls, in any thread, when
-        it cannot go on.
-    :param refusals: the exceptions that `make_node` raises, or the node reports later, when a
+    :param name: name of the program, which begins each sentence about an error on stderr.
+    :param make_node: a function that creates the node. It gets another function, which the node
+        calls in any thread when it cannot go on.
+    :param refusals: the exceptions that `make_node` raises, or that the node reports later, if a
         setting is wrong.
-    :param obstacles: the exceptions that `make_node` raises when something else is in the way,
-        which may go away.
+    :param args: command-line arguments; None for those of this process.
+    :param obstacles: the exceptions that `make_node` raises if something is in the way that may go
+        away.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # The kernel may interrupt any thread with a signal, but only the main thread runs Python's
-    # handlers. So the main thread waits for a byte, which the interrupted thread writes.
+    # A signal may interrupt any thread, but only the main thread runs Python's handlers. The main
+    # thread therefore waits for a byte, which the interrupted thread writes.
     ending, end = socket.socketpair()
     end.setblocking(False)
     signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
@@ -85,7 +90,8 @@ def run_node(
     with unwaiting_output():
         code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
     end_within(TEARDOWN_TIMEOUT, code)
-    # Python removes its handlers before the process ends; a signal could then change the code.
+    # Python removes its handlers before the process ends. A signal could then change the exit
+    # code.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     take_down()
@@ -94,10 +100,10 @@ def run_node(
 
 def wait_until_heard(*publishers: Publisher) -> None:
     """
-    Wait until every reliable subscriber has the messages of these publishers.
+    Wait until every reliable subscriber has received the messages of these publishers.
 
-    A publisher that is gone does not repeat lost messages. A subscriber that no longer listens
-    costs at most `LAST_WORD` per publisher.
+    A publisher that is gone cannot repeat lost messages. If a subscriber no longer listens, this
+    waits for at most `LAST_WORD` for each publisher.
     """
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
@@ -112,7 +118,7 @@ def _run(
     ending: socket.socket,
     end: socket.socket,
 ) -> tuple[int, Callable[[], object]]:
-    """Run the node and close it; return the exit code, and a function that shuts ROS down."""
+    """Run and close the node, and return the exit code and a function that shuts ROS down."""
     failures: list[BaseException] = []
 
     def fail(error: BaseException) -> None:
@@ -120,8 +126,8 @@ def _run(
         end.send(b'\0')
 
     program, *given = sys.argv if args is None else args
-    # A log file on a disk that hangs would block everything, as `unwaiting_output` explains. The
-    # option --enable-external-lib-logs turns the file on.
+    # A log file on a disk that hangs would block everything, for the reason that
+    # `unwaiting_output` gives. The option --enable-external-lib-logs turns the file on.
     own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
         bind_graph()
@@ -144,7 +150,8 @@ def _run(
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
     ]
-    # The node and ROS stay, and a garbage collection of them would block everything for 20 ms.
+    # The node and ROS stay until the end, and a garbage collection of them would block everything
+    # for 20 ms.
     gc.collect()
     gc.freeze()
     ending.settimeout(LOOK_INTERVAL)

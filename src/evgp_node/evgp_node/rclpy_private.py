@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The only file of ours that uses private parts of rclpy.
+The only module of ours that uses private parts of rclpy.
 
-Two of its errors have no public name. The rest is what a public executor does not do: drop calls
-and messages that cannot be read, answer a stop without a new wait set, and take everything that
-waits in a subscription.
+Two errors of rclpy have no public name. The rest of this module does what the public executors
+cannot do: it drops calls and messages that cannot be read, answers a stop without a new wait set,
+and takes everything that waits in a subscription.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ class Executor(SingleThreadedExecutor):
     """
     An executor for a graph in which anyone may send anything.
 
-    rclpy raises an error when it takes something that it cannot read, which would also lock the
-    node's callbacks forever. This executor drops it instead.
+    rclpy raises an error when it receives something that it cannot read. The error would also lock
+    the node's callbacks forever. This executor drops what it cannot read instead.
     """
 
     def __init__(self, node: Node) -> None:
@@ -50,7 +50,7 @@ class Executor(SingleThreadedExecutor):
         self.add_node(node)
 
     def run_next(self, is_over: Callable[[], bool]) -> None:
-        """Wait for a callback and run it; return early once it `is_over`."""
+        """Wait for a callback and run it, or return without one as soon as `is_over` is true."""
         try:
             handler, entity, _ = self.wait_for_ready_callbacks(None, None, is_over)
         except (ShutdownException, ConditionReachedException):
@@ -61,7 +61,8 @@ class Executor(SingleThreadedExecutor):
             return
         if not isinstance(entity, Service):
             raise error
-        # The callback itself refuses calls that fail, so here an answer could not be sent.
+        # The callback itself refuses calls that fail, so this error means that the answer could
+        # not be sent.
         _dropped(self._log, f'The answer of {entity.srv_name} could not be sent', error)
 
     def _take_service(self, srv: Any) -> Any:
@@ -76,19 +77,18 @@ class Executor(SingleThreadedExecutor):
     def _taken(self, take: Callable[[Any], Any], entity: Any, what: str) -> Any:
         try:
             return take(entity)
-        except Exception as error:  # noqa: BLE001 - from afar: see above
+        except Exception as error:  # noqa: BLE001 - from another machine
             _dropped(self._log, f'{what} could not be read', error)
             return None
 
 
 class Server:
     """
-    Answers the calls of a node that only serves, with a single wait set.
+    An executor for a node that only offers services. It uses a single wait set.
 
-    If the node also calls other services, their answers are ignored.
-
-    rclpy's executor creates a new wait set, a task and two coroutines for each callback, which
-    delays a stop by 0.2 ms (docs/dev/decisions.md, record 6).
+    rclpy's executor creates a new wait set, a task and two coroutines for each callback. This
+    would delay a stop by 0.2 ms (docs/dev/decisions.md, record 6). If the node also calls
+    services, this executor ignores the answers.
     """
 
     def __init__(self, node: Node) -> None:
@@ -96,7 +96,7 @@ class Server:
         self._log = node.get_logger()
         self._services = tuple(node.services)
         self._wake = GuardCondition(None, None, node.context)
-        # Its only waitables are those of /parameter_events, which every node publishes.
+        # The node's only waitables are those of /parameter_events, which every node publishes.
         others = (*node.subscriptions, *node.timers, *node.guards)
         assert not others, f'{node.get_name()} has more than services'
         self._waits = rclpy_implementation.WaitSet(
@@ -105,7 +105,7 @@ class Server:
         node.context.on_shutdown(self.wake)
 
     def run_next(self, is_over: Callable[[], bool]) -> None:
-        """Wait for calls and answer them; see ``Executor``."""
+        """Wait for calls and answer them, unless `is_over` is true."""
         waits = self._waits
         waits.clear_entities()
         for service in self._services:
@@ -120,32 +120,32 @@ class Server:
             raise ExternalShutdownException
 
     def wake(self) -> None:
-        """Make ``run_next`` return, once."""
-        with contextlib.suppress(InvalidHandle):  # it was shut down before its context was
+        """Make ``run_next`` return once."""
+        with contextlib.suppress(InvalidHandle):  # this executor was shut down before its context
             self._wake.trigger()
 
     def shutdown(self) -> None:
-        """Release the wait set, once ``run_next`` no longer runs."""
+        """Release the wait set. Call this only when ``run_next`` no longer runs."""
         self._wake.destroy()
         self._waits.destroy_when_not_in_use()
 
     def _answer(self, service: Service) -> None:
         try:
             request, header = service.handle.service_take_request(service.srv_type.Request)
-        except Exception as error:  # noqa: BLE001 - from afar
+        except Exception as error:  # noqa: BLE001 - from another machine
             _dropped(self._log, f'A call of {service.srv_name} could not be read', error)
             return
         if header is None:
-            return  # there was no call after all, for which rclpy's executor checks as well
+            return  # there was no call after all; rclpy's executor has the same check
         answer = service.callback(request, service.srv_type.Response())
         try:
             service.send_response(answer, header)
-        except Exception as error:  # noqa: BLE001 - to afar
+        except Exception as error:  # noqa: BLE001 - to another machine
             _dropped(self._log, f'The answer of {service.srv_name} could not be sent', error)
 
 
 def take_waiting(subscription: Subscription, most: int) -> list[Any]:
-    """Return the messages that wait behind the one that the executor took, oldest first."""
+    """Return at most `most` messages that wait behind the one in the callback, oldest first."""
     waiting: list[Any] = []
     with subscription.handle:
         while len(waiting) < most:

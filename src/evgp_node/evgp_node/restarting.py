@@ -4,10 +4,11 @@
 """
 A small loop that keeps a program running without systemd or ``ros2 launch``.
 
-Use: ``python -m evgp_node.restarting program argument ...``
+To use it, run ``python -m evgp_node.restarting program argument ...``
 
-The loop restarts a program that dies. `Ends` decides which ends are final; the loop then exits
-with the program's exit code. A signal of `ENDING` or a closed terminal ends both for good.
+The loop restarts a program that dies. `Ends` decides which ends are final. After a final end, the
+loop exits with the program's exit code. A signal of `ENDING` or a closed terminal ends both for
+good.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ import sys
 import time
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""Signals that end our programs in good order; a terminal that is closed sends one of them."""
+"""Signals that end our programs in good order. Closing a terminal sends one of them."""
 
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Time before the first, second, ... restart in a row, in seconds; the last is for all others."""
+"""Time before the first, second, ... restart in a row, in seconds. The last applies to all
+further restarts."""
 
 HEALTHY = 30.0
-"""Time after which a running program counts as healthy again, in seconds."""
+"""Time for which a program must run so that the next delay is the first again, in seconds."""
 
 FIRST_TRIES = 10.0
-"""Maximum time to retry the start of a program that was never up because something is in the way,
-in seconds. The remains of an earlier run disappear sooner."""
+"""Maximum time for retrying a program that was never up because something is in the way, in
+seconds. The remains of an earlier run disappear sooner."""
 
 WRONG_SETTING = 2
-"""Exit code of a program that cannot start because of a setting; a restart would not help."""
+"""Exit code of a program that cannot start because of a setting. A restart would not help."""
 
 IN_THE_WAY = 3
 """Exit code of a program that cannot start now because something is in the way."""
@@ -42,11 +44,11 @@ IN_THE_WAY = 3
 
 class Ends:
     """
-    Decides which ends of a program are final.
+    The rules that decide which ends of a program are final.
 
-    :param now: time of the first start, in seconds of a monotonic clock.
+    :param now: time of the first start by a monotonic clock, in seconds.
     :param gives_way: whether an obstacle that lasts for `FIRST_TRIES` ends the program for good
-        even if it was up before.
+        even if the program was up before.
     """
 
     def __init__(self, now: float, *, gives_way: bool = False) -> None:
@@ -55,7 +57,12 @@ class Ends:
         self._was_up = False
 
     def is_final(self, code: int, now: float) -> bool:
-        """Record an end (a negative code is a signal); return whether it is final."""
+        """
+        Record an end of the program, and return whether it is final.
+
+        :param code: exit code of the program, or the negative number of the signal that ended it.
+        :param now: the time by the same clock, in seconds.
+        """
         if code not in (WRONG_SETTING, IN_THE_WAY):
             # The program was up with these settings. A later refusal may be due to its own
             # remains, or to a change around it.
@@ -65,7 +72,7 @@ class Ends:
             return True
         if self._was_up and not (self._gives_way and code == IN_THE_WAY):
             return False
-        # A second program that is started by mistake must not take over later.
+        # A second program that someone started by mistake must not take over later.
         return code == WRONG_SETTING or now - self._tries_since >= FIRST_TRIES
 
 
@@ -75,7 +82,8 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
 
     :param command: the program and its arguments.
     :param gives_way: as for `Ends`.
-    :return: its exit code, or 128 plus the number of the signal that ended it.
+    :return: the program's exit code, or 128 plus the number of the signal that ended it. 0 if a
+        signal came while the program was not running.
     """
     told, tell = os.pipe()
     os.set_blocking(tell, False)
@@ -88,14 +96,16 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     news = select.poll()
     news.register(told, select.POLLIN)
     if os.isatty(0):
-        # Notice a hang-up here; the kernel signals only the terminal's first process, maybe make.
+        # Notice here when the terminal is closed. The kernel signals only the terminal's first
+        # process, which may be make.
         news.register(0, 0)
     name = os.path.basename(command[0])  # noqa: PTH119
     failures = 0
     ends = Ends(time.monotonic(), gives_way=gives_way)
     while True:
         began = time.monotonic()
-        # In a session of its own, so that signals of the terminal reach it through this process.
+        # Give the program a session of its own, so that signals from the terminal reach it only
+        # through this process.
         program = subprocess.Popen(
             ['setpriv', '--pdeathsig', 'TERM', *command], start_new_session=True
         )
@@ -116,18 +126,18 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
         how = (
             f'was killed ({signal.Signals(-code).name})' if code < 0 else f'ended with code {code}'
         )
-        _say(f'{name} {how}. It is started again {f"in {delay:g} s" if delay else "now"}.')
+        _say(f'{name} {how}. Starting it again {f"in {delay:g} s" if delay else "now"}.')
         if news.poll(delay * 1000):
             return 0
 
 
 def _say(text: str) -> None:
-    """Print a line on stderr, unless that would block, as on a terminal after Ctrl-S."""
+    """Print a line on stderr, unless printing would block, as on a terminal after Ctrl-S."""
     try:
         if select.select([], [2], [], 0)[1]:
             os.write(2, f'{text}\n'.encode())
     except OSError:
-        pass  # it was closed
+        pass  # stderr is closed
 
 
 if __name__ == '__main__':

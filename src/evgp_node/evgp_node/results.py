@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Results of races as plain data: `Results.msg` and its parts are the image of these types.
+The results of races, as plain data.
 
-The timekeeper computes them; board, windows and reports only show them.
+`Results.msg` and its parts contain the same fields as these types. The timekeeper computes the
+results. The board, the windows and the reports only show them.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -19,7 +20,13 @@ from evgp_node.roster import Format
 
 
 def lap_time(seconds: float | None, digits: int = 3) -> str:
-    """Return a time as minutes:seconds, as ``1:02.345``; empty if there is none."""
+    """
+    Return a time as minutes and seconds, such as ``1:02.345``.
+
+    :param seconds: the time, in seconds. For None or a number that is not finite, the result is
+        empty.
+    :param digits: number of digits after the point.
+    """
     if seconds is None or not math.isfinite(1000 * seconds):
         return ''
     unit = 10**digits
@@ -29,15 +36,15 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
 
 
 TIMING_GONE = 3.0
-"""Time without results after which screens say that there is no timing, in seconds. Results come
-once a second."""
+"""Time without results after which screens say that there is no timing, in seconds. The timekeeper
+sends results once a second."""
 
 BY_HAND = 'official'
 """The source of passings that officials enter (COUNT_PASSING)."""
 
 
 class Identity(NamedTuple):
-    """Identifies a passing; a repeated passing has the same identity."""
+    """The identity of a passing. A repeated passing has the same identity."""
 
     source: str
     session: str
@@ -50,10 +57,10 @@ class Identity(NamedTuple):
 
 class Passing(NamedTuple):
     """
-    A passing as the source sent it; its fields mean the same as in ``evgp_rcs_msgs/Passing``.
+    A passing as its source sent it. The fields mean the same as in ``evgp_rcs_msgs/Passing``.
 
     :param stamp_ns: time of the crossing, in ns since the epoch of the source's clock.
-    :param strength: signal strength; None if unknown.
+    :param strength: signal strength in the device's own unit; None if it is unknown.
     """
 
     source: str
@@ -76,8 +83,9 @@ class Mark(enum.Enum):
     """
     The timekeeper's judgement of a passing.
 
-    ``DOUBTFUL``: too soon after the last passing that counted. ``UNKNOWN``: no kart has its
-    transponder. ``NOT_COUNTED``: the kart was not racing then, or already had all its laps.
+    ``DOUBTFUL``: it came too soon after the kart's last passing that counted. ``UNKNOWN``: no kart
+    has the passing's transponder, or the passing does not say who crossed. ``NOT_COUNTED``: the
+    kart was not racing at that time, or already had all its laps.
     """
 
     COUNTED = 'counted'
@@ -88,7 +96,13 @@ class Mark(enum.Enum):
 
 
 class Penalty(NamedTuple):
-    """A penalty on a kart's result, with its reason and the official who gave it."""
+    """
+    A penalty that an official gave to a kart.
+
+    :param seconds: time added to the kart's total, in seconds.
+    :param laps: number of laps deducted.
+    :param official: the official who gave it.
+    """
 
     kart: int
     seconds: int
@@ -107,7 +121,7 @@ class Penalty(NamedTuple):
 
 
 class Status(enum.Enum):
-    """The status of a kart in the results; from ``DNF`` on, it has no place."""
+    """The status of a kart in the results. From ``DNF`` on, a kart has no place."""
 
     RUNNING = 'RUNNING'
     CLASSIFIED = 'CLASSIFIED'
@@ -120,12 +134,13 @@ class KartResult(NamedTuple):
     """
     The result of one kart.
 
-    :param place: place from 1, which equal karts share; 0 for none.
+    :param place: place from 1, which karts with equal results share; 0 for none.
     :param laps: number of laps that count, after penalties.
-    :param total: in a race, time from GREEN_GREEN to the last crossing; otherwise the sum of the
-        laps; plus the seconds of penalties; in seconds. None if there is no lap.
+    :param total: total time with the seconds of penalties, in seconds. In a race, it is the time
+        from GREEN_GREEN to the last crossing. Otherwise, it is the sum of the laps. None if the
+        kart has no lap.
     :param lap_times: time of every lap, in seconds.
-    :param penalties: penalties in the order in which officials gave them.
+    :param penalties: the kart's penalties, in the order in which officials gave them.
     """
 
     kart: int
@@ -138,12 +153,18 @@ class KartResult(NamedTuple):
 
     @property
     def best(self) -> float | None:
-        """Return its best lap time, in seconds; None if there is no lap."""
+        """Return the kart's best lap time, in seconds; None if the kart has no lap."""
         return min(self.lap_times, default=None)
 
 
 class Judged(NamedTuple):
-    """A passing with its judgement; ``struck``: why it was struck out."""
+    """
+    A passing and how the timekeeper judged it.
+
+    :param kart: number of the kart that crossed; 0 if it is unknown.
+    :param at: time from GREEN_GREEN to the crossing, in seconds.
+    :param struck: why an official struck it out, and who did; empty if none did.
+    """
 
     passing: Passing
     kart: int
@@ -169,11 +190,14 @@ class Correction(NamedTuple):
     """
     A correction by an official.
 
-    :param race: number of the race in the event, from 1; 0 for the newest.
-    :param passing: for STRIKE and RESTORE: the passing.
-    :param seconds: for PENALISE: time to add, in seconds.
-    :param laps: for PENALISE: number of laps to deduct.
-    :param disqualified: for PENALISE: whether to disqualify the kart.
+    :param kart: number of the kart; 0 if the correction is not about a kart.
+    :param race: number of the race in the event, from 1; 0 for the newest race.
+    :param passing: the passing, for STRIKE and RESTORE.
+    :param transponder: the transponder, for GIVE.
+    :param seconds: time to add, in seconds, for PENALISE.
+    :param laps: number of laps to deduct, for PENALISE.
+    :param disqualified: whether to disqualify the kart, for PENALISE.
+    :param reason: why the official makes the correction.
     """
 
     act: Act
@@ -199,9 +223,11 @@ class Correction(NamedTuple):
 
 class Corrected(NamedTuple):
     """
-    An accepted correction, and when it came.
+    A correction that the timekeeper has accepted.
 
-    :param run: id of the run of race control of the corrected race; empty if no race was known.
+    :param at: when the correction came, in seconds.
+    :param run: id of the run of race control to which the corrected race belongs; empty if no race
+        was known.
     :param race: number of the corrected race in that run.
     """
 
@@ -212,7 +238,11 @@ class Corrected(NamedTuple):
 
 
 class HeatGrid(NamedTuple):
-    """The starting order of a heat; empty if there is none yet."""
+    """
+    The starting order of a heat.
+
+    :param karts: numbers of the karts in starting order; empty if there is no order yet.
+    """
 
     name: str
     karts: tuple[int, ...]
@@ -222,9 +252,11 @@ class RaceOfEvent(NamedTuple):
     """
     A race of this event, as the timekeeper recorded it.
 
-    :param number: number of the race, from 1.
-    :param stamp: time of its GRID_ACTIVE, in seconds.
-    :param counts: whether its results count for its heat.
+    :param number: number of the race in the event, from 1.
+    :param heat: name of the heat in the race; empty for none.
+    :param stamp: wall time of the race's GRID_ACTIVE, in seconds.
+    :param classified: number of karts that are classified.
+    :param counts: whether the results of this race are the results of its heat.
     """
 
     number: int
@@ -235,7 +267,7 @@ class RaceOfEvent(NamedTuple):
 
 
 class Standings(NamedTuple):
-    """The results of the newest race; its fields mean the same as in `Results.msg`."""
+    """The results of the newest race. The fields mean the same as in `Results.msg`."""
 
     stamp: float = 0.0
     run: str = ''
@@ -254,11 +286,11 @@ class Standings(NamedTuple):
     published: bool = False
 
     def kart(self, number: int) -> KartResult | None:
-        """Return the result of a kart; None if it did not start."""
+        """Return the result of the kart with this number; None if it did not start."""
         return next((each for each in self.karts if each.kart == number), None)
 
     def behind(self, number: int) -> str:
-        """Return how far a kart is behind the first one, as text; empty if it is not."""
+        """Return how far a kart is behind the first, such as ``+1 lap``; empty if it is not."""
         kart, first = self.kart(number), next(iter(self.karts), None)
         if kart is None or first is None or not kart.place:
             return ''
@@ -274,6 +306,6 @@ class Standings(NamedTuple):
         return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
 
     def laps_left(self, number: int) -> int:
-        """Return how many laps a kart still has to drive; 0 if no number is set."""
+        """Return how many laps a kart still has to drive; 0 if the race has no number of laps."""
         kart = self.kart(number)
         return 0 if kart is None else max(0, self.laps - len(kart.lap_times))

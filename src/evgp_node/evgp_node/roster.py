@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The roster: the karts, which of them are in the first race, and the heats (§3.F, §4.A).
+The roster, which lists the karts, which of them are in the first race, and the heats (§3.F, §4.A).
 
-Parsing only: text in, a ``Roster`` or one ``RosterError`` out. An official edits this file by hand
-minutes before a race, so the error lists every fault at once, with its line and what to write
-instead. The YAML is read as a tree of nodes that know their lines, and never turned into objects;
-every feature of YAML that these fields do not need is refused.
+This module only parses: it turns text into a ``Roster`` or one ``RosterError``. An official edits
+the file by hand minutes before a race, so the error lists every fault at once, with its line and
+what to write instead. The parser reads the YAML as a tree of nodes that know their lines, and
+never turns it into objects. It refuses every feature of YAML that the roster does not need.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ import yaml
 MOST_ENTRIES = 200
 """Maximum number of karts. Race control is built for 20 and tested with 100."""
 
-# Enough for a roster of that many karts, with comments.
+# This is enough for a roster of that many karts, with comments.
 MAX_BYTES = 200_000
 MAX_NUMBER = 9999
-# These still fit beside the buttons of a window.
+# Texts of these lengths, in characters, fit beside the buttons of a window.
 MAX_TEAM_LENGTH = 64
 MAX_HEAT_LENGTH = 32
 MAX_TRANSPONDER_LENGTH = 32
@@ -54,14 +54,14 @@ _Read = TypeVar('_Read')
 
 class RosterError(ValueError):
     """
-    A roster that cannot be used; the text is for the official who wrote it.
+    The roster cannot be used. The text is for the official who wrote the roster.
 
-    It has one line for each fault, in the order of the file. Each line names the file and, if
-    possible, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
-    give every kart its own address`.
+    The text has one line for each fault, in the order of the file. Each line names the file and,
+    if possible, the line in it: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line
+    4); give every kart its own address`.
 
-    :ivar as_roster: another program's list of karts, converted to a roster with gaps; empty if the
-        file is not such a list.
+    :ivar as_roster: if the file is another program's list of karts, that list as a roster with
+        gaps. Otherwise empty.
     """
 
     as_roster = ''
@@ -70,10 +70,14 @@ class RosterError(ValueError):
 @dataclasses.dataclass(frozen=True)
 class RosterEntry:
     """
-    One kart: its number (1 to 9999), team, IPv4 address, and whether it is in the first race.
+    One kart of the roster.
 
-    :ivar inspected: date of its inspection, YYYY-MM-DD; empty for none.
-    :ivar transponders: its transponders, which no other kart has.
+    :ivar number: number of the kart, from 1 to 9999.
+    :ivar team: name of the team.
+    :ivar address: IPv4 address of the kart.
+    :ivar in_race: whether the kart is in the first race.
+    :ivar inspected: date of the kart's inspection, YYYY-MM-DD; empty for none.
+    :ivar transponders: the kart's transponders. No other kart has them.
     """
 
     number: int
@@ -85,7 +89,7 @@ class RosterEntry:
 
 
 class Format(enum.Enum):
-    """The format of a race, which decides how places are given."""
+    """The format of a race, which decides how karts get their places."""
 
     RACE = 'race'
     TIME_TRIAL = 'time_trial'
@@ -95,12 +99,12 @@ class Format(enum.Enum):
 @dataclasses.dataclass(frozen=True)
 class Heat:
     """
-    Karts that race together.
+    A heat, which is a group of karts that race together.
 
-    :ivar karts: their numbers, in ascending order.
-    :ivar laps: number of laps that each kart drives; 0 if not set.
+    :ivar karts: numbers of the karts, in ascending order.
+    :ivar laps: number of laps that each kart drives; 0 if the roster does not set it.
     :ivar grid_from: heat or format whose results give the starting order; empty for none.
-    :ivar auto_finish: the timekeeper sends FINISH for a kart at its last lap.
+    :ivar auto_finish: whether the timekeeper sends FINISH for a kart at its last lap.
     """
 
     name: str
@@ -114,10 +118,10 @@ class Heat:
 @dataclasses.dataclass(frozen=True)
 class Roster:
     """
-    The karts of the event, at least one, and its heats, in the order of the file.
+    The karts of the event and its heats, in the order of the file. There is at least one kart.
 
     Numbers, addresses, transponders and names of heats are unique. A heat has only karts of the
-    roster, and takes its starting order from another heat or a format.
+    roster, and gets its starting order from another heat or a format.
     """
 
     entries: tuple[RosterEntry, ...]
@@ -126,8 +130,9 @@ class Roster:
 
 def load_roster(path: pathlib.Path) -> Roster:
     """
-    Return the roster in a YAML file (§3.F: the list that race control is provided with).
+    Return the roster in a YAML file, which is the list that §3.F provides race control with.
 
+    :param path: path of the file.
     :raises RosterError: if the file cannot be read or is not a roster.
     """
     try:
@@ -138,10 +143,10 @@ def load_roster(path: pathlib.Path) -> Roster:
     except OSError as error:
         reason = error.strerror or str(error)
         raise RosterError(f'{path}: cannot be read ({reason}); name a readable file') from error
-    except ValueError as error:  # a path no file can have, such as one with a null byte
+    except ValueError as error:  # a path that no file can have, for example with a null byte
         reason = f'is not a file name ({error}); name a readable file'
         raise RosterError(f'{path!s}: {reason}') from error
-    # Checked before decoding, which would fail if the text is cut in the middle of a character.
+    # Check this before decoding, which would fail for a text that is cut within a character.
     if len(content) > MAX_BYTES:
         raise _too_large(str(path))
     try:
@@ -159,8 +164,9 @@ def parse_roster(text: str, source: str) -> Roster:
     """
     Return the roster in a YAML text.
 
-    :param source: name of the file in messages.
-    :raises RosterError: if the text is not a roster; there are no other exceptions.
+    :param text: the text.
+    :param source: name of the file, for messages.
+    :raises RosterError: if the text is not a roster. There are no other exceptions.
     """
     return _Parser(source).parse(text)
 
@@ -173,7 +179,7 @@ def _too_large(source: str) -> RosterError:
 
 
 class _FaultError(Exception):
-    """A fault at a line (0: the whole file), after which reading cannot go on."""
+    """A fault at a line, or of the whole file (line 0), after which reading cannot go on."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(line, reason)
@@ -182,7 +188,7 @@ class _FaultError(Exception):
 
 
 class _Parser:
-    """Parses one text, and collects its faults so that all can be reported at once."""
+    """A parser of one text, which collects the faults so that it can report them at once."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -197,7 +203,7 @@ class _Parser:
         if foreign:
             error = RosterError(
                 f"{self._source}: is a list of another program, not a roster. 'make -s roster "
-                f"ROSTER={self._source} > new.yaml' makes one of it (rcs_roster check): fill in "
+                f"ROSTER={self._source} > new.yaml' (rcs_roster check) converts it. Then fill in "
                 f'each {missing}, and check it again'
             )
             error.as_roster = foreign
@@ -244,11 +250,11 @@ class _Parser:
         """
         Return the tree of the text, in which each node occurs once, with YAML's own types.
 
-        A roster needs no anchors and tags, with which YAML can grow without bound and name any
-        type. They are refused as events, before there is a tree.
+        With anchors and tags, YAML can grow without bound and name any type. A roster does not
+        need them, so this method refuses them before it builds the tree.
         """
         depth = 0
-        with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # said below
+        with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # reported below
             self._refuse_cuts(text)
         try:
             for event in yaml.parse(text, Loader=yaml.SafeLoader):
@@ -260,7 +266,8 @@ class _Parser:
                     depth += 1
                 elif isinstance(event, yaml.CollectionEndEvent):
                     depth -= 1
-                # Composing recurses, and the fields of a kart are only three levels deep.
+                # Limit the depth, because composing recurses. A kart's fields are three levels
+                # deep.
                 if depth > 10:
                     raise _fault(event, "is nested too deep; list the karts under 'karts:'")
             return yaml.compose(text, Loader=yaml.SafeLoader)
@@ -275,7 +282,7 @@ class _Parser:
             raise _not_yaml(0, error) from error
 
     def _refuse_cuts(self, text: str) -> None:
-        """Report each comment after a name or in a list, which may cut off a part of it."""
+        """Report each comment after a name or in a list, because it may cut off a part of it."""
         inside = 0
         for token in yaml.scan(text, Loader=yaml.SafeLoader):
             inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
@@ -288,7 +295,7 @@ class _Parser:
                 self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
-        """Yield the karts of the list, each checked alone and against the earlier ones."""
+        """Check each kart of the list by itself and against the earlier ones, and yield it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
         carriers: dict[str, tuple[str, int]] = {}
@@ -332,7 +339,7 @@ class _Parser:
         kart: str,
         what: str,
     ) -> None:
-        """Record the owner of something unique, or report that another kart has it."""
+        """Record which kart has something unique, or report that another kart already has it."""
         if name in owners:
             owner, line = owners[name]
             whose = f"is already {owner}'s (line {line}); give every kart its own {what}"
@@ -362,7 +369,7 @@ class _Parser:
         return tuple(str(each.value).strip() for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Yield the heats, each checked alone and against the karts."""
+        """Check each heat by itself and against the karts, and yield it."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
             self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
@@ -474,7 +481,7 @@ class _Parser:
         what: str,
         optional: tuple[str, ...] = (),
     ) -> dict[str, yaml.Node]:
-        """Return the fields, which must be exactly the names, each once."""
+        """Return the fields of a mapping, and report those that are unknown, double or missing."""
         if not isinstance(node, yaml.MappingNode):
             raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
         fields: dict[str, yaml.Node] = {}
@@ -500,7 +507,7 @@ class _Parser:
         return fields
 
     def _number_in(self, node: yaml.Node) -> int | None:
-        """Return the number of a kart, for messages about its other fields."""
+        """Return the number of a kart, or None, for messages about its other fields."""
         for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
             if isinstance(key, yaml.ScalarNode) and key.value == 'number':
                 try:
@@ -510,7 +517,7 @@ class _Parser:
         return None
 
     def _number(self, node: yaml.Node, what: str) -> int:
-        # Decimal only: YAML would read 010 as eight and 1:30 as ninety.
+        # Accept only decimal numbers, because YAML would read 010 as eight and 1:30 as ninety.
         if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value):
             return int(node.value)
         raise _fault(
@@ -573,7 +580,7 @@ class _Parser:
     def _tried(
         self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
     ) -> _Read | None:
-        """Read a node; if it has a fault, report it and return ``None``, also if it is missing."""
+        """Read a node. Report a fault. Return ``None`` for a missing node or a fault."""
         if node is None:
             return None
         try:
@@ -608,11 +615,11 @@ def _not_yaml(line: int, reason: object) -> _FaultError:
 
 
 _FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]?)(?P<rest>.*)')
-"""A line that begins with a field, whether or not the colon is followed by a space."""
+"""A line that begins with a field, with or without a space after the colon."""
 
 
 def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
-    """Return the fault of a text that is not YAML, in words for its author."""
+    """Return the fault of a text that is not YAML, in words that help its author."""
     mark = error.problem_mark or error.context_mark
     if mark is None:
         return _not_yaml(0, error.problem or error.context)
@@ -624,7 +631,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
         "found character '\\t'"
     ):
         return _FaultError(at + 1, 'has a tab character; use spaces instead')
-    # A field without a space after its colon is not a field, and the next line does not fit.
+    # Without a space after the colon, YAML does not see a field, and the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
         if (
@@ -651,7 +658,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:
-    """Return the number of the line, from 1, that something begins in."""
+    """Return the number, from 1, of the line in which a node or event begins."""
     mark = where.start_mark
     assert mark is not None  # PyYAML's parser marks all nodes and events
     return mark.line + 1

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Finds service types by their names."""
+"""Finds the class of a service type by its ROS name."""
 
 from __future__ import annotations
 

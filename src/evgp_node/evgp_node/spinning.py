@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A thread that runs the callbacks of a node and can be ended."""
+"""A thread that runs a node's callbacks and that can be ended."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from rclpy.service import Service
 
 class Spinning:
     """
-    Runs the callbacks of a node in a thread of its own.
+    A thread that runs the callbacks of a node.
 
-    No input from the graph ends the thread. It drops a request, message or answer that cannot be
-    read, refuses a call whose callback raises, and logs both. An exception in any other callback
-    is a failure of this process.
+    Input from the graph cannot end the thread. The thread drops a request, message or answer that
+    it cannot read, refuses a call whose callback raises an exception, and logs both. An exception
+    in any other callback is a failure of this process.
 
-    :param node: the node, with all its services.
-    :param on_failure: called, in the thread, when it cannot go on.
-    :param only_serves: the node has only services, so that its calls can be answered faster.
+    :param node: the node, which already has all its services.
+    :param on_failure: called with the error, in the thread, when the thread cannot go on.
+    :param only_serves: whether the node only offers services. Its calls are then answered faster.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class Spinning:
         """
         End the thread once the present callback has returned.
 
-        After that, the node and its context can be destroyed. `rclpy` would also shut down an
-        executor that still spins, but then destroys what it uses.
+        After that, the caller may destroy the node and its context. `rclpy` would also shut down
+        an executor that still spins, but would then destroy what the executor uses.
 
         :param timeout: maximum time to wait, in seconds; None for no limit.
         :return: whether the thread has ended.
@@ -80,7 +80,7 @@ def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
     def serve(request: Any, response: Any) -> Any:
         try:
             return callback(request, response)
-        except Exception as error:  # noqa: BLE001 - a call from afar must not end this process
+        except Exception as error:  # noqa: BLE001 - another machine's call must not end this
             log.error(
                 f'A call of {name} failed here and was refused:\n{traceback.format_exc()}',
                 throttle_duration_sec=UNREADABLE_LOG_AGAIN,
@@ -91,7 +91,7 @@ def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
 
 
 def _refusal(request: Any, response: Any, reason: str) -> Any:
-    """Return a response that refuses a request, as far as its type allows that."""
+    """Return a response that refuses a request, as far as the type of the response allows."""
     fields = response.get_fields_and_field_types()
     if {'success', 'message'} <= fields.keys():
         response.success = False

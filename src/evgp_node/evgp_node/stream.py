@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Streams of typed entries; race control and the timekeeper each write one.
+Streams of typed entries, of which race control and the timekeeper each write one.
 
-`Began` is the first entry of every stream; its id joins the streams of a run. Entries are written
-in blocks. Each block contains the number of entries before it, so that missing entries are noticed
-and counted.
+`Began` is the first entry of every stream. Its id joins the streams of a run. A stream consists of
+blocks of entries. Each block contains the number of entries before it, so that a reader notices
+and counts missing entries.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from evgp_node.encoding import DAMAGED, reader, written
 _Entry = TypeVar('_Entry')
 
 SCHEMA_VERSION = 11
-"""Version of the files with such streams, in their ``user_version``."""
+"""Version of the files that contain such streams, which is their ``user_version``."""
 
 
 BOOK = 'timing.sqlite3'
-"""File name of the timekeeper's book, beside the record."""
+"""File name of the timekeeper's book, which is in the same folder as the record."""
 
 
 class DamagedError(ValueError):
-    """An entry or a block is damaged; the text says what is wrong."""
+    """An entry or a block is damaged. The text says what is wrong."""
 
 
 class Began(NamedTuple):
@@ -50,11 +50,11 @@ class Began(NamedTuple):
 
 class Gap(NamedTuple):
     """
-    Missing entries. A stream does not contain gaps; its reader finds them.
+    A gap where entries are missing. A stream does not contain gaps. Its reader finds them.
 
-    :param entries: number of missing entries; 0 if unknown.
-    :param why: reason, as a phrase.
-    :param damaged: the entries are there, but cannot be read; otherwise they are not there.
+    :param entries: number of missing entries; 0 if the number is unknown.
+    :param why: the reason, as a phrase.
+    :param damaged: True if the entries exist but cannot be read, False if they do not exist.
     """
 
     entries: int
@@ -71,8 +71,8 @@ class Block(NamedTuple):
     """
     A part of a stream.
 
-    :param entries: number of entries before it.
-    :param data: its own entries, encoded.
+    :param entries: number of entries in the stream before this block.
+    :param data: the block's own entries, encoded.
     """
 
     entries: int
@@ -80,11 +80,11 @@ class Block(NamedTuple):
 
     @property
     def length(self) -> int:
-        """Return the number of its own entries."""
+        """Return the number of the block's own entries."""
         return self.data.count(b'\n')
 
     def compressed(self) -> bytes:
-        """Return the block compressed, in a form that reveals damage."""
+        """Return the block in its compressed form, which reveals damage."""
         return zlib.compress(b'%d\n%s' % self)
 
     @staticmethod
@@ -92,7 +92,7 @@ class Block(NamedTuple):
         """
         Return the block from its compressed form.
 
-        :raises DamagedError: if it is damaged.
+        :raises DamagedError: if the block is damaged.
         """
         try:
             entries, _, lines = zlib.decompress(data).partition(b'\n')
@@ -102,7 +102,7 @@ class Block(NamedTuple):
 
 
 def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Yield the same entries in few blocks, with a new block only after a gap."""
+    """Yield the same entries in as few blocks as possible, with a new block after each gap."""
     parts: list[Block] = []
     expected = 0
     for block in blocks:
@@ -119,8 +119,8 @@ class Stream(Generic[_Entry]):
     """
     The encoding of one kind of stream.
 
-    :param kinds: types of its entries: named tuples, or dataclasses that can be iterated.
-    :param check: raises ValueError for an entry that is invalid.
+    :param kinds: types of the entries, which are named tuples or dataclasses that can be iterated.
+    :param check: a function that raises ValueError for an invalid entry.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Stream(Generic[_Entry]):
         self._check = check
 
     def encode(self, entry: _Entry) -> bytes:
-        """Return an entry as a line of JSON: the name of its type and its fields."""
+        """Return an entry as a line of JSON with the name of its type and its fields."""
         fields: Any = entry
         return f'{written([type(entry).__name__, *fields])}\n'.encode()
 
@@ -138,8 +138,9 @@ class Stream(Generic[_Entry]):
         """
         Yield the entries in encoded data, in order.
 
+        :param data: the encoded entries.
         :param only: if not empty, yield only entries of these types.
-        :raises DamagedError: at a damaged entry.
+        :raises DamagedError: when it reaches a damaged entry.
         """
         begins = tuple(f'["{kind.__name__}"'.encode() for kind in only) or b''
         for number, line in enumerate(data.splitlines(), 1):
@@ -175,7 +176,7 @@ class Stream(Generic[_Entry]):
                 why, damaged = f'block {number} is not in its place', True
                 continue
             if why or block.entries > expected:
-                lost = 'the disk did not store them, or somebody removed them'
+                lost = 'the disk did not store them, or someone removed them'
                 yield Gap(block.entries - expected, why or lost, damaged)
                 why, damaged = '', False
             yield from entries
