@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Autoware under race control: only GREEN_GREEN lets it drive (docs/autoware.md).
+An adapter that lets Autoware drive only in GREEN_GREEN (docs/autoware.md).
 
-It requests stops from Autoware's command gate: a gentle one in every state but GREEN_GREEN, and an
-emergency stop in RED_RED, or if the gentle one is not granted. The gate also stops when this
-node's heartbeat is not ready or ends.
+The adapter requests stops from Autoware's command gate. It requests a gentle stop in every state
+but GREEN_GREEN. It requests an emergency stop in RED_RED, or if Autoware does not grant the gentle
+stop. The gate also stops the kart when this node's heartbeat is not ready or ends.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ HEARTBEAT_INTERVAL = 0.05
 """Time between two heartbeats, in seconds."""
 
 REQUEST_AGAIN = 0.2
-"""Time after which a request is sent again, in seconds: the gate may have restarted."""
+"""Time after which the adapter repeats a request, in seconds, in case the gate has restarted."""
 
 GRANTED_FOR = 1.0
-"""Time for which a granted stop counts, and maximum wait for a new one, in seconds."""
+"""Time for which the adapter relies on a granted stop, in seconds. It waits just as long for
+Autoware to grant a new stop."""
 
 HEARTBEAT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -49,10 +50,12 @@ HEARTBEAT_QOS = QoSProfile(
 
 class StopRequest:
     """
-    A kind of stop, or its end, which is requested from Autoware again and again.
+    A request to Autoware for one kind of stop, or for its end, which is repeated.
 
-    :ivar stop: the last request.
-    :ivar granted: Autoware has granted this stop.
+    :param client: the client of the service.
+    :param request: a function that makes the request for a stop (True) or its end (False).
+    :ivar stop: whether the last request was for a stop.
+    :ivar granted: whether Autoware has granted this stop.
     """
 
     def __init__(self, client: Client, request: Callable[[bool], Any]) -> None:
@@ -60,14 +63,14 @@ class StopRequest:
         self._client, self._request = client, request
         self._asking: Future | None = None
         self._again_at = 0.0
-        self._held_at = clock.now()  # it was granted last, or began
+        self._held_at = clock.now()  # when the stop was last granted, or first requested
 
     def is_refused(self) -> bool:
-        """Return whether a stop is requested, but was not granted for `GRANTED_FOR`."""
+        """Return whether the adapter requests a stop that was not granted for `GRANTED_FOR`."""
         return self.stop and clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
-        """Request a stop or its end; at once if that is new."""
+        """Request a stop (True) or its end. Repeat the same request only after `REQUEST_AGAIN`."""
         now = clock.now()
         if stop is self.stop and now < self._again_at:
             return
@@ -88,7 +91,7 @@ class StopRequest:
 
 
 class AutowareAdapter(StrictNode):
-    """Requests stops from Autoware, and acknowledges to race control."""
+    """The node that requests stops from Autoware, and acknowledges to race control."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('autoware_adapter', **node_options)
@@ -136,10 +139,10 @@ class AutowareAdapter(StrictNode):
         self._emergency.ask(emergency)
 
     def _has_reached(self, state: RaceState) -> bool:
-        """Return whether the kart is ready, or drives; the bridge itself sees a standstill."""
+        """Return whether the kart is ready or drives. The bridge itself sees a standstill."""
         if state is RaceState.GRID_ACTIVE:
-            # The mode is latched: Autoware may have died since. A granted stop shows that it
-            # lives.
+            # The mode is latched, so Autoware may have died since. A granted stop shows that
+            # Autoware is alive.
             autonomous = self._mode.mode == OperationModeState.AUTONOMOUS
             controlled = autonomous and self._mode.is_autoware_control_enabled
             return bool(controlled and self._gentle.granted and not self._gentle.is_refused())

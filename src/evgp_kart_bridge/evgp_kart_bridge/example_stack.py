@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A stack to copy: it obeys the race state, drives at a simulated speed, and acknowledges.
+A stack to copy, which obeys the race state, drives at a simulated speed, and acknowledges.
 
-With ``command`` it commands real motors. Then it publishes no speed, and acknowledges nothing but
-GRID_ACTIVE, because it simulates its speed and does not measure it.
+With the parameter ``command``, the stack commands real motors. It then publishes no speed and
+acknowledges only GRID_ACTIVE, because it simulates its speed and does not measure it.
 
-It stops when the bridge dies, because ``RaceStateWatch`` then returns RED_RED. It brakes to a stop
-before it ends, also after a failure. If its process is killed, nothing brakes: motors must stop
-when they receive no commands.
+The stack stops when the bridge dies, because ``RaceStateWatch`` then returns RED_RED. It brakes to
+a stop before it ends, even after a failure. If its process is killed, it cannot brake, so the
+motors must stop when they receive no commands.
 
-Its timer uses the steady clock. With ROS time, a wall clock that is set back, or simulated time
-that nobody publishes, would keep it from braking.
+The stack's timer uses the steady clock. With ROS time, a wall clock that is set back, or simulated
+time that no node publishes, would keep the stack from braking.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ STEP = 0.02  # s
 COMMAND_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
-"""QoS of the motors' topic: only the newest command counts."""
+"""QoS of the motors' topic, with which motors receive only the newest command."""
 
-# In each state, the target speed (m/s) and the acceleration (m/s²).
+# The target speed (m/s) and the acceleration (m/s²) in each state.
 DRIVING = {
     RaceState.IN_GARAGE: (0.0, 8.0),
     RaceState.GRID_ACTIVE: (0.0, 8.0),
@@ -57,11 +57,17 @@ COMMANDS = {
     'twist_stamped': ('geometry_msgs', 'TwistStamped', 'cmd_vel'),
     'ackermann': ('ackermann_msgs', 'AckermannDriveStamped', 'drive'),
 }
-"""Types of motor commands: package, message and topic, by the value of the parameter."""
+"""Package, message and topic of each type of motor command, by the value of ``command``."""
 
 
 def speed_command(kind: type, stamp: Time, speed: float) -> Any:
-    """Return a command to drive straight ahead at this speed, m/s."""
+    """
+    Return a command to drive straight ahead.
+
+    :param kind: the type of the message.
+    :param stamp: the time for its header, if it has one.
+    :param speed: the speed, in m/s.
+    """
     command: Any = kind()
     if hasattr(command, 'header'):
         command.header.stamp, command.header.frame_id = stamp, 'base_link'
@@ -79,11 +85,11 @@ class ExampleStack(StrictNode):
         super().__init__('example_stack', **node_options)
         parameters = Parameters(self)
         command = parameters.declare(
-            'command', '', f'Type of motor commands: {", ".join(COMMANDS)}; empty: none are sent.'
+            'command', '', f'Type of motor commands: {", ".join(COMMANDS)}. Empty sends none.'
         )
         parameters.refuse_unknown()
         self._simulates = not command
-        # To the motors; without motors, simulated odometry.
+        # This publishes commands to the motors or, without motors, simulated odometry.
         self._publisher = (
             self.create_publisher(Odometry, 'kart_bridge/odom', 10)
             if self._simulates
@@ -110,7 +116,7 @@ class ExampleStack(StrictNode):
         return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
-        """Brake to a stop, however the node ends: its executor may no longer run."""
+        """Brake to a stop without the executor, which may no longer run."""
         with self._driving:
             self._ended = True
             while self._speed > 0.0:
@@ -132,7 +138,7 @@ class ExampleStack(StrictNode):
         self._acknowledge(order)
 
     def _move(self, state: RaceState) -> None:
-        """Drive one step, then publish: a failure to publish must not keep it from braking."""
+        """Drive one step, and then publish. The kart brakes even if publishing fails."""
         target, rate = DRIVING[state]
         change = max(-rate * STEP, min(rate * STEP, target - self._speed))
         self._speed += change
@@ -142,7 +148,7 @@ class ExampleStack(StrictNode):
         except RCLError as error:
             published = False
             if self._published:
-                self.get_logger().error(f'The speed cannot be published: {error}')
+                self.get_logger().error(f'The stack cannot publish the speed: {error}')
         self._published = published
 
     def _message(self) -> Any:
@@ -158,7 +164,7 @@ class ExampleStack(StrictNode):
     def _acknowledge(self, order: Order) -> None:
         """Acknowledge GRID_ACTIVE once ready, GREEN_GREEN once driving, a red at standstill."""
         if not self._simulates and order.state is not RaceState.GRID_ACTIVE:
-            return  # it does not measure the real kart's speed
+            return  # the stack does not measure the real kart's speed
         moves = self._speed > 0.0
         if order.state is not RaceState.IN_GARAGE and moves is (
             order.state is RaceState.GREEN_GREEN

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The lamp on a kart, which shows people nearby what to expect: the colours of Formula Student.
+The lamp on a kart, which shows people nearby what to expect.
 
-Pure: the caller gives the time.
+The lamp uses the colours of Formula Student. This module is pure: the caller gives the time.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from __future__ import annotations
 from evgp_protocol.states import RaceState
 
 PHASE = 0.2
-"""Time for which a flashing lamp is lit, and then dark, in seconds: 2.5 flashes a second."""
+"""Time for which a flashing lamp is lit, and then dark, in seconds. It flashes 2.5 times a
+second."""
 
 Colour = tuple[float, float, float]
 YELLOW: Colour = (1.0, 1.0, 0.0)
@@ -25,18 +26,20 @@ _LAMP = {
     RaceState.IN_GARAGE: (DARK, not FLASHES),  # off
     RaceState.GRID_ACTIVE: (YELLOW, not FLASHES),  # ready
     RaceState.GREEN_GREEN: (YELLOW, FLASHES),  # driving
-    RaceState.RED_FLAG: (YELLOW, FLASHES),  # it still drives
-    RaceState.RED_RED: (BLUE, FLASHES),  # emergency: also in any doubt
+    RaceState.RED_FLAG: (YELLOW, FLASHES),  # still driving
+    RaceState.RED_RED: (BLUE, FLASHES),  # emergency, or any doubt
 }
 
 
 def lamp(state: RaceState, acknowledged: bool, now: float) -> Colour:
     """
-    Return the lamp's colour at a given time; a flashing lamp is lit at 0.
+    Return the lamp's colour, as red, green and blue from 0 to 1.
 
     :param state: the state that the kart obeys.
-    :param acknowledged: the kart has acknowledged it. That makes RED_FLAG *finished*. RED_RED may
-        be the end of a race or ALL KILL, so it stays an emergency.
+    :param acknowledged: whether the kart has acknowledged the state. An acknowledged RED_FLAG
+        means *finished*. An acknowledged RED_RED may be the end of a race or ALL KILL, so it stays
+        an emergency.
+    :param now: the time, in seconds. A flashing lamp is lit at time 0.
     """
     finished = state is RaceState.RED_FLAG and acknowledged
     colour, flashes = _FINISHED if finished else _LAMP[state]

@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
+The link, which is the kart's end of the TCP connection to race control (§4.A, §4.D).
 
-One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` there:
-frames, the loss of the connection, deadlines, and inputs from the node (``give``). The arbiter's
-reaction is carried out in the same turn: it sends acknowledgements, closes the socket, or
-publishes a verdict.
+One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` in this
+thread. The inputs are frames, the loss of the connection, deadlines, and what the node gives
+(``give``). In the same turn, the link carries out the arbiter's reaction, which means that it
+sends acknowledgements, closes the socket, or publishes a verdict.
 
-The same thread publishes the verdict again `REPEAT` times a second. So when it hangs, it falls
+The same thread publishes the verdict again `REPEAT` times a second. If the thread hangs, it falls
 silent, and the kart's nodes stop (§3.E).
 
-The time is that of `evgp_protocol.clock`, which nobody sets and which includes suspend. A computer
-that wakes up checks it within ``1 / REPEAT``, or when the first frame arrives, before that frame
-is judged: by then the connection was silent for too long.
+The time is that of `evgp_protocol.clock`, which cannot be set and which includes suspend. After a
+computer wakes up, the link checks the time within ``1 / REPEAT``, or before it judges the first
+frame that arrives. The connection has then been silent for too long.
 """
 
 from __future__ import annotations
@@ -34,29 +34,29 @@ from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFram
 from evgp_protocol.states import RaceState
 
 REPEAT = 10.0
-"""Rate at which a verdict is published again, in Hz."""
+"""Rate at which the link publishes the verdict again, in Hz."""
 
 CONNECT_TIMEOUT = 2.0
-"""Maximum time of an attempt to connect, in seconds."""
+"""Maximum duration of an attempt to connect, in seconds."""
 
 FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
-"""Time between two attempts: at first, and at most after doubling, in seconds."""
+"""Maximum time between two attempts, in seconds. The time begins at `FIRST_WAIT` and doubles."""
 
 LINK_END_TIMEOUT = 2.0
-"""Maximum time that the thread may take to end, in seconds."""
+"""Maximum time to wait until the thread has ended, in seconds."""
 
 READ_BYTES = 4096
-"""Maximum number of bytes read in one turn; the kart obeys the last frame in them. Race control
-needs 15 s to send more than that, and after 1 s the connection is lost."""
+"""Maximum number of bytes read in one turn. The kart obeys the last frame in them. Race control
+needs 15 s to send more than this, and the connection is lost after 1 s."""
 
 SEND_BYTES = 4096
-"""Size of the kernel's send buffer, in bytes. It is small, to show soon when race control does not
-read the kart's replies."""
+"""Size of the kernel's send buffer, in bytes. The buffer is small, so that the link soon notices
+when race control does not read the kart's replies."""
 
 MOST_UNSENT = 256
-"""Maximum number of bytes waiting beyond the kernel's buffer; with more, race control does not
-read them."""
+"""Maximum number of bytes that wait because the kernel's buffer is full. Beyond it, the link takes
+it that race control does not read the kart's replies."""
 
 Publish = Callable[[Verdict, 'LinkStatus'], None]
 Input = Callable[[Arbiter, float], Reaction]
@@ -65,11 +65,11 @@ Input = Callable[[Arbiter, float], Reaction]
 @dataclasses.dataclass(frozen=True)
 class LinkSettings:
     """
-    Where race control is.
+    Where to connect to race control.
 
-    :ivar host: its IPv4 address.
-    :ivar port: its TCP port, 1 to 65535.
-    :ivar local_address: the IPv4 address to connect from; empty: the system's choice.
+    :ivar host: race control's IPv4 address.
+    :ivar port: race control's TCP port, from 1 to 65535.
+    :ivar local_address: the IPv4 address to connect from; empty to let the system choose.
     """
 
     host: str
@@ -80,13 +80,13 @@ class LinkSettings:
 @dataclasses.dataclass
 class LinkStatus:
     """
-    The link's figures for diagnostics, in its thread.
+    The link's figures for diagnostics. Only the link's thread uses them.
 
     :ivar connections: number of connections so far.
-    :ivar failures: number of failed connections and attempts to connect so far.
-    :ivar heard_anything: race control has sent a race state to this process.
+    :ivar failures: number of connections that failed and of attempts that failed so far.
+    :ivar heard_anything: whether race control has sent a race state to this process.
     :ivar malformed: number of malformed frames so far (§4.C).
-    :ivar last_malformed: what was wrong with the last of them; empty: there was none.
+    :ivar last_malformed: what was wrong with the last malformed frame; empty if there was none.
     """
 
     connections: int = 0
@@ -102,11 +102,14 @@ class LinkClosedError(RuntimeError):
 
 class RaceControlLink:
     """
-    Owns an arbiter and keeps it connected to race control, in its own thread.
+    The owner of an arbiter, which keeps it connected to race control in a thread of its own.
 
-    :param publish: called in that thread with every new verdict, and `REPEAT` times a second; it
+    :param arbiter: the arbiter. From now on, only the link may change it.
+    :param settings: where to connect.
+    :param publish: called in the thread with every new verdict, and `REPEAT` times a second. It
         must not wait for anything.
-    :param on_failure: called in that thread when it cannot continue; then it publishes no more.
+    :param on_failure: called in the thread when the link cannot go on. The link then publishes
+        nothing more.
     """
 
     def __init__(
@@ -132,12 +135,12 @@ class RaceControlLink:
         self._loop: asyncio.AbstractEventLoop | None = None
 
     def start(self) -> None:
-        """Publish the first verdict and begin to connect."""
+        """Begin to publish verdicts and to connect."""
         self._thread.start()
         self._started.wait()
 
     def stop(self) -> None:
-        """Close the connection and end the thread; do not wait for one that hangs."""
+        """Close the connection, and wait up to `LINK_END_TIMEOUT` until the thread has ended."""
         with self._running:
             if self._loop is not None:
                 self._loop.call_soon_threadsafe(self._end, None)
@@ -146,10 +149,11 @@ class RaceControlLink:
 
     def give(self, take: Input) -> concurrent.futures.Future[Reaction]:
         """
-        Give the arbiter an input, from any thread.
+        Give the arbiter an input. Any thread may call this.
 
-        :param take: gets the arbiter and the present time, and returns the reaction.
-        :return: the reaction, or LinkClosedError.
+        :param take: a function that gets the arbiter and the present time (in seconds), and
+            returns the reaction.
+        :return: the future reaction. It raises LinkClosedError if the link has ended.
         """
         future: concurrent.futures.Future[Reaction] = concurrent.futures.Future()
 
@@ -180,7 +184,7 @@ class RaceControlLink:
     async def _serve(self) -> None:
         loop = asyncio.get_running_loop()
         self._ending: asyncio.Future[None] = loop.create_future()
-        # Any exception here ends the link: its input may be half processed.
+        # Any exception ends the link, because an input may then be only half processed.
         loop.set_exception_handler(
             lambda _, context: self._end(context.get('exception') or RuntimeError(context))
         )
@@ -217,7 +221,7 @@ class RaceControlLink:
         return reaction
 
     def _give(self, take: Input) -> Reaction:
-        """Give the arbiter an input and carry out the reaction; do not publish yet."""
+        """Give the arbiter an input and carry out the reaction, but do not publish yet."""
         loop = asyncio.get_running_loop()
         reaction = take(self._arbiter, loop.time())
         self._verdict = reaction.verdict
@@ -281,12 +285,13 @@ class RaceControlLink:
                 await connection.lost
                 if connection.heard_anything:
                     wait = FIRST_WAIT
-            # Random, so that karts that lost the same race control do not all reconnect at once.
+            # Wait for a random time, so that karts that lost the same race control do not all
+            # reconnect at once.
             await asyncio.sleep(wait * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
             wait = min(2 * wait, LAST_WAIT)
 
     def opened(self, connection: _Connection) -> None:
-        """Record that a connection was made."""
+        """Record that a connection has been made."""
         self._connection = connection
         self._status.connections += 1
         self._take(Arbiter.connected)
@@ -294,10 +299,10 @@ class RaceControlLink:
     def heard(
         self, connection: _Connection, events: Iterable[StateFrame | MalformedFrame]
     ) -> None:
-        """Process everything that arrived on a connection, and publish only the last verdict."""
+        """Process everything that has arrived, and publish only the last verdict."""
         for event in events:
             if connection is not self._connection:
-                break  # it was given up: the rest is too late
+                break  # the link has given up this connection, so the rest is too late
             self._hear(connection, event)
         self._publish_news()
 
@@ -307,15 +312,15 @@ class RaceControlLink:
             before = self._arbiter.verdict.order
             verdict = self._give(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
-                # Acknowledged at once, since nothing has to be reached. It shows race control that
-                # later replies do not answer earlier commands.
+                # Acknowledge at once, because the kart need not do anything first. The reply shows
+                # race control that later replies do not answer earlier commands.
                 connection.send(RaceState.IN_GARAGE)
         else:
             self._status.malformed += 1
             self._status.last_malformed = f'{event.reason}: {event.raw!r}'
 
     def why_closed(self, connection: _Connection, error: Exception | None) -> str:
-        """Return how race control ended a connection, and what to check."""
+        """Return how race control ended a connection, and what to check, for messages."""
         peer = peer_of(self._settings)
         if connection.heard_anything:
             if error is not None:
@@ -350,7 +355,7 @@ class _Connection(asyncio.BufferedProtocol):
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def send(self, state: RaceState) -> None:
-        """Report that the kart has reached a state."""
+        """Send the reply that the kart has reached a state."""
         assert self._transport is not None
         self._transport.write(encode(state))
         if self._transport.get_write_buffer_size() > MOST_UNSENT:
@@ -358,11 +363,11 @@ class _Connection(asyncio.BufferedProtocol):
             self.abort()
 
     def abort(self) -> None:
-        """End the connection now, even with unsent bytes."""
+        """End the connection now, and discard unsent bytes."""
         if self._transport is not None:
             self._transport.abort()
 
-    # Called by asyncio.
+    # asyncio calls the following methods.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
@@ -389,12 +394,12 @@ class _Connection(asyncio.BufferedProtocol):
 
 
 def peer_of(settings: LinkSettings) -> str:
-    """Return race control's address, for messages."""
+    """Return race control's address and port, for messages."""
     return f'{settings.host}, port {settings.port}'
 
 
 def why_not_connected(settings: LinkSettings, error: BaseException) -> str:
-    """Return why an attempt to connect failed, and what to check."""
+    """Return why an attempt to connect failed, and what to check, for messages."""
     peer = f'{peer_of(settings)},'
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EADDRNOTAVAIL and settings.local_address:

@@ -2,11 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart's motion according to odometry: its twist compared with its pose.
+The kart's motion according to odometry, whose twist is compared with its pose.
 
-Pure: each input brings its time. Odometry whose twist is not filled in, or is stuck, gives 0.00
-m/s at any speed, and the bridge would acknowledge a stop while the kart rolls. So this module
-compares the distance between poses with the distance that the twist explains.
+If the twist of odometry is not filled in, or is stuck, it reads 0.00 m/s at any speed, and the
+bridge would acknowledge a stop while the kart rolls. This module therefore compares the distance
+between poses with the distance that the twist explains.
+
+This module is pure: each input contains its time.
 """
 
 from __future__ import annotations
@@ -15,10 +17,10 @@ from collections import deque
 import math
 
 WINDOW = 1.0
-"""Time over which pose and twist are compared, in seconds."""
+"""Time over which this module compares pose and twist, in seconds."""
 
 POSE_NOISE = 0.1
-"""Maximum distance that the pose of a standing kart moves within `WINDOW`, in metres."""
+"""Maximum distance that the pose of a kart at a standstill moves within `WINDOW`, in metres."""
 
 NEVER_MOVED = 5.0
 """Time in GREEN_GREEN at 0.00 m/s after which the bridge warns, in seconds."""
@@ -28,7 +30,8 @@ class Motion:
     """
     The kart's speed from odometry.
 
-    :ivar contradiction: how pose and twist contradict each other, a sentence; empty: they agree.
+    :ivar contradiction: how pose and twist contradict each other, as a sentence; empty if they
+        agree.
     """
 
     def __init__(self) -> None:
@@ -39,10 +42,12 @@ class Motion:
 
     def speed(self, twist: float, x: float, y: float, now: float) -> float:
         """
-        Return the speed that counts, in m/s: the pose's if the twist does not explain it.
+        Return the speed to rely on, in m/s, which is the pose's if the twist does not explain it.
 
         :param twist: the speed of the twist, in m/s.
-        :param x: the x of the pose, in m; a pose that is not finite is ignored.
+        :param x: the x of the pose, in m. A pose that is not finite is ignored.
+        :param y: the y of the pose, in m.
+        :param now: the time, in seconds.
         """
         if not (math.isfinite(x) and math.isfinite(y)):
             self._seen.clear()
@@ -62,7 +67,7 @@ class Motion:
             ),
             key=lambda each: each[0] - 2 * each[1],
         )
-        if went <= 2 * explained + POSE_NOISE:  # a twist may be half of the true speed
+        if went <= 2 * explained + POSE_NOISE:  # a twist may read half of the true speed
             self.contradiction = ''
             return twist
         self.contradiction = (
@@ -72,7 +77,13 @@ class Motion:
         return math.nan if math.isnan(twist) else max(abs(twist), went / WINDOW)
 
     def never_moves(self, green: bool, speed: float, now: float) -> bool:
-        """Return True, once each time, when the kart is at 0.00 m/s too long in GREEN_GREEN."""
+        """
+        Return True, once each time, when odometry reads 0.00 m/s in GREEN_GREEN for too long.
+
+        :param green: whether the kart obeys GREEN_GREEN.
+        :param speed: the speed, in m/s.
+        :param now: the time, in seconds. Too long means `NEVER_MOVED`.
+        """
         if not green or not speed < 0.005:
             self._zero_since, self._warned = None, False
             return False

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``kart_bridge`` node: the state that a kart must obey, as ROS topics and services.
+The ``kart_bridge`` node, which publishes the state that a kart must obey as ROS topics.
 
-Two threads that share no state: the link's thread (``link``) owns the arbiter, publishes, and
-alone keeps the kart's topics alive. The executor's thread receives the messages of the team's
-nodes and passes them to the link.
+The node has two threads, which share no state. The link's thread (``link``) owns the arbiter and
+publishes. Only this thread keeps the kart's topics alive. The executor's thread receives the
+messages and calls of the team's nodes, and passes them to the link.
 """
 
 from __future__ import annotations
@@ -56,10 +56,11 @@ except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
 
 LINK_ANSWER_TIMEOUT = 1.0
-"""Maximum time that a team's service call waits for the link, in seconds."""
+"""Maximum time that a service call of the team waits for the link, in seconds."""
 
 REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
-"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True: stop."""
+"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True is a
+stop."""
 
 REMOTE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -67,26 +68,29 @@ REMOTE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of `REMOTES`: no stop may get lost. A publisher that does not guarantee that is a stop."""
+"""QoS of `REMOTES`, with which no stop is lost. The bridge treats a publisher that does not
+guarantee this as a stop."""
 
 LATCHED_REMOTE_QOS = latched(1)
-"""QoS of a second subscription to each remote, for messages that a latched remote sent before."""
+"""QoS of a second subscription to each remote, which also receives the earlier messages of a
+latched remote."""
 
 LOOK_AROUND = 0.3
-"""Time between two checks for a second node where only one is allowed, in seconds."""
+"""Time between two checks for a second node where only one node is allowed, in seconds."""
 
 UNREAD = 5.0
-"""Time without a reader of the race state after which the bridge logs that, in seconds."""
+"""Time after which the bridge logs that no node reads the race state, in seconds."""
 
 UNACKNOWLEDGED = 5.0
-"""Time without an acknowledgement that nothing hinders after which the bridge logs that, in
-seconds."""
+"""Time after which the bridge logs that an acknowledgement is missing although nothing prevents
+it, in seconds."""
 
 ODOMETRY_DUE = 2.0
-"""Time without odometry after which the bridge logs that, in seconds."""
+"""Time after which the bridge logs that odometry is missing, in seconds."""
 
 TEAM_TIMEOUT = 1.0
-"""Time without a check after which the bridge is assumed not to receive its team, in seconds."""
+"""Time without a check after which the bridge assumes that it does not hear its team, in
+seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -94,10 +98,12 @@ ODOMETRY_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``~/odom``: only the newest counts, from a publisher of any reliability."""
+"""QoS of ``~/odom``, with which the bridge receives the newest odometry from a publisher of any
+reliability."""
 
 MOST_FIRST_ORDER = 2**52
-"""Maximum number of a bridge's first order; JSON and JavaScript keep integers below 2**53."""
+"""Maximum number of a bridge's first order. JSON and JavaScript keep integers exact only below
+2**53, which leaves room for the orders that follow."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -116,7 +122,7 @@ _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in Rac
 
 
 def _to_paste(verdict: Verdict) -> str:
-    """Return the request to send once the kart has reached the state."""
+    """Return a sentence with the request to send once the kart has reached the state."""
     if verdict.reached is None:
         return f'there is nothing to acknowledge: {verdict.reason}'
     done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
@@ -124,14 +130,15 @@ def _to_paste(verdict: Verdict) -> str:
 
 
 class PublishError(RuntimeError):
-    """The middleware does not accept the race state."""
+    """The middleware did not accept the race state, so the bridge could not publish it."""
 
 
 class KartBridge(StrictNode):
     """
     The bridge's node.
 
-    :param on_failure: called in another thread when the bridge cannot continue.
+    :param on_failure: called with the error, in another thread, when the bridge cannot go on.
+    :param node_options: further arguments for the node of rclpy.
     :raises ParameterError: if a parameter is wrong.
     """
 
@@ -141,13 +148,14 @@ class KartBridge(StrictNode):
         self._peer = peer_of(link_settings)
         self._graph = f'ROS domain {self.context.get_domain_id()}'
         self._odometry_topic = self.resolve_topic_name('~/odom')
-        # Remapping the topic makes odometry required.
+        # If the topic is remapped, odometry is required.
         if self._odometry_topic != f'{self.get_fully_qualified_name()}/odom':
             settings = dataclasses.replace(settings, odometry_required=True)
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
-        # Volatile: a late subscriber gets no old state, and silence means that nothing is known.
+        # This topic is volatile, so that a late subscriber does not get an old state. Silence
+        # means that the state is unknown.
         self._state = self.create_publisher(String, '~/state', 1)
         self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
@@ -161,14 +169,15 @@ class KartBridge(StrictNode):
         self._odometry_was_missed = False
         self._awaited: tuple[int, float] | None = None  # the order, and since when
         self._read = False
-        self._unread_at: float | None = clock.now()  # None: it is read, or that was logged
+        self._unread_at: float | None = clock.now()  # None: it is read, or the log says so
         self._until_diagnostics = 0
         self._until_look = 0
-        # The link's thread triggers it; that the executor runs it shows that it receives the
-        # team's messages. Not a timer: some middlewares wait for timers by the wall clock.
+        # The link's thread triggers this condition. If the executor runs the callback, it also
+        # receives the team's messages. A timer would not do, because some middlewares wait for
+        # timers by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
-        # Only one publisher, or one server, may have each of these names.
+        # Each of these topics may have only one publisher, and each of these services one server.
         topics = {
             **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
             '~/race_state': StopSource.TWO_BRIDGES,
@@ -184,12 +193,13 @@ class KartBridge(StrictNode):
         if not hasattr(self, 'count_services'):  # missing in ROS 2 Humble
             self._one_server = {}
         self._seen_double: dict[StopSource, str] = {}  # with the names of the nodes, if known
-        # Random, so that no number of an earlier bridge fits an order of this one. Not the time:
-        # a kart's computer without a battery starts at the same time on each boot.
+        # The number is random, so that a number of an earlier bridge does not fit an order of this
+        # one. The time would not do, because the clock of a computer without a battery reads the
+        # same time at each boot.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
-        self._identity = first_order  # no other bridge has the same
+        self._identity = first_order  # which no other bridge has
         names = Names(self._peer, self._odometry_topic, self._graph)
-        # The link owns it; this class only reads it, in the link's thread.
+        # The link owns the arbiter. This class only reads it, in the link's thread.
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
@@ -201,7 +211,7 @@ class KartBridge(StrictNode):
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
         for source, topic in REMOTES.items():
-            # The second receives a latched stop from before this bridge started.
+            # The second subscription receives a latched stop from before this bridge started.
             for qos, incompatible in (
                 (REMOTE_QOS, self._remote_unreliable),
                 (LATCHED_REMOTE_QOS, lambda _: None),
@@ -217,15 +227,15 @@ class KartBridge(StrictNode):
         self._link.start()
 
     def close(self) -> None:
-        """Disconnect from race control, and publish RED_RED last."""
+        """Disconnect from race control, and publish RED_RED as the last state."""
         self._link.stop()
         try:
             self._publish(_ENDED, 0.0)  # the lamp is lit at time 0
-        except PublishError as error:  # then the bridge's silence stops the kart
+        except PublishError as error:  # the bridge's silence then stops the kart
             self.get_logger().error(str(error))
         wait_until_heard(self._race_state, self._stop, self._state, self._lamp)
 
-    # ----- input from the team; in the executor's thread ----------------------------------
+    # ----- input from the team, in the executor's thread ----------------------------------
 
     def _acknowledge(
         self, request: Acknowledge.Request, response: Acknowledge.Response
@@ -245,7 +255,7 @@ class KartBridge(StrictNode):
         try:
             reaction = given.result(LINK_ANSWER_TIMEOUT)
             answer, verdict = reaction.answer, reaction.verdict
-            if answer is None:  # called by hand, without a number
+            if answer is None:  # someone called the service by hand, without a number
                 response.message = _to_paste(verdict)
                 return response
             response.success, response.message = answer.accepted, answer.message
@@ -280,13 +290,13 @@ class KartBridge(StrictNode):
 
     def _remote_unreliable(self, _: object) -> None:
         self.get_logger().error(
-            'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost: the kart '
+            'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost. The kart '
             'stops. Publish with reliable QoS, and restart the bridge'
         )
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop the kart while any name has two nodes; report that the team is heard."""
+        """Stop the kart while two nodes have the same role, and report that the team is heard."""
         seen = {
             key: self._who_publishes(name)
             for name, key in self._one_publisher.items()
@@ -308,7 +318,7 @@ class KartBridge(StrictNode):
         self._link.give(Arbiter.team_heard)
 
     def _who_publishes(self, topic: str) -> str:
-        """Return the full names of the nodes that publish on a topic."""
+        """Return the full names of the nodes that publish a topic, separated by commas."""
         found = self.get_publishers_info_by_topic(topic)
         return ', '.join(
             sorted(
@@ -320,12 +330,12 @@ class KartBridge(StrictNode):
         )
 
     def _is_read(self) -> bool:
-        """Return whether a node subscribes to the race state, in any of its forms."""
+        """Return whether a node subscribes to a topic with the race state."""
         forms = (self._race_state, self._stop, self._state)
         return any(each.get_subscription_count() for each in forms)
 
     def _look_for_readers(self) -> None:
-        """Log once that no stack reads the race state: it may be in another ROS domain."""
+        """Log once that no stack reads the race state, in case it is in another ROS domain."""
         if self._is_read():
             self._unread_at = None
             self._read = True
@@ -335,8 +345,8 @@ class KartBridge(StrictNode):
             self._unread_at = None
             self.get_logger().warning(
                 f'No node has read {self._race_state.topic_name} in {self._graph} for {UNREAD:g} '
-                's: is the stack running, with the same ROS_DOMAIN_ID, and without '
-                f'{" or ".join(KEEPS_APART)} in its shell? On two computers, both need '
+                's. Check that the stack is running, with the same ROS_DOMAIN_ID, and without '
+                f'{" or ".join(KEEPS_APART)} in its shell. On two computers, both need '
                 'EVGP_GRAPH_INTERFACE'
             )
 
@@ -344,7 +354,7 @@ class KartBridge(StrictNode):
         velocity, place = message.twist.twist.linear, message.pose.pose.position
         twist, now = math.hypot(velocity.x, velocity.y), clock.now()
         speed = self._motion.speed(twist, place.x, place.y, now)
-        # With two publishers, which the bridge reports elsewhere, neither twist need be wrong.
+        # With two publishers, which the bridge reports elsewhere, each twist may be right.
         if self._motion.contradiction and self.count_publishers(self._odometry_topic) < 2:
             self.get_logger().warning(
                 f'The kart counts as moving: {self._motion.contradiction}',
@@ -366,14 +376,14 @@ class KartBridge(StrictNode):
             )
 
         def take(arbiter: Arbiter, now: float) -> Reaction:
-            self._odometry_at = now  # in the link's thread, like its readers
+            self._odometry_at = now  # only the link's thread uses this
             return arbiter.speed(speed, now)
 
         given = self._link.give(take)
         given.add_done_callback(self._warn_of_odometry)
 
     def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
-        """Log what keeps a stop from being acknowledged, even if no stack tried."""
+        """Log what keeps the kart from acknowledging a stop, even if no stack has tried."""
         if given.exception() is not None or not given.result().hindrance:
             return
         self.get_logger().warning(
@@ -382,7 +392,7 @@ class KartBridge(StrictNode):
             throttle_time_source_type=self._steady,
         )
 
-    # ----- output to the team; in the link's thread ---------------------------------------
+    # ----- output to the team, in the link's thread ---------------------------------------
 
     def _on_verdict(self, verdict: Verdict, status: LinkStatus) -> None:
         self._publish(verdict, clock.now())
@@ -393,7 +403,7 @@ class KartBridge(StrictNode):
         if status.malformed != self._malformed:
             self._malformed = status.malformed
             self.get_logger().warning(
-                f'{status.malformed} malformed frames so far; {status.last_malformed}',
+                f'{status.malformed} malformed frames so far. The last: {status.last_malformed}',
                 throttle_duration_sec=10.0,
                 throttle_time_source_type=self._steady,
             )
@@ -432,7 +442,7 @@ class KartBridge(StrictNode):
             ) from error
 
     def _log(self, verdict: Verdict, status: LinkStatus) -> None:
-        """Log what is new, but not every repeated failure to connect."""
+        """Log what is new, but do not repeat each failure to connect."""
         last = self._published
         obeyed = f'Obey {verdict.state.value}'
         if verdict.acknowledged and last is not None and not last.acknowledged:
@@ -444,14 +454,15 @@ class KartBridge(StrictNode):
                 self._logged_last = ''
                 self.get_logger().info(obeyed)
         elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
-            # Nothing is wrong yet.
+            # The bridge is still starting, and nothing is wrong yet.
             if last is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} sends a state')
                 self.get_logger().info(where_reachable())
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()
-            # The log's last line must be true: a skipped reason that lasts is logged later.
+            # The last line of the log must be true, so a reason that was left out and lasts is
+            # logged later.
             if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
                 self._logged = {
                     each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
@@ -460,7 +471,7 @@ class KartBridge(StrictNode):
                 self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
-        """Log once each time that odometry is missing, and that it is back."""
+        """Log once each time that odometry is missing, and once that it is back."""
         missing = self._arbiter.missing_odometry
         now = clock.now()
         if not missing:
@@ -474,7 +485,7 @@ class KartBridge(StrictNode):
             self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
-        """Log once for each order that only its acknowledgement is missing."""
+        """Log once for each order that only the acknowledgement is missing."""
         awaited, now = self._arbiter.awaited, clock.now()
         if awaited is None:
             self._awaited = None
@@ -534,56 +545,58 @@ class KartBridge(StrictNode):
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'frame_timeout',
-        'Time without a frame after which the link counts as lost, s (§3.E).',
+        'Time without a frame after which the kart stops because the link is lost, s (§3.E).',
         (0.2, 1.0),
     ),
     (
         'tsr_timeout',
-        'Time without ~/tsr that counts as a team stop, s; 0: no remote is required.',
+        'Time without ~/tsr after which the kart stops, s. 0 means that no remote is required.',
         (0.0, 10.0),
     ),
     (
         'msr_timeout',
-        "Time without ~/msr (the MSR's contact) after which the kart stops, s; 0: not wired.",
+        "Time without ~/msr (the MSR's contact) after which the kart stops, s. 0: not wired.",
         (0.0, 1.0),
     ),
     (
         'odometry_required',
-        'Refuse RED_FLAG and RED_RED unless ~/odom shows that the kart stands still.',
+        'Accept acknowledgements of RED_FLAG and RED_RED only if ~/odom shows a standstill.',
     ),
     (
         'auto_acknowledge_stop',
-        'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
+        'Acknowledge RED_FLAG and RED_RED automatically once ~/odom shows a standstill.',
     ),
-    ('standstill_speed', 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)),
-    ('standstill_time', 'Time at standstill after which the kart has stopped, s.', (0.1, 10.0)),
+    ('standstill_speed', 'Maximum speed of a kart at a standstill, m/s.', (0.0, 0.5)),
+    ('standstill_time', 'Time at a standstill after which a kart has stopped, s.', (0.1, 10.0)),
     (
         'red_flag_drive_time',
         'Time for which ~/stop lets a driving kart slow down in RED_FLAG, s (§3.A).',
         (0.0, 30.0),
     ),
-    ('drive_in_garage', 'In IN_GARAGE, ~/stop lets the team drive its kart (§3.A).'),
+    ('drive_in_garage', 'Let the team drive its kart in IN_GARAGE, by ~/stop (§3.A).'),
 )
-"""Parameters of the arbiter: name, meaning and range; their defaults are in `Settings`."""
+"""Name, meaning and range of the arbiter's parameters. `Settings` has the defaults."""
 
 
 def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float]:
     """
-    Declare every parameter of the bridge.
+    Declare every parameter of the bridge, and return the settings.
 
-    :return: race control's address, the rules' settings, and the liveliness lease in seconds.
+    :param parameters: the parameters of the bridge's node.
+    :return: race control's address, the settings of the rules, and the liveliness lease in
+        seconds.
     :raises ParameterError: if a parameter is wrong.
     """
     declare = parameters.declare
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
-        'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
+        'local_address', '', 'The IPv4 address to connect from. Empty lets the system choose.'
     )
     lease = declare(
         'liveliness_lease',
         LEASE,
-        "Time of the bridge's silence after which a subscriber must stop, s.",
+        "Time of the bridge's silence after which a subscriber must stop the kart, s.",
         (0.2, 2.0),
     )
     rules: dict[str, Any] = {
@@ -605,10 +618,11 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run the bridge until SIGINT or SIGTERM; it publishes RED_RED last.
+    Run the bridge until SIGINT or SIGTERM. The last state that it publishes is RED_RED.
 
-    :return: 0 after an orderly end, 1 after a failure (also then RED_RED last), 2 if a setting is
-        wrong.
+    :param args: command-line arguments; None for those of this process.
+    :return: 0 after an orderly end, 1 after a failure (the last state is RED_RED here too), 2 if a
+        setting is wrong.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 

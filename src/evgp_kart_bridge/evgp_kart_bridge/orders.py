@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of `RaceStateWatch`: what a stack must do, given the bridge's messages and their times.
+The rules of `RaceStateWatch`, which decide what a stack must do.
 
-Pure: no ROS, clock or thread. ``orders.hpp`` of evgp_race_watch_cpp has the same rules in C++;
+The inputs are the bridge's messages and their times. This module is pure: it uses no ROS, clock or
+thread. ``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++, and
 ``test_orders.py`` compares the two.
 """
 
@@ -17,26 +18,26 @@ import math
 from evgp_protocol.states import RaceState, stricter
 
 FORGIVEN = 1.0
-"""Maximum time of a doubt after which a stack still starts without a new GRID_ACTIVE, in
-seconds."""
+"""Maximum duration of a doubt after which a stack still obeys GREEN_GREEN without a new
+GRID_ACTIVE, in seconds."""
 
 NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
-"""Reason for not obeying GREEN_GREEN, if the stack was started too late."""
+"""Reason for not obeying GREEN_GREEN if the stack was started too late."""
 
 TOO_LATE = (
     f'this node was too busy, or the bridge silent, for more than {FORGIVEN:g} s since '
     'GRID_ACTIVE; the kart waits for the next one'
 )
-"""Reason for not obeying GREEN_GREEN, if the stack had heard GRID_ACTIVE."""
+"""Reason for not obeying GREEN_GREEN if the stack heard GRID_ACTIVE before."""
 
 ASK_AGAIN = 0.2
-"""Time after which an acknowledgement that the bridge has not accepted is sent again, in
+"""Time after which the stack repeats an acknowledgement that the bridge has not accepted, in
 seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Said:
-    """The parts of a bridge's message that the rules use; None: an unknown race state."""
+    """The fields of a bridge's message that the rules use. None means an unknown race state."""
 
     bridge: int
     state: RaceState | None
@@ -52,12 +53,12 @@ class Order:
     What the kart must do from a certain moment on. An order equals only itself.
 
     :ivar state: the state to obey.
-    :ivar number: the number of race control's command, as in `KartRaceState.order`. 0: the order
-        cannot be acknowledged, because there is no command or nothing to report.
-    :ivar reached: the state to acknowledge. It differs from `state` when the kart must obey
-        RED_RED under a commanded RED_FLAG, as in a team stop: a standing kart has carried out
-        both. It differs from the command, and is RED_RED, when the kart stopped itself in
-        GRID_ACTIVE or GREEN_GREEN. None if `number` is 0.
+    :ivar number: the number of race control's command, as in `KartRaceState.order`. With 0, the
+        order cannot be acknowledged, because there is no command or nothing to report.
+    :ivar reached: the state to acknowledge; None if `number` is 0. It differs from `state` if race
+        control commands RED_FLAG and the kart must obey RED_RED, for example because of a team
+        stop. A kart at a standstill has carried out both. If the kart stopped itself in
+        GRID_ACTIVE or GREEN_GREEN, `reached` differs from the command and is RED_RED.
     """
 
     state: RaceState
@@ -67,11 +68,11 @@ class Order:
 
 class Orders:
     """
-    The orders of one stack. All times are in seconds, from one clock that never goes back.
+    The orders of one stack. All times are in seconds, by one clock that never goes back.
 
-    :ivar said: the bridge's last message; None: there was none.
+    :ivar said: the bridge's last message; None if there was none.
     :param lease: time of silence after which the kart obeys RED_RED, in seconds.
-    :param forgiven: see `FORGIVEN`.
+    :param forgiven: the same as `FORGIVEN`, in seconds.
     """
 
     def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
@@ -79,7 +80,7 @@ class Orders:
         self._lease = lease
         self._forgiven = forgiven
         self._heard_at = -math.inf
-        self._bridges_alive: int | None = None  # None: not reported by the middleware yet
+        self._bridges_alive: int | None = None  # None: not reported yet
         self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
         self._grid_by: int | None = None  # the same, even if it no longer arms
         self._sure_at = -math.inf  # the last time without a doubt
@@ -88,7 +89,7 @@ class Orders:
         self._ask_again_at = -math.inf
 
     def order(self, now: float) -> Order:
-        """Return what to do; the same object until that changes."""
+        """Return what to do. It is the same object until what to do changes."""
         state, _ = self.judge(now)
         number, reached = 0, None
         if self.said is not None and not self.doubt(now) and self.said.order:
@@ -101,7 +102,7 @@ class Orders:
         return self._order
 
     def judge(self, now: float) -> tuple[RaceState, str]:
-        """Return the state to obey, and why it differs from the command; empty: it does not."""
+        """Return the state to obey, and why it differs from the command; empty if it does not."""
         doubt = self.doubt(now)
         if doubt or self.said is None:
             return RaceState.RED_RED, doubt
@@ -114,7 +115,7 @@ class Orders:
         return state, self.said.reason
 
     def doubt(self, now: float) -> str:
-        """Return why the last message may no longer be true; empty: it is."""
+        """Return why the last message may no longer be true; empty if there is no doubt."""
         if self.said is None:
             return 'the bridge has not been heard yet'
         if now - self._heard_at > self._lease:
@@ -125,11 +126,13 @@ class Orders:
 
     def hear(self, heard: Sequence[Said], since: float, now: float) -> None:
         """
-        Process the bridge's messages, oldest first; the last one counts.
+        Process the bridge's messages.
 
-        :param since: time before which none of them was sent.
+        :param heard: the messages, oldest first.
+        :param since: a time after which all of them were sent.
+        :param now: the present time.
         """
-        # A doubt or another state in between ends the previous order, even if it returns.
+        # A doubt or another state ends the previous order, even if the same state follows it.
         self.order(now)
         self._heard_at = since
         for said in heard:
@@ -145,7 +148,7 @@ class Orders:
             self._grid_by = None
 
     def look(self, now: float) -> None:
-        """Let time pass; call it about five times in each lease."""
+        """Process the passing of time. Call this about five times in each lease."""
         if not self.doubt(now):
             if not self._is_armed(now):
                 self._armed_by = None
@@ -153,10 +156,11 @@ class Orders:
 
     def asks(self, order: Order, now: float) -> bool:
         """
-        Return whether to send the bridge the acknowledgement of this order now.
+        Return whether to send the acknowledgement of this order to the bridge now.
 
-        Not if the order is over, has nothing to acknowledge or is acknowledged, nor if the
-        acknowledgement was sent just now.
+        The answer is False if the order is over, has nothing to acknowledge or is acknowledged, or
+        if the stack sent the acknowledgement less than `ASK_AGAIN` ago. If the answer is True, the
+        caller must send it.
         """
         if order is not self.order(now) or order.reached is None:
             return False
@@ -174,12 +178,13 @@ class Orders:
 
     def _follow(self, said: Said, now: float) -> None:
         """
-        Arm or disarm by one message, however late it is processed.
+        Arm or disarm the stack because of one message, however late it is processed.
 
-        A GRID_ACTIVE that waited for a busy stack counts while the doubt is short enough. One from
-        one of two bridges does not: the other may publish GREEN_GREEN. The middleware may report a
-        second bridge after its messages, or never if it came and went, so a GRID_ACTIVE counts
-        only for the bridge that published it.
+        A GRID_ACTIVE that waited for a busy stack arms it if the doubt is short enough. If there
+        are two bridges, GRID_ACTIVE from one of them does not arm the stack, because the other may
+        publish GREEN_GREEN. The middleware may report a second bridge only after its messages, or
+        never if that bridge came and went. For this reason, GRID_ACTIVE arms the stack only for
+        the bridge that published it.
         """
         if said.state is not RaceState.GREEN_GREEN:
             self._grid_by = said.bridge if said.state is RaceState.GRID_ACTIVE else None

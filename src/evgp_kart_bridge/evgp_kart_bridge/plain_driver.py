@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A node to copy that drives by the topic `~/state`, without any of our messages or packages.
+A node to copy that obeys the topic `~/state`, without any of our messages or packages.
 
-It acknowledges nothing: one other node of the kart does that.
+This node does not acknowledge. Another node of the kart must do so.
 """
 
 import math
@@ -17,16 +17,16 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_msgs.msg import String
 
-LEASE = 0.5  # s; after a longer silence the bridge may have died
+LEASE = 0.5  # s; after a longer silence, the bridge may have died
 
 
 def boot_time() -> float:
-    """Return the time since boot, including suspend, s; nobody sets this clock."""
+    """Return the time since boot in seconds, including suspend. This clock cannot be set."""
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class Driver(Node):
-    """Drives straight ahead in GREEN_GREEN, if it heard the GRID_ACTIVE before that."""
+    """A driver that drives straight ahead in GREEN_GREEN, if it heard GRID_ACTIVE before."""
 
     def __init__(self) -> None:
         super().__init__('driver')
@@ -41,7 +41,7 @@ class Driver(Node):
         self.create_timer(0.05, self.step, clock=steady)
 
     def hear(self, message: String) -> None:
-        """Process a state: GRID_ACTIVE arms; then everything except GREEN_GREEN disarms."""
+        """Process a state. GRID_ACTIVE arms the driver, and only GREEN_GREEN keeps it armed."""
         now = boot_time()
         unbroken = now - self.heard_at <= LEASE
         self.armed = message.data == 'GRID_ACTIVE' or (
@@ -73,7 +73,7 @@ class Driver(Node):
 
 
 def main() -> None:
-    """Run the driver. The base must brake when commands stop coming."""
+    """Run the driver. The motors must brake when commands stop coming."""
     rclpy.init()
     try:
         rclpy.spin(Driver())

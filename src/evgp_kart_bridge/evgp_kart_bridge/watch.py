@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-For a team's stack: what to do now, and how to acknowledge it.
+Tells a team's stack what to do now, and acknowledges it.
 
-A subscription alone is not enough. A bridge that died or hangs cannot report that, and its last
-message may have been GREEN_GREEN. And a stack that compares the state it reached with the newest
-command may report a standstill at full speed: it reached the command before.
+A subscription alone is not enough. A bridge that has died or hangs cannot report this, and its
+last message may have been GREEN_GREEN. Also, a stack that compares the state it has reached with
+the newest command may report a standstill at full speed, because it had reached the previous
+command.
 """
 
 from __future__ import annotations
@@ -49,28 +50,30 @@ LEASE = 0.5
 """The bridge's default `liveliness_lease`, in seconds."""
 
 UNHEARD = 2.0
-"""Time without a bridge after the start after which the node logs that, in seconds."""
+"""Time after the start at which the node logs that it has not heard a bridge, in seconds."""
 
 LOG_AGAIN = 10.0
-"""Minimum time before the same reason is logged again, in seconds."""
+"""Minimum time before the node logs the same reason again, in seconds."""
 
 LOG_REASONS = 20
-"""Maximum number of reasons logged within `LOG_AGAIN`."""
+"""Maximum number of reasons that the node logs within `LOG_AGAIN`."""
 
 BACKLOG = 100
-"""Maximum number of messages kept for a busy stack: more than the bridge publishes in the longest
-doubt that the rules tolerate."""
+"""Maximum number of messages kept for a busy stack. The bridge publishes fewer than this during
+the longest doubt that the rules tolerate."""
 
 
 def race_state_qos(lease: float) -> QoSProfile:
     """
     Return the QoS of ``~/race_state`` and ``~/stop``, for the bridge and for plain subscribers.
 
-    Latched, and the bridge must publish at least once in each `lease` to count as alive. Only the
-    newest message is kept: a late subscriber must not receive outdated states, and with volatile
-    durability it could wait for seconds until Fast DDS has skipped them.
+    The topics are latched, and the bridge is alive only if it publishes at least once in each
+    lease. The bridge keeps only the newest message, because a late subscriber must not receive
+    outdated states. With volatile durability, the subscriber could wait for seconds until Fast DDS
+    has skipped them.
 
-    :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
+    :param lease: the lease, in seconds. A subscriber's lease must not be shorter than the
+        bridge's.
     """
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
@@ -86,10 +89,10 @@ def watch_qos(lease: float) -> QoSProfile:
     """
     Return the QoS of the watch's subscription to ``~/race_state``.
 
-    Messages wait for a busy stack, so that it receives every state. It does not receive messages
-    from before its subscription, however many the publisher keeps.
+    Messages wait for a busy stack, so that the stack receives every state. The watch does not
+    receive messages from before its subscription, whatever the publisher keeps.
 
-    :param lease: in seconds; not shorter than the bridge's.
+    :param lease: the lease, in seconds. It must not be shorter than the bridge's.
     """
     qos = race_state_qos(lease)
     qos.depth = BACKLOG
@@ -99,20 +102,21 @@ def watch_qos(lease: float) -> QoSProfile:
 
 class RaceStateWatch:
     """
-    What the kart must do now, for a node of a team's stack.
+    The watch of the bridge, which says what the kart must do now.
 
-    Use it in a timer on the steady clock, about 20 times a second::
+    Use it in a node of your stack, in a timer of the steady clock, about 20 times a second::
 
         order = self.watch.order
         if self.drive(order.state):  # True once the kart has reached that state
             self.watch.acknowledge(order)
 
-    The watch obeys GREEN_GREEN only after a GRID_ACTIVE that it heard from the same bridge. So a
-    stack that restarts during a race, or whose bridge was gone, does not drive off.
+    The watch obeys GREEN_GREEN only after it has heard GRID_ACTIVE from the same bridge. A stack
+    that restarts during a race, or whose bridge was gone, therefore does not drive off.
 
-    :ivar message: the bridge's last message; None: there was none.
+    :ivar message: the bridge's last message; None if there was none.
+    :param node: the node of your stack.
     :param on_change: called by the node's executor with each new state, first with RED_RED.
-    :param topic: the bridge's topic; the service ``acknowledge`` is in the same namespace.
+    :param topic: the bridge's topic. The service ``acknowledge`` is in the same namespace.
     :param lease: the bridge's `liveliness_lease`, or longer, in seconds.
     """
 
@@ -125,7 +129,8 @@ class RaceStateWatch:
     ) -> None:
         self.message: KartRaceState | None = None
         self._on_change = on_change
-        # Subscription and alarm share a group, so that they wait for the same things: see `_hear`.
+        # The subscription and the alarm share a group, so that they wait for the same things.
+        # `_hear` says why.
         group = MutuallyExclusiveCallbackGroup()
         # The last two times at which the executor called `_pass`.
         self._passed = self._passed_before = clock.now()
@@ -152,9 +157,9 @@ class RaceStateWatch:
             callback_group=group,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
         )
-        # The middleware reports when the bridge is gone; the clock shows it with any middleware.
-        # Not a timer: simulated time may stop, and some middlewares wait for timers by the wall
-        # clock, which may be set back.
+        # The middleware reports when the bridge is gone. In case it does not, the alarm lets the
+        # watch check the clock. A timer would not do, because simulated time may stop, and some
+        # middlewares wait for timers by the wall clock, which may be set back.
         self._alarm = node.create_guard_condition(self._pass, callback_group=group)
         threading.Thread(
             target=_ring, args=(self._alarm, lease / 5), name='race state watch', daemon=True
@@ -163,28 +168,29 @@ class RaceStateWatch:
     @property
     def state(self) -> RaceState:
         """
-        Return the state to obey now.
+        Return the state that the kart must obey now.
 
-        It is RED_RED when the bridge publishes that, before the bridge is heard, after it was
-        silent for the lease, when it is gone, when two bridges are running, when it publishes an
-        unknown state, and for a GREEN_GREEN without a GRID_ACTIVE before it. This checks the
-        clock, so it is right even while the executor is busy.
+        The state is RED_RED if the bridge publishes RED_RED, has not been heard yet, has been
+        silent for the lease, is gone, or publishes an unknown state. It is also RED_RED if two
+        bridges run, or if the watch has not heard GRID_ACTIVE before GREEN_GREEN. This property
+        checks the clock, so it is right even while the executor is busy.
         """
         return self.order.state
 
     @property
     def reason(self) -> str:
-        """Why `state` is not what race control commands, for people; empty: it is."""
+        """Return why `state` is not what race control commands; empty if it is."""
         with self._ordering:
             return self._orders.judge(clock.now())[1]
 
     @property
     def order(self) -> Order:
         """
-        Return what to do now: obey its `state`, and once that is reached, acknowledge this order.
+        Return what to do now.
 
-        It is the same object until that changes. A new command is a new order, even if it asks
-        for the same state. A doubt or a team stop also ends an order.
+        Obey the order's `state`. Once the kart has reached it, acknowledge this order. The order
+        remains the same object until the kart has to do something different. A new command is a
+        new order, even if it commands the same state. A doubt or a team stop also ends an order.
         """
         with self._ordering:
             return self._orders.order(clock.now())
@@ -193,20 +199,20 @@ class RaceStateWatch:
         """
         Report to race control that the kart has reached the state of this order.
 
-        It sends `Order.reached`: RED_FLAG from a kart that stands still in RED_RED because of a
-        team stop, and RED_RED from one that stopped itself in GREEN_GREEN.
+        The watch sends `Order.reached`. This is RED_FLAG from a kart that stands still in RED_RED
+        because of a team stop, and RED_RED from a kart that stopped itself in GREEN_GREEN.
 
-        Call it in every step in which that is true. It tries again after 0.2 s if the answer is
-        lost or a refusal, and does nothing once the order is acknowledged or over, or if it has no
-        number. It never waits. If the bridge refuses, the node logs why.
+        Call this in every step in which the kart has reached the state. If the answer is lost or a
+        refusal, the watch tries again after 0.2 s. It does nothing if the order is acknowledged or
+        over, or has no number. It never waits. If the bridge refuses, the node logs why.
 
-        :param order: the `order` that the kart acted on.
+        :param order: the same object, from `order`, that the kart has carried out.
         """
         with self._ordering:
             if not self._orders.asks(order, clock.now()):
                 return
             unanswered, self._asking = self._asking, None
-        # Outside the lock, which would delay readers of the state.
+        # Release the lock first, because readers of the state would wait for it.
         if unanswered is not None:
             self._bridge.remove_pending_request(unanswered)  # the bridge may have died before
         asking = self._bridge.call_async(
@@ -227,14 +233,14 @@ class RaceStateWatch:
             )
 
     def _hear(self, message: KartRaceState) -> None:
-        # Take all waiting messages: a stop must not wait behind earlier ones.
+        # Take all messages that wait, because a stop must not wait behind earlier messages.
         heard = [message]
         if self._subscription is not None:
             heard += take_waiting(self._subscription, BACKLOG)
         # A stack that was busy may find an old GREEN_GREEN here. The messages are newer than the
-        # second last call of `_pass`, or they would have been taken then. (The last call proves
-        # nothing: it may belong to the same turn of the executor. The stamp would do only if the
-        # clocks of bridge and stack agreed.)
+        # second last call of `_pass`, because otherwise the watch would have taken them then. The
+        # last call proves nothing, because it may belong to the same turn of the executor. The
+        # stamp would help only if the clocks of bridge and stack agreed.
         with self._ordering:
             said = [_said(each) for each in heard]
             self._orders.hear(said, self._passed_before, clock.now())
@@ -262,7 +268,7 @@ class RaceStateWatch:
             self._on_change(state)
 
     def _log_reason(self, now: float) -> None:
-        """Log each new reason, or that no bridge is heard."""
+        """Log each new reason, or that the node does not hear a bridge."""
         reason = self.reason
         if self.message is None:
             if now < self._began + UNHEARD or self._subscription is None:
@@ -286,7 +292,7 @@ class RaceStateWatch:
             text = f'The kart obeys {self.state.value}: {reason}'
             if self._orders.doubt(now):
                 self._log.warning(text)
-            else:  # the bridge's own reason, which it has logged as a warning
+            else:  # the bridge has logged its own reason as a warning
                 self._log.info(text)
 
 

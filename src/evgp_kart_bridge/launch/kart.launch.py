@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Start a kart's bridge and its stack: kart.launch.py host:=10.0.0.1 odom:=/odom package:=... ."""
+"""Starts a kart's bridge and stack: kart.launch.py host:=10.0.0.1 odom:=/odom package:=..."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
@@ -16,7 +16,7 @@ def generate_launch_description() -> LaunchDescription:
     launch = PathJoinSubstitution([FindPackageShare('evgp_kart_bridge'), 'launch'])
     return LaunchDescription(
         [
-            # Its arguments are arguments of this file too.
+            # The arguments of that file are also arguments of this one.
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(
                     PathJoinSubstitution([launch, 'kart_bridge.launch.py'])
@@ -32,7 +32,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='shortest_stack',
                 description='The executable of the stack.',
             ),
-            # Not restarted: find out first why it ended.
+            # The stack is not restarted, because you should first find out why it ended.
             Node(
                 package=LaunchConfiguration('package'),
                 executable=LaunchConfiguration('executable'),

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
+"""Starts a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1"""
 
 from evgp_node.launching import keep_trying_if_it_was_up
 from launch import LaunchDescription
@@ -22,7 +22,7 @@ def generate_launch_description() -> LaunchDescription:
                 'odom',
                 default_value='~/odom',
                 description="The topic of the kart's odometry, nav_msgs/msg/Odometry. The bridge "
-                'requires odometry if this is not ~/odom.',
+                'requires odometry if you set another topic than ~/odom.',
             ),
             DeclareLaunchArgument(
                 'params_file',
@@ -32,12 +32,12 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'namespace', default_value='', description='The namespace of the node.'
             ),
-            # By default, no other computer reaches the graph (docs/security.md).
+            # By default, other computers cannot reach the graph (docs/security.md).
             DeclareLaunchArgument(
                 'graph_interface',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address of the interface to other computers of this kart; '
-                'empty: its stack is on this one.',
+                description="This computer's IPv4 address on the network to the kart's other "
+                'computers. Leave it empty if the stack runs on this computer.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
@@ -59,7 +59,7 @@ def generate_launch_description() -> LaunchDescription:
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
                 },
                 output='screen',
-                # A bridge that died restarts in RED_RED, like every bridge (§3.E). Until then the
+                # A bridge that died restarts in RED_RED, like every bridge (§3.E). Until then, the
                 # stack stops because the bridge's topics are silent.
                 respawn=True,
                 respawn_delay=1.0,
