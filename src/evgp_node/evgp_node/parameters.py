@@ -73,7 +73,7 @@ class StrictNode(Node):
             )
         except ValueError as error:
             raise ParameterError(
-                f'a parameter has no value ({error}). Give it a value. A list must not be empty'
+                f'a parameter has no value ({error}). Give it a value; a list must not be empty'
             ) from error
         fence_graph()
         self.given = {
