@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The passings of one device: their numbers, which are left out, and the device's faults."""
+"""Counts the passings of one device, leaves some out, and notices the device's faults."""
 
 from __future__ import annotations
 
@@ -12,42 +12,44 @@ import secrets
 from evgp_timing.passings import Event, Passing, Refused
 
 MAX_RATE = 200
-"""Maximum number of passings accepted per second; the rest are counted and left out."""
+"""Maximum number of passings accepted per second. The rest are counted and left out."""
 
 CLOCK_TOLERANCE = 0.5
-"""Maximum drift of the device's clock against this computer's between two passings, seconds."""
+"""Maximum drift of the device's clock against this computer's between two passings, in seconds."""
 
 RECENT = 60.0
-"""Time for which a fault is reported, seconds."""
+"""Time for which the program reports a fault, in seconds."""
 
 REMEMBERED = 1000
-"""Number of passings remembered to recognise repeated ones."""
+"""Number of passings that the program remembers to recognise repeated ones."""
 
 _LAST = 2**32 - 1
 
 
 class Trouble(enum.Enum):
-    """Faults of a device, worst first; the values are sentences for officials."""
+    """The faults of a device, worst first. The values are sentences for officials."""
 
     TOO_MANY = f'The device sends more than {MAX_RATE} passings a second. The rest are ignored'
-    MISSED = 'Some passings were not received: the device counts more. Check the laps'
+    MISSED = 'Some passings were not received, because the device counts more. Check the laps'
     RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
     CLOCK = "The device's clock jumped, or its passings came late. Check the lap times"
     UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
-    REPEATED = 'The device sends some passings again. Each counts once'
-    REFUSED = 'Some data of the device cannot be read. Check cable, kind and baud rate'
+    REPEATED = 'The device sends some passings again. Each of them counts once'
+    REFUSED = 'Some data of the device cannot be read. Check the cable, kind and baud rate'
 
 
 class Account:
     """
     The passings of one device since this program started.
 
-    :param gates: numbers and labels of transponders that belong to no kart and are left out.
-    :ivar session: a new value each time the device restarts its count.
-    :ivar counts: number of times each trouble occurred.
+    :param now: the present time, in seconds.
+    :param gates: numbers and labels of transponders that belong to gates instead of karts. Their
+        passings are left out.
+    :ivar session: a random value, which is new each time the device restarts its count.
+    :ivar counts: number of times that each trouble has occurred.
     :ivar taken: number of passings accepted.
-    :ivar heard_at: when a complete message last came, seconds.
-    :ivar last_refusal: why a message could not be read.
+    :ivar heard_at: when the last complete message came, in seconds.
+    :ivar last_refusal: why the last message that could not be read was refused; empty for none.
     """
 
     def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:
@@ -59,7 +61,7 @@ class Account:
         self._noted_at: dict[Trouble, float | None] = dict.fromkeys(Trouble)
         self._gates = gates
         self._number = 0
-        self._by_one = False  # the device counts by one, so a gap means a lost passing
+        self._by_one = False  # it counts in ones, so a gap means a lost passing
         self._gaps = 0  # gaps in the count before that was known
         self._recent: OrderedDict[tuple[int, str, int], None] = OrderedDict()
         self._offset: float | None = None  # this computer's clock minus the device's
@@ -67,7 +69,7 @@ class Account:
         self._in_second = 0
 
     def take(self, event: Event, now: float) -> int | None:
-        """Return a passing's number within `session`; None if it is left out or is no passing."""
+        """Process an event, and return a passing's number in `session`; None if it is left out."""
         if isinstance(event, Refused):
             self.last_refusal = event.reason
             self._note(Trouble.REFUSED, now)
@@ -75,7 +77,7 @@ class Account:
         self.heard_at = now
         if not isinstance(event, Passing):
             return None
-        # The number alone is not unique: a device that restarts counts from the beginning again.
+        # The number itself is not unique, because a device that restarts counts from 1 again.
         identity = event.number, event.transponder, event.time_us
         if identity in self._recent:
             self._note(Trouble.REPEATED, now)
@@ -112,7 +114,7 @@ class Account:
         if passing.number <= self._number:
             self._begin_session(now)
             return
-        # Some devices also count other things, and a capture may lack every second passing.
+        # Some devices also count other things, and a recording may lack every second passing.
         self._gaps += passing.number - self._number - 1
         self._by_one |= passing.number == self._number + 1
         if self._by_one and self._gaps:

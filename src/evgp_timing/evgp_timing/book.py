@@ -2,12 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's book: a file of all the timekeeper's inputs, in the format of the record.
+The timekeeper's book, a file that contains all its inputs in the format of the record.
 
-Each start of the timekeeper, and each half day, begins a stream. A stream contains `Began` with
-the id of the machine's start, then every input of the desk (``desk.Input``) in the order of
-arrival, and the results of a race whenever they change (``Standings``). Reading an event's streams
-one after the other restores everything the timekeeper knew.
+The timekeeper begins a stream at each start, and after each half day. A stream begins with
+`Began`, which contains the id of the machine's start. After that, it contains every input of the
+desk (``desk.Input``) in the order of arrival, and the results of a race whenever they change
+(``Standings``). Reading the streams of an event one after the other restores everything that the
+timekeeper knew.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ WRITER = 'timekeeper'
 """Name of the writer in these streams."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
-"""Time after which a stream belongs to an earlier event, whose heats may have the same names, in
-nanoseconds."""
+"""Age beyond which a stream belongs to an earlier event, in nanoseconds. The heats of that event
+may have the same names."""
 
 STREAM_LASTS_NS = 12 * 3_600 * 10**9
-"""Time after which the next entry begins a new stream, in nanoseconds. A stream's start gives the
-age of its races."""
+"""Age of a stream at which the next entry begins a new one, in nanoseconds. The start of a stream
+gives the age of its races."""
 
 BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
 """File in which Linux keeps the id of this start of the machine."""
@@ -53,15 +54,15 @@ CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the tim
 
 
 class BookError(RuntimeError):
-    """The file cannot be used; the text says why, and what to do."""
+    """The file cannot be used. The text says why, and what to do."""
 
 
 class Book:
     """
     The file, and the stream that this program writes into it.
 
-    :param path: the file; it is created, with its folder, if it does not exist.
-    :raises BookError: if it cannot be written, or another timekeeper uses it.
+    :param path: path of the file. If the file or its folder does not exist, the book creates it.
+    :raises BookError: if the file cannot be written, or another timekeeper uses it.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -93,7 +94,7 @@ class Book:
         )
 
     def _open(self) -> sqlite3.Connection:
-        # One thread opens the database and another writes; they take turns.
+        # One thread opens the database, and another later writes into it.
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
@@ -114,7 +115,9 @@ class Book:
 
     def known(self) -> Iterator[desk.Input | Gap]:
         """
-        Yield the inputs of this event's streams, oldest first, with times by the present clock.
+        Yield the inputs and gaps of this event's streams, oldest first.
+
+        The times of inputs are by the present clock, even if the machine has restarted since.
 
         :raises BookError: if SQLite finds the file damaged.
         """
@@ -137,7 +140,7 @@ class Book:
             elif isinstance(entry, Gap):
                 yield entry
             elif not isinstance(entry, Standings):
-                if began is not None:  # the machine has restarted since, so its clock began at 0
+                if began is not None:  # the machine has restarted, so its clock began at 0
                     moved = clock.now() - (now_ns - began.wall_ns) / 1e9 - entry.at
                     began = None
                 yield entry._replace(at=entry.at + moved)
@@ -146,7 +149,7 @@ class Book:
         """
         Write entries in one transaction.
 
-        :raises OSError: if they cannot be written; then none of them is.
+        :raises OSError: if the entries cannot be written. In that case, none of them is written.
         """
         new: list[Entry] = list(entries)
         now_ns = time.time_ns()
@@ -166,6 +169,6 @@ class Book:
         self._blocks += 1
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file, which another timekeeper can then use."""
         self._database.close()
         self._claimed.close()

@@ -1,20 +1,20 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A light beam or a switch at the line: it sees when a kart crosses, but not which one."""
+"""A light beam or a switch at the line, which sees that a kart crosses, but not which kart."""
 
 from __future__ import annotations
 
 STUCK = 10.0
-"""Time after which a broken beam counts as stuck rather than as a kart, seconds."""
+"""Time after which a beam that stays broken is stuck, and not broken by a kart, in seconds."""
 
 
 class Contact:
     """
-    Turns all interruptions of a beam by one kart into one crossing.
+    A contact, which turns all interruptions of the beam by one kart into one crossing.
 
-    :param debounce: time the beam must have been free before a crossing, seconds, so that wheels
-        and gaps of one kart do not count again.
+    :param debounce: time for which the beam must have been free before a crossing, in seconds.
+        With it, the wheels and gaps of one kart do not count as several crossings.
     """
 
     def __init__(self, debounce: float) -> None:
@@ -23,7 +23,12 @@ class Contact:
         self._free_at = 0.0
 
     def look(self, broken: bool, now: float) -> bool:
-        """Return whether a kart crosses now; `now` is in seconds and never decreases."""
+        """
+        Process the present state of the beam, and return whether a kart crosses now.
+
+        :param broken: whether the beam is broken.
+        :param now: the time, in seconds, which never decreases.
+        """
         if self._broken_at is None:
             self._broken_at = self._free_at = now
         crosses = broken and now - self._broken_at >= self._debounce

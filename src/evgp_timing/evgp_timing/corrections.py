@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of the timekeeper's corrections. Karts receive none of them.
+The catalogue of the timekeeper's corrections, which are never sent to karts.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.GIVE: Entry(
         'GIVE TRANSPONDER',
-        'assign a transponder to this kart; its passings in this race count for the kart',
+        'assign a transponder to this kart, for which its passings in this race then count',
         f'{OF_TIMEKEEPER}kart/give_transponder',
         to_one_kart=True,
         takes=('transponder',),
@@ -75,4 +75,4 @@ CORRECTIONS: dict[Act, Entry] = {
         word='publish-results',
     ),
 }
-"""Every correction."""
+"""The row of each correction."""

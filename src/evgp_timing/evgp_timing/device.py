@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The connection to a timing device: a serial port, or TCP."""
+"""The connection to a timing device, by a serial port or TCP."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from typing import Protocol
 import serial
 
 CONNECT_TIMEOUT = 2.0
-"""Maximum time to connect to a device over TCP, seconds."""
+"""Maximum time for connecting to a device over TCP, in seconds."""
 
 READ_BYTES = 4096
 
 
 class Device(Protocol):
-    """An open connection."""
+    """An open connection to a device."""
 
     def fileno(self) -> int:
-        """Return its file descriptor."""
+        """Return the file descriptor of the connection."""
 
     def close(self) -> None:
-        """Close it."""
+        """Close the connection."""
 
 
 def split(device: str) -> tuple[str, int] | None:
     """
-    Return host and port of a TCP device; None if the text is the path of a serial port.
+    Return the host and port of a TCP device; None if the text is the path of a serial port.
 
     :raises ValueError: if the text is neither.
     """
@@ -46,9 +46,12 @@ def split(device: str) -> tuple[str, int] | None:
 
 def connect(device: str, baud: int) -> Device:
     """
-    Open a device.
+    Open the connection to a device.
 
-    :raises OSError: if it cannot be opened.
+    :param device: path of a serial port, or host:port.
+    :param baud: baud rate of a serial port.
+    :raises OSError: if the connection cannot be opened.
+    :raises ValueError: if `device` is neither.
     """
     at = split(device)
     if at is None:
@@ -77,5 +80,5 @@ def read(device: Device, timeout: float) -> bytes:
 
 
 def control_line(device: Device, name: str) -> Callable[[], bool]:
-    """Return a function that reads a control line of a serial port: cts, dsr, cd or ri."""
+    """Return a function that reads a control line (cts, dsr, cd or ri) of a serial port."""
     return lambda: bool(getattr(device, name))

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Data between two marks in a stream, and the record format that P3 and LapRF share.
+Finds data between two marks in a stream, and reads the record format that P3 and LapRF share.
 
-A record is a mark, a header with length, checksum and type, fields (name, length, value), and a
-mark. Numbers are little-endian. The checksum covers the unescaped record, with zeros in the place
-of the checksum. Inside a record, a mark or escape byte is sent as an escape and the shifted byte.
+A record consists of a mark, a header with length, checksum and type, some fields (name, length and
+value), and another mark. Numbers are little-endian. The checksum covers the unescaped record, with
+zeros in the place of the checksum. Inside a record, a mark or escape byte is sent as an escape
+byte followed by the shifted byte.
 """
 
 from __future__ import annotations
@@ -18,15 +19,17 @@ import re
 from evgp_timing.passings import Event, Refused
 
 MAX_RECORD_BYTES = 1024
-"""Maximum length between two marks, in bytes; known records have less than two hundred."""
+"""Maximum length between two marks, in bytes. Known records have fewer than two hundred bytes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Record:
     """
-    A complete record; if a field occurs several times, the last value counts.
+    A complete record.
 
-    :ivar checked: its checksum is right; False: it has none.
+    :ivar kind: the type of the record.
+    :ivar fields: the value of each field. If a field occurs several times, this is the last value.
+    :ivar checked: True if the checksum is right, False if the record has none.
     """
 
     kind: int
@@ -34,13 +37,13 @@ class Record:
     checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
-        """Return the number in a field of this size in bytes; None if there is no such field."""
+        """Return the number in a field of this size, in bytes; None if there is no such field."""
         value = self.fields.get(name, b'')
         return int.from_bytes(value, 'little') if len(value) == size else None
 
 
 def _two(at: int) -> slice:
-    """Return the slice of two bytes at an index."""
+    """Return the slice of the two bytes at an index."""
     return slice(at, at + 2)
 
 
@@ -49,10 +52,15 @@ class Framing:
     """
     The record format of one protocol.
 
+    :ivar begin: the mark at the beginning of a record.
+    :ivar end: the mark at the end of a record.
+    :ivar escape: the escape byte.
+    :ivar shift: the number added to a byte that follows an escape byte.
     :ivar head: the bytes between the first mark and the type, with zeros for computed values.
     :ivar length_at: index of the two bytes of the length in the unescaped record.
-    :ivar checksum_at: index of the two bytes of the checksum.
-    :ivar may_lack_checksum: zeros as checksum mean that there is none, and the record is valid.
+    :ivar checksum_at: index of the two bytes of the checksum in the unescaped record.
+    :ivar checksum: a function that computes the checksum of an unescaped record.
+    :ivar may_lack_checksum: whether a record whose checksum is 0 has no checksum and is valid.
     """
 
     begin: int
@@ -66,7 +74,7 @@ class Framing:
     may_lack_checksum: bool = False
 
     def encode(self, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
-        """Return a record as bytes for the line."""
+        """Return a record of this type with these fields, as bytes to send."""
         body = b''.join(bytes((name, len(value))) + value for name, value in fields)
         record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
         record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
@@ -80,7 +88,7 @@ class Framing:
         return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
     def unpack(self, inside: bytes) -> Record | Refused:
-        """Return the record in the escaped bytes between two marks."""
+        """Return the record in the escaped bytes between two marks, or why it is refused."""
         plain = re.sub(
             re.escape(bytes((self.escape,))) + rb'(.)',
             lambda pair: bytes(((pair[1][0] - self.shift) % 256,)),
@@ -94,7 +102,7 @@ class Framing:
         place = _two(self.checksum_at)
         checksum, record[place] = record[place], b'\0\0'
         checked = self.checksum(bytes(record)) == int.from_bytes(checksum, 'little')
-        # The rest of a truncated record may also have zeros there.
+        # What is left of a truncated record may also have zeros there.
         whole = int.from_bytes(record[_two(self.length_at)], 'little') == len(record)
         if not checked and (any(checksum) or not self.may_lack_checksum or not whole):
             return Refused('a checksum is wrong')
@@ -109,7 +117,7 @@ class Framing:
         return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
-        """Return a decoder for one connection; `read` interprets a complete record."""
+        """Return a decoder for one connection. `read` interprets each complete record."""
 
         def read_inside(inside: bytes) -> Event:
             record = self.unpack(inside)
@@ -120,9 +128,11 @@ class Framing:
 
 class MarkedDecoder:
     """
-    Finds the data between two marks in a stream and skips all bytes outside them.
+    A decoder that finds the data between two marks in a stream, and skips all other bytes.
 
-    :param read: interprets the bytes between two marks.
+    :param begin: the mark before the data.
+    :param end: the mark after the data.
+    :param read: a function that interprets the bytes between the marks.
     """
 
     def __init__(self, begin: int, end: int, read: Callable[[bytes], Event]) -> None:

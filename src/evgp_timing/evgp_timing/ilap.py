@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-I-Lap and AMBrc text: one line per passing.
+The text format of I-Lap and AMBrc, which has one line for each passing.
 
     SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
 
-with a TAB before each item except SOH, @ and CR. Not every device sends the items in brackets. The
-format comes from public descriptions (see README.md). They disagree about the meaning of the
-count and the range of the checksum at the end, so this decoder uses neither.
+There is a TAB before each item except SOH, @ and CR. Some devices do not send the items in
+brackets. The format comes from public descriptions (see README.md). They disagree about the
+meaning of the count and about the range of the checksum at the end, so this decoder uses neither.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PASSING = re.compile(
 
 
 def read(line: bytes) -> Event:
-    """Return the event in a line; its time is the time since the device started."""
+    """Return the event in a line. Its time is the time since the device started."""
     if not line.startswith(b'@'):
         return Sign()
     match = _PASSING.fullmatch(line)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The kinds of timing devices; a new kind needs a row here and a decoder."""
+"""The kinds of timing devices. A new kind needs a row here and a decoder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evgp_timing import ilap, laprf, lines, p3
 from evgp_timing.passings import Decoder
 
 CONTACT = 'contact'
-"""The only kind without a decoder: a control line of a serial port."""
+"""The only kind without a decoder, which is a control line of a serial port."""
 
 DECODERS: dict[str, Callable[[], Decoder]] = {
     'ilap': ilap.decoder,

@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-ImmersionRC LapRF, over USB or TCP: tells karts apart by the frequency of a video transmitter.
+The protocol of ImmersionRC LapRF, over USB or TCP.
+
+LapRF tells karts apart by the frequencies of their video transmitters.
 
 The format comes from public descriptions and captures, not from ImmersionRC (see README.md).
 """
@@ -16,13 +18,13 @@ from evgp_timing.passings import Event, Passing, Refused, Sign
 
 
 class Kind(enum.IntEnum):
-    """Types of records; there are more."""
+    """The types of records that this module uses."""
 
     PASSING = 0xDA09
 
 
 class Field(enum.IntEnum):
-    """Fields of a passing; there are more."""
+    """The fields of a passing that this module uses."""
 
     SLOT = 0x01
     RTC_TIME = 0x02
@@ -31,7 +33,7 @@ class Field(enum.IntEnum):
 
 
 def checksum(record: bytes) -> int:
-    """Return the 16-bit CRC known as ARC: polynomial 0x8005, reflected, initial value 0."""
+    """Return the 16-bit CRC known as ARC (polynomial 0x8005, reflected, initial value 0)."""
     crc = 0
     for byte in record:
         crc ^= byte
@@ -53,7 +55,7 @@ LAPRF = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record; its time is in microseconds since the device started."""
+    """Return the event in a record. Its time is the time since the device started."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)

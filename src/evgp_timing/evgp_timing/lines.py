@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Lines of plain text, for home-made timers: a microcontroller, a telephone, a script.
+A format of plain text lines for home-made timers, such as a microcontroller or a script.
 
     $transponder,seconds LF
 
-The transponder is up to 32 printable ASCII characters without ``$``, comma and space, or empty if
-the timer does not know who crossed. The seconds come from the timer's own clock, with up to six
+The transponder has up to 32 printable ASCII characters without ``$``, comma and space. It is empty
+if the timer does not know who crossed. The seconds are by the timer's own clock, with up to six
 decimals. A line with only ``$`` is a sign of life.
 """
 
@@ -24,7 +24,7 @@ _PASSING = re.compile(
 
 
 def read(line: bytes) -> Event:
-    """Return the event in a line; its time is by the timer's clock."""
+    """Return the event in a line. Its time is by the timer's clock."""
     if line in (b'', b'\r'):
         return Sign()
     match = _PASSING.fullmatch(line)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``timing_source`` node: the passings of one timing device, as a ROS topic.
+The ``timing_source`` node, which publishes the passings of one timing device.
 
-One thread owns the device: it connects, reads, decodes and publishes. The executor's thread only
-reports the device's condition, once a second.
+One thread owns the device. This thread connects, reads, decodes and publishes. The executor's
+thread only reports the device's condition, once a second.
 """
 
 from __future__ import annotations
@@ -36,25 +36,26 @@ from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
 
 PASSINGS_QOS = latched(200)
-"""QoS of ``passings``: late subscribers also get the last ones. Each passing has a number, so that
-one heard twice counts once."""
+"""QoS of ``passings``, with which late subscribers also get the last passings. Each passing has a
+number, so that a passing that arrives twice counts once."""
 
 LINES = ('cts', 'dsr', 'cd', 'ri')
-"""Control lines of a serial port that a contact can be wired to."""
+"""Control lines of a serial port to which a contact can be wired."""
 
 DEVICE_LOOK = 0.2
-"""Maximum time until the device's thread notices that the node ends, seconds."""
+"""Maximum time until the device's thread notices that the node ends, in seconds."""
 
 CONTACT_LOOK = 0.001
-"""Time between two looks at a contact, seconds."""
+"""Time between two looks at a contact, in seconds."""
 
 RECONNECT_DELAYS = (0.5, 1.0, 2.0, 5.0)
-"""Times before further attempts to connect, seconds; the last one repeats."""
+"""Time before the second, third, ... attempt to connect, in seconds. The last applies to all
+further attempts."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TimingSettings:
-    """The parameters; `read_settings` says what they mean."""
+    """The values of the parameters. `read_settings` says what they mean."""
 
     kind: str
     device: str
@@ -71,7 +72,8 @@ class TimingSource(StrictNode):
     """
     The node of one timing device.
 
-    :param on_failure: called in another thread if the node cannot continue.
+    :param on_failure: called with the error, in another thread, if the node cannot go on.
+    :param node_options: further arguments for the node of rclpy.
     :raises ParameterError: if a parameter is wrong.
     """
 
@@ -83,7 +85,7 @@ class TimingSource(StrictNode):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         gates = frozenset(each.strip() for each in self._settings.gates.split(','))
         self._account = Account(clock.now(), gates - {''})
-        self._gone = 'The device is not connected yet'  # empty: it is connected
+        self._gone = 'The device is not connected yet'  # empty if it is connected
         self._stuck = False
         self._connections = 0
         self._told = ''
@@ -99,7 +101,7 @@ class TimingSource(StrictNode):
         self._thread.start()
 
     def close(self) -> None:
-        """Release the device, and wait until everything published is heard."""
+        """Release the device, and wait until subscribers have received every passing."""
         self._ending.set()
         self._thread.join()
         wait_until_heard(self._passings)
@@ -122,7 +124,7 @@ class TimingSource(StrictNode):
                     self._gone = f'The device is not connected: {error}'
                 attempts = 0 if self._account.heard_at != heard else attempts + 1
                 self._ending.wait(RECONNECT_DELAYS[min(attempts, len(RECONNECT_DELAYS) - 1)])
-        except BaseException as error:  # noqa: BLE001 - handed on
+        except BaseException as error:  # noqa: BLE001 - passed on
             self._on_failure(error)
 
     def _follow(self, device: Device) -> None:
@@ -137,7 +139,7 @@ class TimingSource(StrictNode):
             now = clock.now()
             for event in decoder.feed(data):
                 self._take(event, now)
-            # A device whose plug is pulled does not close the connection.
+            # A device that was unplugged does not close its connection.
             if at_tcp and self._is_silent(now, since):
                 return
 
@@ -210,7 +212,7 @@ class TimingSource(StrictNode):
         self._diagnostics.publish(array)
 
     def _is_silent(self, now: float, since: float = 0.0) -> bool:
-        """Return whether the device has been silent for too long."""
+        """Return whether the device has been silent for too long, at the earliest `since`."""
         after = self._settings.silent_after
         if self._settings.kind == CONTACT or not after:
             return False
@@ -219,7 +221,7 @@ class TimingSource(StrictNode):
 
 def read_settings(parameters: Parameters) -> TimingSettings:
     """
-    Declare every parameter of the node.
+    Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
@@ -227,13 +229,13 @@ def read_settings(parameters: Parameters) -> TimingSettings:
     kinds = (CONTACT, *DECODERS)
     settings = TimingSettings(
         kind=declare('kind', '', f'Kind of the device: {", ".join(kinds)}.'),
-        device=declare('device', '', 'Its address: path of a serial port, or host:port.'),
-        source=declare('source', default.source, 'Name of the source; it must not change.'),
+        device=declare('device', '', 'Path of the serial port of the device, or host:port.'),
+        source=declare('source', default.source, 'Name of the source, which must not change.'),
         baud=declare('baud', default.baud, 'Baud rate of a serial port.', (300, 3_000_000)),
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'Time of silence until it is reported, s; 0: the device may be silent.',
+            'Time after which silence is reported, s. 0 if the device may be silent.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
@@ -241,13 +243,13 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         debounce=declare(
             'debounce',
             default.debounce,
-            'Time the contact must have been free before a crossing, s.',
+            'Time for which the contact must have been free before a crossing, s.',
             (0.01, 10.0),
         ),
         gates=declare(
             'gates',
             default.gates,
-            'Transponders that belong to no kart, such as gates, by number or label: 9992, 9995.',
+            'Numbers or labels of transponders that belong to gates and not to karts: 9992, 9995.',
         ),
     )
     parameters.refuse_unknown()

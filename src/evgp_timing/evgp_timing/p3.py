@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-MYLAPS P3, as its decoders send it over TCP. The decoder is the server; we send it nothing.
+The protocol P3 of MYLAPS, as its decoders send it over TCP.
+
+The decoder is the server, and this program only reads.
 
 The format comes from public descriptions and captures, not from MYLAPS (see README.md).
 """
@@ -20,14 +22,14 @@ PORT = 5403
 
 
 class Kind(enum.IntEnum):
-    """Types of records; there are more."""
+    """The types of records that this module uses."""
 
     PASSING = 0x0001
     STATUS = 0x0002
 
 
 class Field(enum.IntEnum):
-    """Fields of a passing; there are more."""
+    """The fields of a passing that this module uses."""
 
     NUMBER = 0x01
     TRANSPONDER = 0x03
@@ -39,9 +41,10 @@ class Field(enum.IntEnum):
 
 def checksum(record: bytes) -> int:
     """
-    Return the 16-bit CRC: polynomial 0x1021, initial value 0xFFFF, each byte added at the low end.
+    Return the 16-bit CRC of a record.
 
-    The usual CCITT variant adds each byte at the high end, so it is two bytes ahead.
+    Its polynomial is 0x1021 and its initial value 0xFFFF. Each byte is added at the low end. The
+    usual CCITT variant adds each byte at the high end, so it is two bytes ahead.
     """
     return binascii.crc_hqx(b'\xff\xff' + record[:-2], 0) ^ int.from_bytes(record[-2:], 'big')
 
@@ -60,7 +63,7 @@ P3 = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record; its time is in microseconds since 1970, by its own clock."""
+    """Return the event in a record. Its time is since 1970, by the decoder's clock."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)
@@ -78,7 +81,7 @@ def read(record: Record) -> Event:
 
 
 def _named(number: str, label: bytes) -> str:
-    """Return the number of a transponder, followed by its printed label if it has one."""
+    """Return the number of a transponder, followed by the label printed on it, if any."""
     printed = label.decode('latin-1').strip('\0 ')
     says_more = printed.isascii() and printed.isprintable() and printed not in ('', number)
     return f'{number} {printed}' if says_more else number

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A MYLAPS P3 decoder without hardware: it simulates karts driving laps, for rehearsals and tests.
+An emulator of a MYLAPS P3 decoder, which simulates karts on laps for rehearsals and tests.
 
-It follows the public descriptions, so it cannot prove that they are right.
+The emulator follows the public descriptions, so it cannot prove that they are right.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0
 
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
-    """Return the record of a passing; the time is in microseconds since 1970."""
+    """Return the record of a passing, whose time is in microseconds since 1970."""
     fields = (
         (p3.Field.NUMBER, number, 4),
         (p3.Field.TRANSPONDER, transponder, 4),
@@ -41,7 +41,15 @@ def passing(number: int, transponder: int, time_us: int) -> bytes:
 def serve(
     server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
 ) -> None:
-    """Let the karts drive laps until the process ends, and send them to all listeners."""
+    """
+    Simulate laps until the process ends, and send the passings to every listener.
+
+    :param server: the listening socket.
+    :param transponders: number of the transponder of each kart.
+    :param lap: mean lap time, in seconds.
+    :param spread: maximum deviation from it, as a fraction.
+    :param status: time between two signs of life, in seconds.
+    """
     listeners: list[socket.socket] = []
     numbers, chance = itertools.count(1), random.Random()  # noqa: S311 - lap times
     start = time.monotonic()
@@ -69,7 +77,7 @@ def serve(
             after = lap * chance.uniform(1 - spread, 1 + spread)
         due[0] = at + after, transponder
         for each in listeners:
-            with contextlib.suppress(OSError):  # the listener is gone; `recv` will notice
+            with contextlib.suppress(OSError):  # the listener is gone, which `recv` will notice
                 each.send(data, socket.MSG_DONTWAIT)
 
 
@@ -77,7 +85,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the emulator until Ctrl-C."""
     parser = argparse.ArgumentParser(description='A MYLAPS P3 decoder without hardware.')
     parser.add_argument('--address', default='127.0.0.1', help='address to listen on')
-    parser.add_argument('--port', type=int, default=p3.PORT, help='port to listen on; 0: any')
+    parser.add_argument('--port', type=int, default=p3.PORT, help='port to listen on; 0 for any')
     parser.add_argument('--transponders', type=int, nargs='+', default=[1001, 1002])
     parser.add_argument('--lap', type=float, default=20.0, help='mean lap time, s')
     parser.add_argument('--spread', type=float, default=0.1, help='their spread, as a fraction')

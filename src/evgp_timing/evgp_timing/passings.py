@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The messages of a timing device: passings, signs of life, and unreadable data."""
+"""The events of a timing device, which are passings, signs of life, and unreadable data."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ class Passing:
     """
     A crossing of the line, by a transponder or by something that broke the beam.
 
-    :ivar time_us: when, by the device's clock, in microseconds.
-    :ivar number: the device's count of it, up to 2**32 - 1; 0: the device does not count.
-    :ivar transponder: the transponder's number or name on the device, or its number, a space and
-        the label printed on it; empty if unknown.
-    :ivar hits: number of times the device saw it, up to 65535; 0 if not given.
-    :ivar strength: strength of the signal, in the device's own unit; None if not given.
-    :ivar checked: False: the device sends no checksum, so transmission errors are possible.
+    :ivar time_us: time of the crossing by the device's clock, in microseconds.
+    :ivar number: the device's number of the passing, up to 2**32 - 1; 0 if the device does not
+        count.
+    :ivar transponder: number or name of the transponder as the device reports it, or its number, a
+        space and the label printed on it. Empty if it is unknown.
+    :ivar hits: number of times that the device saw the transponder, up to 65535; 0 if unknown.
+    :ivar strength: strength of the signal, in the device's own unit; None if unknown.
+    :ivar checked: False if the device sends no checksum, so that transmission errors are possible.
     """
 
     time_us: int
@@ -33,21 +34,21 @@ class Passing:
 
 @dataclasses.dataclass(frozen=True)
 class Refused:
-    """Data that cannot be read, and the reason."""
+    """Data that cannot be read, with the reason as a phrase."""
 
     reason: str
 
 
 @dataclasses.dataclass(frozen=True)
 class Sign:
-    """A complete message that is no passing; it shows that the device is alive."""
+    """A complete message other than a passing, which shows that the device is alive."""
 
 
 Event: TypeAlias = Passing | Refused | Sign
 
 
 class Decoder(Protocol):
-    """Decodes the bytes of one connection, however they are split, and never raises."""
+    """A decoder of the bytes of one connection, which never raises an exception."""
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return the events that these bytes complete."""
+        """Return the events that these bytes complete, however the bytes are split."""

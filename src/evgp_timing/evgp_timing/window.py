@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's window as a process: `ros2 run evgp_timing timekeeper_window`.
+The process of the timekeeper's window (`ros2 run evgp_timing timekeeper_window`).
 
-It may run on any machine of the officials' network. It shows what the timekeeper publishes and
-calls the timekeeper's services. It cannot stop or start anything.
+The window may run on any machine of the officials' network. It shows what the timekeeper
+publishes, and calls the timekeeper's services. It cannot stop or start anything.
 """
 
 from __future__ import annotations
@@ -50,22 +50,24 @@ NOT_ALLOWED = (
 )
 
 TIMING = 'timing: '
-"""Prefix of a timing line's name in diagnostics."""
+"""Prefix of a timing source's name in diagnostics."""
 
 END_TIMEOUT = 5.0
-"""Maximum time the process takes to end after its window is closed, in seconds."""
+"""Maximum time that the process takes to end after its window is closed, in seconds."""
 
 
 class Client:
     """
-    Listens to the timekeeper and race control in its own thread, and calls the timekeeper.
+    The client that hears the timekeeper and race control in its own thread.
 
-    :param node_options: options of its node.
+    It also calls the timekeeper's services.
+
+    :param node_options: further arguments for the node of rclpy.
     :raises RCLError: if ROS does not allow this client.
     """
 
     def __init__(self, **node_options: Any) -> None:
-        """Join the domain and start to listen."""
+        """Create the node, and start to listen."""
         self._inbox: queue.SimpleQueue[Callable[[Any], object]] = queue.SimpleQueue()
         self.node = Node('timekeeper_window', **node_options)
         fence_graph()
@@ -85,7 +87,7 @@ class Client:
         )
 
     def take(self, window: Any) -> None:
-        """Pass what was heard to a window, in the calling thread."""
+        """Pass to a window what was heard since the last call, in the calling thread."""
         while not self._inbox.empty():
             self._inbox.get()(window)
 
@@ -96,7 +98,15 @@ class Client:
         fields: Mapping[str, Any],
         answered: Callable[[Answer], None],
     ) -> None:
-        """Send a correction; `take` delivers the answer."""
+        """
+        Send a correction.
+
+        :param entry: the row of the correction.
+        :param official: name of the official.
+        :param fields: the other fields of the request.
+        :param answered: called with the answer, by `take`. If the timekeeper was not found, it is
+            called at once.
+        """
         service = self._services[entry.service]
         if not service.service_is_ready():
             answered(Answer(False, 'the timekeeper was not found. Nothing was sent'))
@@ -112,7 +122,7 @@ class Client:
         service.call_async(request).add_done_callback(tell)
 
     def close(self) -> None:
-        """Leave the domain."""
+        """End the thread and destroy the node."""
         self._spinning.stop()
         self.node.destroy_node()
 
@@ -150,8 +160,9 @@ def _seconds(time: Any) -> float:
 
 def main(arguments: list[str] | None = None) -> int:
     """
-    Open the window and run until it is closed.
+    Open the window, and run until it is closed.
 
+    :param arguments: command-line arguments; None for those of this process.
     :return: 0 after an orderly end, 2 if Qt or a screen is missing or a setting is wrong.
     """
     program, *given = ['timekeeper_window', *arguments] if arguments is not None else sys.argv
@@ -172,10 +183,10 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(str(error))
     application = QtWidgets.QApplication(remove_ros_args([program, *given]))
     application.setStyle('Fusion')
-    # Python runs these handlers when a timer lets it.
+    # Python runs these handlers only when a timer of Qt calls Python.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
-    # ROS reads an unquoted name such as 7 or yes as a number or a truth value.
+    # ROS reads an unquoted name such as 7 or yes as a number or a truth value, so accept any type.
     descriptor = ParameterDescriptor(
         description='Name of the timekeeper at this window.', read_only=True, dynamic_typing=True
     )
@@ -183,7 +194,7 @@ def main(arguments: list[str] | None = None) -> int:
     window = TimekeeperWindow(client.give, client.take, str(official or ''))
     window.widget.showMaximized()
     application.exec()
-    end_within(END_TIMEOUT, 0)  # whatever DDS does
+    end_within(END_TIMEOUT, 0)  # even if DDS hangs
     client.close()
     rclpy.try_shutdown()
     return 0

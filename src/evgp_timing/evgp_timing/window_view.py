@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The texts that the timekeeper's window shows. This module computes no results.
+The texts that the timekeeper's window shows. This module does not compute results.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -45,8 +45,9 @@ class Row(NamedTuple):
     """
     The result of one kart.
 
-    :param cells: one text per heading of ``HEADINGS``.
-    :param penalised: an official has penalised it.
+    :param kart: number of the kart.
+    :param cells: one text for each heading of ``HEADINGS``.
+    :param penalised: whether an official has penalised the kart.
     """
 
     kart: int
@@ -58,10 +59,10 @@ class Crossing(NamedTuple):
     """
     One passing of the timing line.
 
-    :param at: time of the crossing since GREEN_GREEN.
-    :param kart: the kart's number; ``?`` if unknown.
-    :param text: the outcome of the passing.
-    :param act: what its button does; ``button``: the label of that button.
+    :param at: time from GREEN_GREEN to the crossing, as text.
+    :param kart: number of the kart; ``?`` if it is unknown.
+    :param text: what became of the passing.
+    :param act: what the button of the row does.
     """
 
     passing: Passing
@@ -72,11 +73,11 @@ class Crossing(NamedTuple):
 
     @property
     def button(self) -> str:
-        """Return the label of its button."""
+        """Return the label of the button."""
         return _BUTTONS[self.act]
 
     def __str__(self) -> str:
-        """Return its name in a dialog."""
+        """Return the passing's description in a dialog."""
         return f'Kart {self.kart} at {self.at}: {self.text} ({self.passing.identity})'
 
 
@@ -87,9 +88,9 @@ def title(results: Standings) -> str:
 
 def about(results: Standings, state: str) -> str:
     """
-    Return the facts about the shown race.
+    Return the facts about the shown race, such as its format and state, as text.
 
-    :param state: the state of the race, with its duration.
+    :param state: the state of the race, and how long it has lasted.
     """
     words = [
         results.format.value.replace('_', ' ') + f' to {results.laps} laps' * bool(results.laps)
@@ -105,7 +106,7 @@ def _hour(stamp: float) -> str:
 
 
 def races(results: Standings) -> list[tuple[str, int]]:
-    """Return every race of the event with its number, newest first."""
+    """Return a text for every race of the event, with the race's number, newest first."""
     return [
         (
             f'{each.heat or "Race"}, run of {_hour(each.stamp)}: {each.classified} classified'
@@ -117,13 +118,13 @@ def races(results: Standings) -> list[tuple[str, int]]:
 
 
 def newest_with_results(results: Standings) -> int:
-    """Return the number of the race that a correction probably means; 0: there was none."""
+    """Return the number of the race that a correction probably means; 0 if there is none."""
     began = results.races[: len(results.races) - (not results.karts)]
     return began[-1].number if began else 0
 
 
 def karts(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, int]]:
-    """Return every kart with its number, for an official to choose from."""
+    """Return a text for every kart, with its number, for an official to choose from."""
     known = {**{each.kart: '' for each in results.karts}, **teams}
     return [(f'{number}  {team}'.rstrip(), number) for number, team in sorted(known.items())]
 
@@ -132,7 +133,8 @@ def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
     """
     Return the results, best first.
 
-    :param teams: the team of each kart in the roster.
+    :param results: the results.
+    :param teams: name of the team of each kart in the roster.
     """
     return [
         Row(
@@ -166,7 +168,8 @@ def crossings(results: Standings) -> list[Crossing]:
 
 
 def _crossings(results: Standings) -> Iterator[Crossing]:
-    # A kart's newest counted crossing ended its last lap, the one before it the lap before.
+    # A kart's newest counted crossing ended its last lap. The crossing before it ended the lap
+    # before that.
     laps = {each.kart: [*each.lap_times] for each in results.karts}
     for judged in reversed(results.passings):
         passing = judged.passing
@@ -182,7 +185,7 @@ def _crossings(results: Standings) -> Iterator[Crossing]:
 
 
 def _became(judged: Judged, laps: list[float], wanted: int) -> str:
-    """Return the outcome of a passing; ``laps`` are those completed until then."""
+    """Return what became of a passing. ``laps`` are the times of the laps completed until then."""
     match judged.mark:
         case Mark.STRUCK:
             return f'struck: {judged.struck}'

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's window: Qt's own tables, dialogs and buttons.
+The timekeeper's window, made of Qt's own tables, dialogs and buttons.
 
 :raises ImportError: if there is no Qt for Python.
 """
@@ -41,8 +41,9 @@ NO_RACE_CONTROL = 'race control is not heard'
 NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
 
 Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
-"""Sends a correction in an official's name, with the fields of its request, and returns at once.
-Its last argument is called with the answer, in the window's thread."""
+"""A function that sends a correction and returns at once. It gets the correction, the official's
+name, the fields of the request, and a function that is called with the answer in the window's
+thread."""
 
 REFRESH = 50
 """Time between two updates of the window, in milliseconds."""
@@ -91,19 +92,19 @@ QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB
 
 class TimekeeperWindow:
     """
-    The window.
+    The timekeeper's window.
 
-    Its functions `on_...` receive the news in the window's thread.
+    Its methods `on_...` receive the news in the window's thread.
 
-    :param give: sends a correction.
-    :param take: passes on what was heard since the last call.
-    :param official: name of the official, if known at start.
+    :param give: a function that sends a correction.
+    :param take: a function that passes on what was heard since the last call.
+    :param official: name of the official; empty if it is not known at the start.
     """
 
     def __init__(
         self, give: Give, take: Callable[[TimekeeperWindow], None], official: str
     ) -> None:
-        """Create the window without showing it."""
+        """Create the window, but do not show it yet."""
         self._give, self._take = give, take
         self._results = Standings()
         self._heard = self._race_heard = clock.now()
@@ -145,13 +146,13 @@ class TimekeeperWindow:
     # ----- what is heard ------------------------------------------------------------------
 
     def on_results(self, results: Standings) -> None:
-        """Show the current results."""
+        """Show the present results and crossings."""
         self._results, self._heard = results, clock.now()
         self._show_results()
         self._show_crossings(view.crossings(results))
 
     def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
-        """Update the state of the race, its duration and the teams."""
+        """Update the state of the race, how long it has lasted (in seconds), and the teams."""
         self._race_heard, self._state = clock.now(), state
         self._since = self._race_heard - seconds
         if teams != self._teams:
@@ -159,13 +160,13 @@ class TimekeeperWindow:
             self._show_results()
 
     def on_line(self, name: str, where: str, trouble: str) -> None:
-        """Update a timing line's condition; an empty ``trouble`` means that it works."""
+        """Update a timing source's condition. An empty ``trouble`` means that it works."""
         self._lines[name] = where, trouble, clock.now()
 
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Process the news, and show the age of everything and unanswered corrections."""
+        """Process the news, and show how old everything is and what has no answer."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
@@ -195,7 +196,7 @@ class TimekeeperWindow:
         return self._results.stamp > 0.0 and clock.now() - self._heard <= TIMING_GONE
 
     def _say(self, text: str, bad: bool = False) -> None:
-        """Show a sentence in the bottom line."""
+        """Show a sentence in the bottom line, in red if it is bad news."""
         self._said.setText(text)
         self._said.setProperty('bad', bad)
         self._said.style().polish(self._said)
@@ -216,7 +217,7 @@ class TimekeeperWindow:
                     _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
 
     def _show_crossings(self, seen: list[view.Crossing]) -> None:
-        """Show the crossings; each row keeps its passing while new rows appear above."""
+        """Show the crossings. Each row keeps its passing while new rows appear above it."""
         if seen == self._crossings:
             return
         table, new = self._passings, [each.passing for each in seen]
@@ -240,7 +241,7 @@ class TimekeeperWindow:
     # ----- what is corrected --------------------------------------------------------------
 
     def _count(self) -> None:
-        """Count a lap for the kart whose number was typed."""
+        """Count a crossing of the kart whose number the official has typed."""
         typed = self._lap.text().strip()
         self._lap.clear()
         self._lap.setFocus()
@@ -263,10 +264,11 @@ class TimekeeperWindow:
 
     def _ask(self, act: Act, text: str = '', **given: Any) -> None:
         """
-        Open a dialog for a correction, and send it once it is confirmed.
+        Open a dialog for a correction, and send the correction once the official confirms it.
 
-        :param text: the subject of the correction.
-        :param given: the known fields of the request.
+        :param act: the kind of correction.
+        :param text: what the correction is about; empty for the meaning of the correction.
+        :param given: the fields of the request that are known already.
         """
         entry = CORRECTIONS[act]
         dialog = QtWidgets.QDialog(self.widget, objectName='dialog', windowTitle=entry.label)
@@ -288,7 +290,7 @@ class TimekeeperWindow:
         def check() -> None:
             told = {name: _value(widget) for name, widget in fields.items()}
             costs = act is not Act.PENALISE or any(told[each] for each in (*_MOST, 'disqualified'))
-            # None means that nothing is chosen.
+            # None means that the official has not chosen a kart.
             box.button(yes).setEnabled(bool(costs and not {None, ''} & {*told.values()}))
 
         for each in fields.values():
@@ -358,7 +360,7 @@ def _button(name: str, text: str, act: Callable[[], None]) -> Any:
 
 
 def _card(*widgets: Any) -> Any:
-    """Return a frame with widgets side by side."""
+    """Return a frame that contains the widgets side by side."""
     card = QtWidgets.QFrame(objectName='card')
     layout = QtWidgets.QHBoxLayout(card)
     for each in widgets:
@@ -415,7 +417,7 @@ def _badge(table: Any, row: int, column: int, text: str) -> None:
 
 
 def _inside(table: Any, row: int, column: int, widget: Any) -> None:
-    """Put a widget into a cell, in its own size."""
+    """Put a widget into a cell without stretching it."""
     cell = QtWidgets.QWidget()
     layout = QtWidgets.QHBoxLayout(cell)
     layout.setContentsMargins(6, 4, 6, 4)
@@ -437,7 +439,8 @@ _READ = {
     'textChanged': 'text',
     'toggled': 'isChecked',
 }
-"""Change signal of each kind of field, and its getter; a number also has a text."""
+"""The signal by which each kind of field reports changes, and its getter. The order matters,
+because a field for a number also has a text."""
 
 
 def _changed(field: Any) -> Any:
