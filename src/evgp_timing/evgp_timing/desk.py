@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's knowledge: all races of the event, their laps, and which race of a heat counts.
+The timekeeper's desk, which knows all races of the event, their laps and their results.
 
-Three kinds of input change it, in the order in which they came (`Input`): events of race control
-(`Told`), passings of the timing line (`Passed`), and officials' corrections (`Corrected`). The
-timekeeper writes them into its own stream. A restarted program feeds them in again and knows
-everything again.
+Inputs (`Input`) change what the desk knows, in the order in which they come. They are events of
+race control (`Told`, `Heard`, `Missed`), passings of the timing line (`Passed`), and officials'
+corrections (`Corrected`). The timekeeper writes every input into its own stream. After a restart,
+it feeds them in again, and the desk knows everything again.
 
-Nothing here sends a kart anything. With `auto_finish`, `Desk.finishes` names the karts for which
+This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node asks race control for FINISH.
 
-Times are seconds since the machine started, by the clock of race control's events.
+Times are in seconds since the machine started, by the clock of race control's events.
 
-Pure.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -43,28 +43,34 @@ from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
-"""Maximum number of passings remembered to recognise repeated ones."""
+"""Maximum number of passings that the desk remembers to recognise repeated ones."""
 
 MOST_GIVEN = 100
-"""Maximum number of transponders that officials assign, and of penalties in a race."""
+"""Maximum number of transponders that officials can assign, and of penalties in a race."""
 
 MOST_PASSINGS = 200
 """Maximum number of passings in the results."""
 
 
 class Roster(NamedTuple):
-    """The karts and heats used for timing; ``transponders``: the kart of each."""
+    """
+    The part of the roster that timing uses.
+
+    :param karts: numbers of the karts.
+    :param transponders: the kart of each transponder.
+    :param heats: the heats.
+    """
 
     karts: tuple[int, ...]
     transponders: Mapping[str, int] = {}
     heats: tuple[Heat, ...] = ()
 
 
-# ----- what changes it ------------------------------------------------------------------------
+# ----- inputs ---------------------------------------------------------------------------------
 
 
 class What(enum.Enum):
-    """Reports of race control about a race, or about a kart in it."""
+    """What race control reports about a race, or about a kart in it."""
 
     GRID_ACTIVE = 'the grid forms'
     GREEN_GREEN = 'the race is started'
@@ -79,8 +85,12 @@ class Told(NamedTuple):
     """
     A report of race control.
 
-    :param run: the id of race control's run; ``race``: the number of the race in that run.
-    :param sequence: the number of the event.
+    :param at: when it happened, in seconds.
+    :param run: id of the run of race control.
+    :param race: number of the race in that run.
+    :param heat: name of the heat in the race; empty for none.
+    :param kart: number of the kart; 0 if the report is not about a kart.
+    :param sequence: number of the event.
     """
 
     at: float
@@ -93,7 +103,7 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """All events of a run of race control up to this number have arrived."""
+    """The report that all events of a run of race control up to this number have arrived."""
 
     at: float
     run: str
@@ -101,7 +111,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """Some events of race control did not arrive, so their content is unknown."""
+    """The report that this number of events did not arrive, so their content is unknown."""
 
     at: float
     run: str
@@ -113,8 +123,10 @@ class Passed(NamedTuple):
     """
     Passings that sources saw.
 
-    :param dropped: number of further passings dropped because there were too many.
-    :param away: time the timekeeper was away before, in s; passings may come this late.
+    :param at: when they came, in seconds.
+    :param dropped: number of further passings that were dropped because there were too many.
+    :param away: time for which the timekeeper was away before, in seconds. Passings may come this
+        late.
     """
 
     at: float
@@ -127,7 +139,7 @@ Input = Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
-    """The outcome of a correction: whether it was accepted, and a sentence for the official."""
+    """The answer to a correction, which says whether it was accepted, with a sentence."""
 
     success: bool
     text: str
@@ -135,9 +147,12 @@ class Answer(NamedTuple):
 
 class Finish(NamedTuple):
     """
-    A FINISH to ask race control for.
+    A FINISH for which the node asks race control.
 
-    :param attempt: number of times this kart's finish was undone in this race.
+    :param run: id of the run of race control.
+    :param race: number of the race in that run.
+    :param kart: number of the kart.
+    :param attempt: number of times that officials have undone this kart's finish in this race.
     """
 
     run: str
@@ -146,7 +161,7 @@ class Finish(NamedTuple):
     attempt: int
 
 
-# ----- what it knows --------------------------------------------------------------------------
+# ----- the desk -------------------------------------------------------------------------------
 
 
 @dataclass
@@ -154,12 +169,15 @@ class Race:
     """
     A race of the event.
 
-    :param began: when its grid formed.
-    :param started: GREEN_GREEN was sent.
-    :param published: the timekeeper has published its results.
+    :param run: id of the run of race control.
+    :param number: number of the race in that run.
+    :param began: when the grid formed, in seconds.
+    :param laps: the laps of the race.
+    :param started: whether race control has sent GREEN_GREEN.
+    :param published: whether an official has published the present results.
     :param missed: number of events of race control that did not arrive.
-    :param by_finish: for each kart whose FINISH counted as its crossing, that passing.
-    :param undone: number of times each kart's finish was undone.
+    :param by_finish: for each kart whose FINISH counted as a crossing, the passing for it.
+    :param undone: number of times that officials have undone each kart's finish.
     """
 
     run: str
@@ -180,8 +198,10 @@ class Race:
 
 class Desk:
     """
-    The timekeeper's desk: `feed` changes it, everything else shows what it knows.
+    The timekeeper's desk. `feed` changes what it knows, and the other methods return it.
 
+    :param roster: the karts and heats.
+    :param settings: the settings for counting laps.
     :ivar races: every race of the event, oldest first.
     """
 
@@ -194,7 +214,7 @@ class Desk:
         self._seen: dict[Identity, None] = {}
 
     def feed(self, given: Input) -> Answer | None:
-        """Process an input; return the answer if it is a correction."""
+        """Process an input, and return the answer if the input is a correction."""
         match given:
             case Told():
                 self._told(given)
@@ -234,7 +254,7 @@ class Desk:
                 pass
 
     def _race_of(self, told: Told) -> Race | None:
-        """Return the race of a report; None if its grid formed before the known inputs begin."""
+        """Return the race of a report; None if its grid formed before the first known input."""
         newest = self.races[-1] if self.races else None
         if newest is not None and (newest.run, newest.number) == (told.run, told.race):
             return newest
@@ -247,7 +267,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that begins; the sources' clocks are carried over."""
+        """Return the laps of a race that begins, with the sources' clocks as in the last race."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -261,7 +281,7 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """Finish a kart; if only its last lap is missing, the FINISH counts as the crossing."""
+        """Finish a kart. If only its last lap is missing, FINISH counts as the crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
@@ -295,7 +315,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Replace the FINISH's crossing by the one a source saw, if that one would count."""
+        """Replace the crossing of a FINISH by the one that a source saw, if that would count."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)
@@ -313,14 +333,14 @@ class Desk:
             return
         for kart in race.laps.karts:
             out = kart in race.laps.finished or kart in race.laps.left
-            # If an official has undone a finish, only an official gives it again.
+            # If an official has undone a finish, only an official may give it again.
             if race.laps.is_done(kart) and not out and not race.undone.get(kart):
                 yield Finish(race.run, race.number, kart, 0)
 
     # ----- corrections --------------------------------------------------------------------
 
     def about(self, given: Corrected) -> Corrected:
-        """Return a correction with its race filled in."""
+        """Return a correction with the run and number of its race filled in, if that is known."""
         number = given.correction.race
         if not self.races or number > len(self.races):
             return given
@@ -345,7 +365,7 @@ class Desk:
         if kart not in self.roster.karts:
             return Answer(False, f'there is no kart {kart}')
         if name not in self._given and len(self._given) >= MOST_GIVEN:
-            return Answer(False, f'{MOST_GIVEN} transponders were given; put them into the roster')
+            return Answer(False, f'{MOST_GIVEN} transponders were given. Put them into the roster')
         self._given[name] = kart
         for race in self.races[-1:]:
             race.laps = race.laps.again(transponders={**race.laps.transponders, name: kart})
@@ -409,7 +429,7 @@ class Desk:
                 self._chosen[race.heat] = race
                 return f'race {self.races.index(race) + 1} counts as {race.heat}'
 
-    # ----- what there is to see -----------------------------------------------------------
+    # ----- results ------------------------------------------------------------------------
 
     def _heat(self, name: str) -> Heat:
         return next((heat for heat in self.roster.heats if heat.name == name), Heat(''))
@@ -418,20 +438,20 @@ class Desk:
         """
         Return the race that counts for each heat.
 
-        It is the one that an official chose, otherwise the last one with a lap.
+        This is the race that an official chose or, without a choice, the last race with a lap.
         """
         last = {each.heat: each for each in self.races if each.laps.is_result}
         return {heat: self._chosen.get(heat, race) for heat, race in last.items()}
 
     def best(self, format_: Format) -> tuple[KartResult, ...]:
-        """Return each kart's best result in the counting heats of a format."""
+        """Return each kart's best result in the races that count for the heats of a format."""
         races = (race.laps for race in self.counting().values())
         return overall(
             format_, (each for laps in races if laps.format is format_ for each in laps.results)
         )
 
     def _order(self, source: str) -> list[int]:
-        """Return the karts of a heat or of a format's heats, in the order of their results."""
+        """Return the karts of a heat, or of all heats of a format, in the order of results."""
         if any(heat.name == source for heat in self.roster.heats):
             race = self.counting().get(source)
             results = race.laps.results if race is not None else ()
@@ -452,7 +472,7 @@ class Desk:
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
     def standings(self, now: float = 0.0) -> Standings:
-        """Return the published results as of this time, in seconds."""
+        """Return the present results for publication, at this time, in seconds."""
         grids = self.grids()
         seen = Standings(
             stamp=now,
@@ -486,7 +506,7 @@ class Desk:
             yield RaceOfEvent(number, race.heat, race.began, classified, counts)
 
     def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
-        """Return the next single-kart heat that has no result and is not in the race."""
+        """Return the next heat of a single kart that has no result and is not in the race."""
         raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
         turns = [
             (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
@@ -496,7 +516,7 @@ class Desk:
         return min(turns, default=(0, ''))[1]
 
     def questions(self, now: float = 0.0) -> list[str]:
-        """Return sentences about points in the newest race that an official should check."""
+        """Return sentences about what an official should check in the newest race."""
         if not self.races:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed

@@ -2,32 +2,36 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Laps: from passings of the timing line to laps, results and places.
+Turns the passings of the timing line into laps, results and places.
 
-A passing is evidence. It is kept as it came and judged by the rule below (``Mark``). Officials may
-strike out a passing, restore it, or give a transponder to a kart; each time, all passings are
-judged again. Nothing here depends on what a kart is sent.
+A passing is evidence. This module keeps each passing as it came, and judges it by the rules below
+(``Mark``). Officials may strike out a passing, restore it, or give a transponder to a kart. Each
+time, this module judges all passings again. The laps do not depend on what a kart is sent.
 
-A beam sees that a kart crosses, and officials say which one. An official's passing gives the kart
+A beam sees that a kart crosses, and officials say which kart. An official's passing gives the kart
 the oldest unidentified crossing of the last `BEAM_PRESS` seconds. If the official was quicker than
 the beam, a crossing that the beam sees within `clock_tolerance` after the official's passing
 replaces that passing. Both happen only if the crossing counts for that kart.
 
-A passing counts for a kart that started the race if it comes after GREEN_GREEN and before the
-kart's finish, its leaving or the end of the race, if the kart does not have all its laps yet, and
-if at least `min_lap_time` has passed since its last counted passing. A passing within
-`clock_tolerance` after the finish still counts, because an official who sees the kart cross may be
-quicker than the source.
+A passing counts for a kart that started the race if all of these are true:
 
-Time of crossing: the first passing of a source and session crossed when it arrived. After that the
-source's clock counts, as long as it agrees with the arrival times to within `clock_tolerance`.
-Passings that waited while the timekeeper was away may be older by that time. If a passing does not
-agree, it crossed when it arrived, and its source's clock is taken from it anew. But if it is the
-first of its source in this race and that clock puts it before GREEN_GREEN, it is late and never
-counts. Differences between crossings of one source thus have the source's precision, and a clock
-that is set or drifts cannot produce a lap that the arrival times do not confirm.
+- The passing comes after GREEN_GREEN, and before the kart's finish, its leaving or the end of the
+  race. A passing within `clock_tolerance` after the finish still counts, because an official who
+  sees the kart cross may be quicker than the source.
+- The kart does not have all its laps yet.
+- At least `min_lap_time` has passed since the kart's last counted passing.
 
-Pure and immutable: each change returns a new ``Laps``.
+The time of a crossing is found as follows. For the first passing of a source and session, it is
+the time of arrival. After that, it is by the source's clock, as long as this clock agrees with the
+times of arrival to within `clock_tolerance`. Passings that waited while the timekeeper was away
+may be older by that time. If a passing does not agree, its time is the time of arrival, and the
+source's clock is set by this passing. However, if it is the first passing of its source in this
+race, and the old clock puts it before GREEN_GREEN, it is late and never counts.
+
+Differences between the crossings of one source therefore have the source's precision. A clock that
+is set or drifts cannot produce a lap that the times of arrival do not confirm.
+
+This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
 
 from __future__ import annotations
@@ -60,24 +64,25 @@ MOST_A_RACE = 4_000
 
 MOST_SOURCES = 3
 """Maximum number of sources per race, besides officials. A correction judges all their passings
-again, and a stop waits for that (about 2 ms per thousand)."""
+again. This takes about 2 ms per thousand, and a stop waits as long."""
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
-"""Names for surplus passings that do not come from one known source."""
+"""Names under which surplus passings are counted that do not come from one known source."""
 
 BEAM_PRESS = 3.0
-"""Time after a beam's crossing within which an official can say whose it was, in seconds."""
+"""Time after a crossing of a beam within which an official can say which kart crossed, in
+seconds."""
 
 MOST_SEEN = 100_000
-"""Maximum number of passing identities remembered, over all races."""
+"""Maximum number of identities of passings remembered, over all races."""
 
 
 class Crossing(NamedTuple):
     """
     A passing on the time scale of the race, in seconds since GREEN_GREEN.
 
-    :param came: when the passing arrived.
-    :param at: when the kart crossed.
+    :param came: when the passing arrived, in seconds.
+    :param at: when the kart crossed, in seconds.
     """
 
     passing: Passing
@@ -87,10 +92,11 @@ class Crossing(NamedTuple):
 
 class Taken(NamedTuple):
     """
-    The outcome of a passing.
+    What became of a passing when it came.
 
-    :param lap: number of the lap that it completed; 0: none.
-    :param seconds: the time of that lap.
+    :param kart: number of the kart that crossed; 0 if it is unknown.
+    :param lap: number of the lap that the passing completed; 0 for none.
+    :param seconds: the time of that lap, in seconds.
     """
 
     passing: Passing
@@ -105,9 +111,11 @@ class LapSettings:
     """
     The settings for counting laps.
 
-    :param min_lap_time: minimum time between two passings that count, s; a sooner one is doubtful.
-    :param first_crossing: the first crossing `starts` lap 1, or `ends` it.
-    :param clock_tolerance: maximum difference between a source's clock and arrival times, s.
+    :param min_lap_time: minimum time between two passings of a kart that count, in seconds. A
+        passing that comes sooner is doubtful.
+    :param first_crossing: whether the first crossing of a kart `starts` lap 1 or `ends` it.
+    :param clock_tolerance: maximum difference between a source's clock and the times of arrival,
+        in seconds.
     """
 
     min_lap_time: float = 5.0
@@ -116,7 +124,13 @@ class LapSettings:
 
 
 class _Rate(NamedTuple):
-    """Number of passings accepted from a source: since the start of a second, and in all."""
+    """
+    The passings accepted from a source.
+
+    :param since: start of the present second, in seconds since GREEN_GREEN.
+    :param lately: number of passings since then.
+    :param taken: number of passings in this race.
+    """
 
     since: float = -math.inf
     lately: int = 0
@@ -128,20 +142,26 @@ class Laps:
     """
     The laps of one race.
 
-    :param wanted: number of laps that each kart drives; 0: no number is set.
-    :param green: when GREEN_GREEN was given, by the clock of the rules (s).
+    :param wanted: number of laps that each kart drives; 0 if no number is set.
+    :param green: when race control sent GREEN_GREEN, by the clock of the rules, in seconds.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
-    :param heat: the name of the race's heat; empty if it had none.
-    :param grid: the starting order of the karts; empty if unknown.
+    :param heat: name of the race's heat; empty if it had none.
+    :param grid: the starting order of the karts; empty if it is unknown.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
-    :param finished: when each kart finished, likewise; ``left``: when it left the race.
+    :param finished: when each kart finished, in seconds since GREEN_GREEN.
+    :param left: when each kart left the race, in seconds since GREEN_GREEN.
+    :param crossings: every accepted passing, in the order in which they came.
     :param struck: the passings that were struck out, and why.
     :param given: the karts that officials assigned to unidentified passings.
-    :param counted: each kart's counted times, s since GREEN_GREEN.
+    :param penalties: the penalties, in the order in which officials gave them.
+    :param counted: the times of each kart's counted crossings, in seconds since GREEN_GREEN.
     :param marks: the judgement of each crossing.
-    :param unknown: transponders that belong to no kart; ``clocks``: sources whose clocks did not
-        agree; ``over``: number of surplus passings, by source.
+    :param unknown: transponders that do not belong to any kart.
+    :param clocks: sources whose clocks did not agree with the times of arrival.
+    :param over: number of surplus passings, by source.
+    :param rates: how many passings of each source were accepted.
+    :param anchors: the crossing by which the clock of each source and session is set.
     """
 
     settings: LapSettings
@@ -167,16 +187,19 @@ class Laps:
     anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
     grid: tuple[int, ...] = ()
 
-    # ----- what happens -------------------------------------------------------------------
+    # ----- changes ------------------------------------------------------------------------
 
     def take(
         self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
     ) -> tuple[Laps, list[Taken]]:
         """
-        Add passings that arrive now, each for the first time, and return their outcomes.
+        Add passings that arrive now, and return the new laps and what became of each passing.
 
+        :param passings: the passings, each of which arrives for the first time.
+        :param now: the time, by the clock of the rules, in seconds.
         :param dropped: number of further passings that were dropped, from any source.
-        :param away: time the timekeeper was away before, s; passings may come this late.
+        :param away: time for which the timekeeper was away before, in seconds. Passings may come
+            this late.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -205,8 +228,8 @@ class Laps:
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
             tolerance = self.settings.clock_tolerance
             agrees = -tolerance - away <= at - came <= tolerance
-            # Sources report crossings in order. After a crossing of this race, an earlier stamp
-            # means that the clock jumped.
+            # Sources report crossings in order. If the source has already reported a crossing of
+            # this race, an earlier stamp means that its clock jumped.
             is_late = at < 0.0 and not any(
                 each.at >= 0.0 and _is_before(each.passing, passing)
                 for each in (*reversed(crossings), *reversed(self.crossings))
@@ -231,16 +254,16 @@ class Laps:
                     press.passing.identity: f'seen by {each.passing.identity}',
                 }
                 laps, seen = laps._give(crossing, press.passing.kart, struck=struck)
-                taken[place] = seen._replace(lap=0)  # already reported by the official
+                taken[place] = seen._replace(lap=0)  # the official's passing reported it
         return laps, taken
 
     def _waiting(self, came: float) -> Crossing | None:
-        """Return the oldest unidentified crossing that an official's passing may mean."""
+        """Return the oldest unidentified crossing that an official's passing now may mean."""
         lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest official's passing that a crossing by a beam replaces."""
+        """Return the oldest passing by an official that this crossing of a beam replaces."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (
@@ -255,7 +278,7 @@ class Laps:
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
-        """Assign an unidentified crossing to a kart."""
+        """Assign an unidentified crossing to a kart, and return what becomes of it."""
         identity = crossing.passing.identity
         laps = self.again(given={**self.given, identity: kart}, **changes)
         before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
@@ -265,7 +288,7 @@ class Laps:
         return laps, Taken(crossing.passing, kart, mark, len(times) - 1, times[-1] - times[-2])
 
     def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
-        """Judge further crossings, in the order in which they came."""
+        """Judge more crossings, in the order in which they came, and add them."""
         counted = dict(self.counted)
         unknown = set(self.unknown)
         taken = []
@@ -299,7 +322,7 @@ class Laps:
             return Mark.UNKNOWN
         finish = self.finished.get(kart, math.inf) + self.settings.clock_tolerance
         if self.wanted and crossing.passing.source == BY_HAND:
-            finish = math.inf  # an official may add a crossing that was missed or struck out
+            finish = math.inf  # officials may add a crossing that was missed or struck out
         until = min(self.ended, finish, self.left.get(kart, math.inf))
         too_late = crossing.came > until or (self.wanted and len(times) > self.wanted)
         if kart not in self.karts or too_late or crossing.at < 0.0:
@@ -309,16 +332,17 @@ class Laps:
         return Mark.COUNTED
 
     def kart_of(self, passing: Passing) -> int:
-        """Return the kart of a passing; 0 if unknown."""
+        """Return the number of the kart that a passing belongs to; 0 if it is unknown."""
         if passing.kart:
             return passing.kart
         if passing.transponder:
-            # By the whole name, or by the number or label in it unless two karts own these.
+            # Find the kart by the whole name. Otherwise, find it by the number or the label in the
+            # name, unless these belong to two karts.
             names = passing.transponder.split(' ', 1)
             owners = {self.transponders.get(name, 0) for name in names} - {0}
             alone = owners.pop() if len(owners) == 1 else 0
             return self.transponders.get(passing.transponder, alone)
-        # A beam cannot tell karts apart; if only one kart races, it is that one.
+        # A beam cannot tell karts apart. If only one kart races, that kart has crossed.
         alone = self.karts[0] if len(self.karts) == 1 else 0
         return self.given.get(passing.identity, alone)
 
@@ -332,11 +356,11 @@ class Laps:
         return fresh._judge(self.crossings)[0]
 
     def strike(self, identity: Identity, why: str) -> Laps:
-        """Strike out a passing."""
+        """Strike out a passing, for this reason."""
         return self.again(struck={**self.struck, identity: why})
 
     def restore(self, identity: Identity) -> Laps:
-        """Restore a passing."""
+        """Restore a passing that was struck out."""
         return self.again(struck={key: why for key, why in self.struck.items() if key != identity})
 
     def finish(self, kart: int, now: float) -> Laps:
@@ -344,7 +368,7 @@ class Laps:
         return dataclasses.replace(self, finished={**self.finished, kart: now - self.green})
 
     def undo_finish(self, kart: int) -> Laps:
-        """Undo a kart's finish, so that passings since then count."""
+        """Undo a kart's finish, so that later passings may count."""
         return self.again(finished={key: at for key, at in self.finished.items() if key != kart})
 
     def leave(self, kart: int, now: float) -> Laps:
@@ -352,11 +376,11 @@ class Laps:
         return dataclasses.replace(self, left={**self.left, kart: now - self.green})
 
     def end(self, now: float) -> Laps:
-        """Record that the race was stopped or is over; later passings do not count."""
+        """Record that the race was stopped or is over. Later passings do not count."""
         return dataclasses.replace(self, ended=min(self.ended, now - self.green))
 
     def penalise(self, penalty: Penalty) -> Laps:
-        """Add a penalty."""
+        """Add a penalty to the result of its kart."""
         return dataclasses.replace(self, penalties=(*self.penalties, penalty))
 
     def undo_penalty(self, kart: int) -> Laps:
@@ -365,7 +389,7 @@ class Laps:
         kept = (each for number, each in enumerate(self.penalties) if number != last)
         return dataclasses.replace(self, penalties=tuple(kept))
 
-    # ----- what there is to see -----------------------------------------------------------
+    # ----- results ------------------------------------------------------------------------
 
     def knows(self, identity: Identity) -> bool:
         """Return whether a passing belongs to this race."""
@@ -384,7 +408,7 @@ class Laps:
         )
 
     def trouble(self, now: float) -> str:
-        """Return a sentence about trouble with the sources; empty if there is none."""
+        """Return a sentence about what is wrong with the passings; empty if nothing is."""
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
@@ -404,11 +428,11 @@ class Laps:
 
     @property
     def is_result(self) -> bool:
-        """Return whether this is a result of a heat: at least one kart has a lap."""
+        """Return whether the race has a heat, and at least one kart has a lap."""
         return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
 
     def last_passings(self, most: int) -> list[Judged]:
-        """Return the last passings, oldest first."""
+        """Return at most this number of the last passings, oldest first."""
         shown = zip(self.crossings[-most:], self.marks[-most:], strict=True)
         return [
             Judged(
@@ -422,7 +446,7 @@ class Laps:
         ]
 
     def lap_times(self, kart: int) -> tuple[float, ...]:
-        """Return the lap times of a kart, in s."""
+        """Return the lap times of a kart, in seconds."""
         times = self.counted.get(kart, ())
         return tuple(after - before for before, after in itertools.pairwise(times))
 
@@ -462,10 +486,11 @@ _GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
 
 def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
     """
-    Return results in order, with places; results equal to the millisecond share a place.
+    Return results in order, with places. Results that are equal to the millisecond share a place.
 
-    Race: by laps, then by total time. Time trial: the same, then by best lap. Practice: by best
-    lap. Karts that did not finish, were not classified or are disqualified come last.
+    A race is ordered by laps, and then by total time. A time trial is ordered in the same way, and
+    then by best lap. Practice is ordered by best lap. Karts that did not finish, were not
+    classified or are disqualified come last.
     """
     key = functools.partial(_key, format_)
     placed: list[KartResult] = []
@@ -478,7 +503,7 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
 
 
 def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
-    """Return the key to sort results by; a better result has a smaller key."""
+    """Return the key by which results are sorted. A better result has a smaller key."""
     group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
     if format_ is Format.PRACTICE:
         return group, best
@@ -486,10 +511,10 @@ def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
 
 
 def overall(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
-    """Return each kart's best result over several races, in order, with places."""
+    """Return each kart's best result over several races of a format, in order, with places."""
     best: dict[int, tuple[tuple[float, ...], KartResult]] = {}
     for result in results:
-        # Of equal results, take the one with more laps, whatever their order.
+        # Of two equal results, take the one with more laps, so that their order does not matter.
         key = (*_key(format_, result), -result.laps, _ms(result.total))
         if result.kart not in best or key < best[result.kart][0]:
             best[result.kart] = key, result
@@ -501,7 +526,7 @@ def _ms(seconds: float | None) -> float:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Return up to three names, and the number of the others."""
+    """Return up to three names, and how many more there are, as text."""
     shown = sorted(names)
     more = f' and {len(shown) - 3} more' if len(shown) > 3 else ''
     return ', '.join(shown[:3]) + more

@@ -2,16 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``timekeeper`` node: laps and results, from race control's events and the timing line.
+The ``timekeeper`` node, which counts laps and publishes results.
 
-It runs on race control's machine, and both use that machine's clock. No kart depends on it: if it
+The timekeeper's inputs are race control's events and the passings of the timing line. It runs on
+race control's machine, because both use that machine's clock. Karts do not depend on it. If it
 ends, hangs or is wrong, the race goes on, and screens show that there is no timing. The only
-command it gives race control is FINISH, for a heat with `auto_finish`.
+command that it sends to race control is FINISH, for a heat with `auto_finish`.
 
-The executor's thread does all the work; the main thread closes the node. The timekeeper writes
-every input into the book before it acts on it.
+The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
+events and passings into the book before it acts on them.
 
-Passings wait for a moment, so that a flood of them costs few writes. After a start or a hang they
+Passings wait for a moment, so that a flood of them needs few writes. After a start or a hang, they
 also wait for race control's events, because a passing belongs to the race of its time.
 """
 
@@ -51,37 +52,40 @@ from rclpy.task import Future
 _P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
-"""QoS of ``~/results``: a late subscriber gets the current results at once."""
+"""QoS of ``~/results``, with which a late subscriber gets the present results at once."""
 
 EVENTS_QOS = latched(200)
-"""QoS of race control's events, the same as their publisher's."""
+"""QoS of race control's events, which is that of their publisher."""
 
 ARRIVING_QOS = latched(1000)
-"""QoS of ``passings``: passings published before the source was found arrive too."""
+"""QoS of ``passings``, with which passings also arrive that a source published before it was
+found."""
 
 DUE_EVERY = 0.2
-"""Time between two checks for due work, in seconds."""
+"""Time between two checks whether anything is due, in seconds."""
 
 GATHERED = 0.05
-"""Maximum time that passings wait to be processed together, in seconds."""
+"""Time for which passings wait so that they can be processed together, in seconds."""
 
 MOST_WAITING = 1000
-"""Maximum number of waiting passings; further ones are only counted."""
+"""Maximum number of passings that wait. The timekeeper only counts further ones."""
 
 HANG = 1.0
-"""Time without activity after which the timekeeper counts as having been away, in seconds."""
+"""Time without activity after which the timekeeper takes it that it was away, in seconds."""
 
 CATCH_UP = 3.0
-"""Time after an absence in which missed messages may still arrive, in seconds."""
+"""Time after an absence within which missed messages may still arrive, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
 
 KEPT_EVERY = 10.0
-"""Maximum time until changed results, and the last event number, are in the book, in seconds."""
+"""Maximum time until changed results and the number of the last event are in the book, in
+seconds."""
 
 FINISH_EVERY = 2.0
-"""Time until FINISH is requested again if the kart still counts as not finished, in seconds."""
+"""Time after which the timekeeper asks for FINISH again if the kart has not finished, in
+seconds."""
 
 MOST_STRENGTH = 1e9
 """Upper limit for the strength of a passing, in the device's own unit."""
@@ -93,11 +97,11 @@ _COMMANDS = {
     msg.CommandAvailability.KART_IN_GARAGE: What.LEFT,
     msg.CommandAvailability.LEAVE_RACE: What.LEFT,
 }
-"""What an accepted command means for a race's laps."""
+"""What an accepted command means for the laps of a race."""
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return the meaning of race control's event for the laps; None if it has none."""
+    """Return what an event of race control means for the laps; None if it means nothing."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
@@ -121,8 +125,9 @@ def passing_of(message: msg.Passing) -> Passing:
     """
     Return the passing in a message, whatever the message contains.
 
-    Values that the book cannot keep are dropped: a strength that is no number or too large, and a
-    time before 1970. Names become one printable line. No source may use the officials' name.
+    The book cannot store every value. A strength that is NaN or too large becomes unknown, and a
+    time before 1970 becomes 1970. Names become one printable line. If a source uses the name of
+    officials' passings, its name becomes empty.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength
@@ -137,7 +142,7 @@ def passing_of(message: msg.Passing) -> Passing:
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """The parameters; `read_settings` says what they mean."""
+    """The values of the parameters. `read_settings` says what they mean."""
 
     roster: pathlib.Path
     book: pathlib.Path
@@ -148,7 +153,7 @@ def read_roster(path: pathlib.Path) -> Roster:
     """
     Return the part of a roster file that the desk needs.
 
-    :raises RosterError: if the file cannot be read or is no roster.
+    :raises RosterError: if the file cannot be read or is not a roster.
     """
     roster = load_roster(path)
     owners = {name: each.number for each in roster.entries for name in each.transponders}
@@ -157,22 +162,23 @@ def read_roster(path: pathlib.Path) -> Roster:
 
 class Timekeeper(StrictNode):
     """
-    The node.
+    The timekeeper's node.
 
-    :param on_failure: called if the node cannot continue.
+    :param on_failure: called with the error if the node cannot go on.
+    :param node_options: further arguments for the node of rclpy.
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is wrong.
     :raises BookError: if the book cannot be used.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Restore what is known of this event, and start to listen."""
+        """Restore from the book what is known of this event, and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
         self._roster = settings.roster
         self._desk = Desk(read_roster(self._roster), settings.laps)
-        self._last: dict[str, int] = {}  # the number of the newest event of each run
+        self._last: dict[str, int] = {}  # number of the newest event of each run
         self._book = Book(settings.book)
         self._awake = -math.inf
         for each in self._book.known():
@@ -208,14 +214,14 @@ class Timekeeper(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """Write the current results and close the book."""
+        """Write the present results into the book, and close it."""
         with self._turn:
             self._ended = True
             self._keep(clock.now(), at_once=True)
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that runs while no other does, and never after the end."""
+        """Return a callback that never runs beside another one or after the node has closed."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:
@@ -228,10 +234,10 @@ class Timekeeper(StrictNode):
 
         return run
 
-    # ----- what comes ---------------------------------------------------------------------
+    # ----- inputs -------------------------------------------------------------------------
 
     def _take(self, *given: Input) -> Answer | None:
-        """Write inputs into the book and process them; return the answer to the last one."""
+        """Write inputs into the book and process them, and return the answer to the last one."""
         self._write(*given)
         return [self._feed(each) for each in given][-1]
 
@@ -239,7 +245,7 @@ class Timekeeper(StrictNode):
         try:
             self._book.write(*given)
         except OSError as error:
-            self.get_logger().error(f'{error}. After a restart this input would be missing')
+            self.get_logger().error(f'{error}. After a restart, this input would be missing')
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, (Told, Heard)):
@@ -287,11 +293,11 @@ class Timekeeper(StrictNode):
 
     @property
     def _catches_up(self) -> bool:
-        """Return whether messages missed during an absence may still arrive."""
+        """Return whether messages that were missed during an absence may still arrive."""
         return self._awake - self._back < CATCH_UP
 
     def _take_waiting(self) -> None:
-        """Process the waiting passings."""
+        """Process the passings that wait, unless missed messages may still arrive."""
         if not self._waiting or self._catches_up:
             return
         waiting, self._waiting = self._waiting, []
@@ -325,7 +331,7 @@ class Timekeeper(StrictNode):
 
         self.create_service(kind, f'~/{name}', answered)
 
-    # ----- what goes out ------------------------------------------------------------------
+    # ----- outputs ------------------------------------------------------------------------
 
     def _look(self) -> None:
         now = clock.now()
@@ -349,7 +355,7 @@ class Timekeeper(StrictNode):
                 self._asked[wanted] = now, self._ask_for(wanted)
 
     def _keep(self, now: float, at_once: bool = False) -> None:
-        """Write the results into the book if they have changed."""
+        """Write changed results into the book, at most every `KEPT_EVERY` unless `at_once`."""
         if self._shown is None or not self._shown.race:
             return
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]
@@ -383,18 +389,18 @@ def _asked_for(act: Act, request: Any) -> Correction:
 
 def read_settings(parameters: Parameters) -> Settings:
     """
-    Declare every parameter of the node.
+    Declare every parameter of the node, and return the values.
 
     :raises ParameterError: if a parameter is wrong.
     """
     declare, default = parameters.declare, LapSettings
-    roster = declare('roster', '', "The file that lists the karts: race control's roster.")
-    book = declare('book', '', 'Its file (SQLite); empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
+    roster = declare('roster', '', "The file that lists the karts, race control's roster.")
+    book = declare('book', '', 'The book (SQLite). Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
         min_lap_time=declare(
             'min_lap_time',
             default.min_lap_time,
-            'Minimum time between two passings that count, s; a sooner one is doubtful.',
+            'Minimum time between two passings that count, s. A sooner passing is doubtful.',
             (0.1, 3600),
         ),
         first_crossing=declare(
@@ -426,8 +432,9 @@ def read_settings(parameters: Parameters) -> Settings:
 
 def main(args: list[str] | None = None) -> int:
     """
-    Run the node until SIGINT or SIGTERM.
+    Run the timekeeper until SIGINT or SIGTERM.
 
+    :param args: command-line arguments; None for those of this process.
     :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the book
         cannot be used.
     """
