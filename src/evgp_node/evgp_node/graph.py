@@ -290,8 +290,7 @@ def has_its_address() -> bool:
 
 def trouble_of_graph(domain: int) -> str:
     """
-    Return what is wrong with this process's graph, as a sentence for officials; empty if nothing
-    is.
+    Return what is wrong with this process's graph, as a sentence; empty if nothing is.
 
     This takes about a millisecond. Any thread may call it.
 

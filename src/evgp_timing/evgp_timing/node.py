@@ -49,8 +49,7 @@ CONTACT_LOOK = 0.001
 """Time between two looks at a contact, in seconds."""
 
 RECONNECT_DELAYS = (0.5, 1.0, 2.0, 5.0)
-"""Time before the second, third, ... attempt to connect, in seconds. The last applies to all
-further attempts."""
+"""Times before further attempts to connect, in seconds. The last one repeats."""
 
 
 @dataclasses.dataclass(frozen=True)
