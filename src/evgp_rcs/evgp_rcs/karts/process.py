@@ -125,8 +125,8 @@ def main(arguments: list[str] | None = None) -> int:
             ros_half.send_the_rest(Failed(words), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
                 raise
-            # A stopped ROS half wakes up and ends. If it has died, this process has another
-            # parent.
+            # SIGCONT wakes a stopped ROS half, which then ends. If the ROS half has died, this
+            # process has another parent.
             with contextlib.suppress(PermissionError):
                 os.kill(os.getppid(), signal.SIGCONT)
             return 1

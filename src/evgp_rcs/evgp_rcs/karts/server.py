@@ -135,7 +135,7 @@ class Waiting:
 
     def is_late(self, now: float) -> bool:
         """
-        Return whether the command has expired, which a stop never does.
+        Return whether the command has expired, which stops and RACE_OVER never do.
 
         The sender of an expired command has already been told that there is no answer.
         """
