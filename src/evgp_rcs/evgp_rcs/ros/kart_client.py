@@ -144,8 +144,8 @@ class KartServerClient:
         """
         Pass on an official's command, and wait for its answer.
 
-        If there is no answer in time, the kart server still carries out a stop, but no other
-        command.
+        If there is no answer in time, a stop still waits until the kart server judges it. Any
+        other command except RACE_OVER expires.
 
         :param command: the command.
         :param came: when the command came, on the clock of the rules, in seconds.

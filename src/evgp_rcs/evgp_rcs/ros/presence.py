@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The programs from which officials can stop the race, which announce themselves every second.
+The programs from which officials can stop the race.
 
-Race control counts a program if the program's last message without a fault is younger than
-`SILENT_AFTER`. It reports a missing stop button until someone starts another one in its place. It
-never counts the timekeeper, which sends only FINISH and cannot stop a race.
+Each of these programs announces itself at least once a second. Race control counts a program if
+the program's last message without a fault is younger than `SILENT_AFTER`. It reports a missing
+stop button until someone starts another one in its place. It never counts the timekeeper, which
+sends only FINISH and cannot stop a race.
 
 This module is pure: messages and times are inputs. Any thread may call it.
 """
