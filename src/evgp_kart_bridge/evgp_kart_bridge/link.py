@@ -55,8 +55,8 @@ SEND_BYTES = 4096
 when race control does not read the kart's replies."""
 
 MOST_UNSENT = 256
-"""Maximum number of bytes that wait because the kernel's buffer is full. Beyond it, the link takes
-it that race control does not read the kart's replies."""
+"""Maximum number of bytes that wait because the kernel's buffer is full. Beyond it, the link
+assumes that race control does not read the kart's replies."""
 
 Publish = Callable[[Verdict, 'LinkStatus'], None]
 Input = Callable[[Arbiter, float], Reaction]

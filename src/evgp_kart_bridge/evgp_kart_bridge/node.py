@@ -555,7 +555,7 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'msr_timeout',
-        "Time without ~/msr (the MSR's contact) after which the kart stops, s. 0: not wired.",
+        "Time without ~/msr (the MSR's contact) after which the kart stops, s. 0 if not wired.",
         (0.0, 1.0),
     ),
     (

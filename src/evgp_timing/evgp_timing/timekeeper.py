@@ -71,7 +71,7 @@ MOST_WAITING = 1000
 """Maximum number of passings that wait. The timekeeper only counts further ones."""
 
 HANG = 1.0
-"""Time without activity after which the timekeeper takes it that it was away, in seconds."""
+"""Time without activity after which the timekeeper considers that it was away, in seconds."""
 
 CATCH_UP = 3.0
 """Time after an absence within which missed messages may still arrive, in seconds."""

@@ -270,7 +270,7 @@ def _what_is_lost(address: str, name: str, card: Card | None) -> str:
 
 class Asker:
     """
-    The way to ask at an interface, and to hear who claims an address.
+    An object that asks at an interface, and hears who claims an address.
 
     This base class is used when this process cannot ask at all.
 
@@ -302,7 +302,7 @@ class Asker:
 
 
 class _RawSocket(Asker):
-    """Asking through a raw socket, which hears every ARP packet at any interface."""
+    """An asker with a raw socket, which hears every ARP packet at any interface."""
 
     def __init__(self) -> None:
         """
@@ -349,7 +349,7 @@ class _RawSocket(Asker):
 
 
 class _Arping(Asker):
-    """Asking through the program ``arping``, which may have a right that this process lacks."""
+    """An asker with the program ``arping``, which may have a right that this process lacks."""
 
     def __init__(self) -> None:
         """

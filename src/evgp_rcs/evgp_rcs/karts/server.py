@@ -439,7 +439,7 @@ class KartServer:
             self._take(inputs.StartSaved(self.now(), False, number))
 
     def _notice_stall(self, now: float) -> None:
-        """Report it to the rules if race control has stalled."""
+        """Report a stall of race control to the rules, if there was one."""
         stalled = now - self._beat_at - 1.0 / self._settings.beat_rate
         if stalled > STALL:
             self._beat_at = self._began_again_at = now
@@ -610,7 +610,7 @@ class KartServer:
             self._check_contest(number, now)
 
     def _check_contest(self, number: int, now: float) -> None:
-        """Report it to the rules when two programs begin or cease to contest a kart."""
+        """Report to the rules when two programs begin or cease to contest a kart."""
         most, within = TAKEOVERS
         before, at = self._race.karts[number].contested, self._takeovers[number]
         contested = len(at) == most and now - at[-1 if before else 0] <= within
