@@ -703,7 +703,7 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
     ('orderly', 'said'),
     [
         (False, 'RACE CONTROL IS GONE: USE THE MSR'),
-        (True, 'RACE CONTROL HAS ENDED: START IT AGAIN'),
+        (True, 'RACE CONTROL HAS ENDED: NO STOP WORKS NOW'),
     ],
 )
 def test_watch_goes_on_and_says_when_race_control_is_gone(

@@ -318,7 +318,7 @@ class EventLog:
             what = _OF_KARTS[event.kind].format(state=state)
             told = self._of_karts(karts, what)
         elif event.kind is EventKind.ALL_ACKNOWLEDGED:
-            told, what = self._all(event.state), texts.LOG_ACKNOWLEDGED.format(state=state)
+            told, what = self._all(event), texts.LOG_ACKNOWLEDGED.format(state=state)
         elif event.kind is EventKind.RACE_STATE:
             told = f'{state}: {event.text.partition(": ")[2]}'
         elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
@@ -339,19 +339,18 @@ class EventLog:
         karts = tuple(sorted({*before.karts, *line.karts}))
         return line._replace(text=self._of_karts(karts, line.what), karts=karts)
 
-    def _all(self, state: RaceState | None) -> str:
+    def _all(self, event: Event) -> str:
         """
-        Return that every kart of the race has acknowledged.
+        Return that every kart of the race has acknowledged, or every connected one.
 
         A red also counts karts outside the race, so the line gives no number. In GREEN_GREEN, a
         kart may have acknowledged its own flag.
         """
         told = self._acknowledged or {}
-        if {*told.values()} - {state}:
-            return 'Every kart of the race acknowledged its order'
-        if told and state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
-            return f'All {len(told)} acknowledged {STATES[state]}'
-        return f'Every kart of the race acknowledged {STATES[state]}'
+        alike = not {*told.values()} - {event.state}
+        if told and alike and event.state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
+            return f'All {len(told)} acknowledged {STATES[event.state]}'
+        return f'{event.text} {STATES[event.state] if alike else "its order"}'
 
     def _told(self, event: Event) -> str:
         """Return the sentence or the command's label, and the official who caused it."""

@@ -155,7 +155,10 @@ ASK_AND_FIRST = f'{ASK_AND_OPEN}: {NO_RACE_ANYWHERE}'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_GONE = 'The command is no longer offered.'
 
-HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race and takes all others out.'
+HEATS_CONSEQUENCE = (
+    'Puts the karts of the heat into the race and takes all others out. '
+    'Type its number, then press Enter.'
+)
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 GRID = 'Grid: {karts}'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'

@@ -365,7 +365,7 @@ def silence(
         title, advice, barred = texts.NOT_YET, 'NO STOP WORKS YET', texts.NOT_YET_REASON
         detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     elif ended and race.no_kart_in_doubt:
-        title, advice, barred = texts.ENDED, 'START IT AGAIN', texts.GONE_REASON
+        title, advice, barred = texts.ENDED, 'NO STOP WORKS NOW', texts.GONE_REASON
         detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
     else:
         title, advice, barred = texts.GONE, texts.USE_MSR, texts.GONE_REASON
@@ -454,14 +454,19 @@ def show(
 
 
 def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
-    """Return the commands to the race; at most one is the next step, none while the MSR is due."""
+    """
+    Return the commands to the race; at most one is the next step.
+
+    None is while the MSR must be used, or alone stops a kart.
+    """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
+    drives = any(kart.connected and not (kart.sent.is_red and kart.acknowledged) for kart in racing)
     is_done = race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing)
-    wanted = (CommandKind.RACE_OVER,) if is_done else NEXT.get(race.state, ())
+    wanted = (CommandKind.RACE_OVER,) * (not drives) if is_done else NEXT.get(race.state, ())
     possible = [step.command for step in steps if step.enabled]
     found = next((each for each in wanted if each in possible), None)
-    if race.msr_alerts:
+    if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):
         found = None
     return tuple(replace(step, is_next=step.command is found) for step in steps)
 
@@ -540,7 +545,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
         return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
-        reason = f'{race.track.reason}. Only the MSR stops {karts}. Leave it on'
+        off = f'{karts} {"are" if "," in karts else "is"} switched off'
+        reason = f'{race.track.reason}. Only the MSR stops {karts}. Leave it on until {off}'
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:
