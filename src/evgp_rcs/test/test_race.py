@@ -493,7 +493,7 @@ def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Off
         for event in officials.wait(0.05).events
         if event.kind is EventKind.ALL_ACKNOWLEDGED
     ]
-    assert news == ['Every kart of the race has acknowledged']
+    assert news == ['Every kart of the race acknowledged RED_RED']
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
 
 
@@ -632,7 +632,19 @@ def test_every_kart_has_acknowledged_whatever_each_is_sent(officials: Officials)
     officials.wait(0.0)
     officials.acknowledge(1)
     (event,) = officials.wait(0.0).events
-    assert event.text == 'Every kart of the race has acknowledged'
+    assert event.text == 'Every kart of the race acknowledged its order'
+
+
+def test_of_a_kart_that_is_away_nobody_says_that_it_acknowledged(officials: Officials) -> None:
+    officials.to_green().drop(1)
+    officials.does('RECORD_MSR')
+    officials.says(2, RED_RED)
+    told = [
+        event.text
+        for event in officials.wait(5.0).events
+        if event.kind is EventKind.ALL_ACKNOWLEDGED
+    ]
+    assert told == ['Every kart that the race waits for acknowledged RED_RED']
 
 
 def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of_the_karts() -> (

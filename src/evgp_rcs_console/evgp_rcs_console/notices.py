@@ -269,16 +269,13 @@ class EventLog:
     def __init__(self, most: int = 2000) -> None:
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
-        self._acknowledged: dict[int, RaceState | None] | None = None  # None: not all was heard
         self.officials = Officials()
 
     def add(self, stamped: StampedEvent) -> None:
         """Add an event: as a line of its own, as part of the last line, or not at all."""
         if stamped.sequence <= self._last:
             self._lines.append(Line('', 0, True, texts.NEW_RUN))
-            self._acknowledged = None
         self._last, event = stamped.sequence, stamped.event
-        self._learn(event)
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
         line = self._line(at, event)
         if line is not None:
@@ -286,16 +283,6 @@ class EventLog:
                 line = self._joined(self._lines.pop(), line)
             # No later event joins a line about all karts.
             self._lines.append(line if line.karts else line._replace(what=''))
-
-    def _learn(self, event: Event) -> None:
-        """Keep which kart has acknowledged what, because later events do not repeat it."""
-        if event.kind is EventKind.RACE_STATE:
-            self._acknowledged = {}
-        if self._acknowledged is not None and event.kart:
-            if event.kind is EventKind.ACKNOWLEDGED:
-                self._acknowledged[event.kart] = event.state
-            elif event.kind in (EventKind.WITHDRAWN, EventKind.DISCONNECTED):
-                self._acknowledged.pop(event.kart, None)
 
     def _line(self, at: str, event: Event) -> Line | None:
         """Return the line for an event; None if another line already shows it."""
@@ -318,7 +305,7 @@ class EventLog:
             what = _OF_KARTS[event.kind].format(state=state)
             told = self._of_karts(karts, what)
         elif event.kind is EventKind.ALL_ACKNOWLEDGED:
-            told, what = self._all(event), texts.LOG_ACKNOWLEDGED.format(state=state)
+            told, what = self._told(event), texts.LOG_ACKNOWLEDGED.format(state=state)
         elif event.kind is EventKind.RACE_STATE:
             told = f'{state}: {event.text.partition(": ")[2]}'
         elif event.kind is EventKind.ALERT_CLEARED and event.alert is not None:
@@ -338,19 +325,6 @@ class EventLog:
             return line
         karts = tuple(sorted({*before.karts, *line.karts}))
         return line._replace(text=self._of_karts(karts, line.what), karts=karts)
-
-    def _all(self, event: Event) -> str:
-        """
-        Return that every kart of the race has acknowledged, or every connected one.
-
-        A red also counts karts outside the race, so the line gives no number. In GREEN_GREEN, a
-        kart may have acknowledged its own flag.
-        """
-        told = self._acknowledged or {}
-        alike = not {*told.values()} - {event.state}
-        if told and alike and event.state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
-            return f'All {len(told)} acknowledged {STATES[event.state]}'
-        return f'{event.text} {STATES[event.state] if alike else "its order"}'
 
     def _told(self, event: Event) -> str:
         """Return the sentence or the command's label, and the official who caused it."""

@@ -266,9 +266,9 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
     assert said_in_a_race(3, 7, 11) == [
         'Karts 3, 7, 11 connected',
         'GRID ACTIVE · Anna',
-        'All 3 acknowledged GRID ACTIVE',
+        'Every kart of the race acknowledged GRID ACTIVE',
         'GREEN GREEN · Anna',
-        'All 3 acknowledged GREEN GREEN',
+        'Every kart of the race acknowledged GREEN GREEN',
         'FINISH kart 3, P1 · Anna',
         'FINISH kart 7, P2 · Anna',
         'Kart 3: RED FLAG (finished, P1)',

@@ -1893,7 +1893,9 @@ class Race:
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop', None
 
     def _dangers(self, karts: Iterable[Kart]) -> str:
-        return _cut([danger for danger in map(self._danger, karts) if danger])
+        # A kart that no command reaches comes first, because a reader may see only the first.
+        first = sorted(karts, key=lambda kart: kart.connected)
+        return _cut([danger for danger in map(self._danger, first) if danger])
 
     def _danger(self, kart: Kart) -> str:
         """Return why humans must not be near a kart now; empty if they may (§3.A)."""
@@ -1989,8 +1991,10 @@ class Race:
         waited_for = self._waited_for()
         answered = bool(waited_for) and all(kart.answered for kart in waited_for)
         if answered and not self._reported_all_answered:
-            everyone = all(kart.connected for kart in self.racing())
-            text = f'Every {"" if everyone else "connected "}kart of the race has acknowledged'
+            whole = all(kart.acknowledged for kart in self.racing())
+            alike = all(kart.sent is self.state for kart in waited_for)
+            text = f'Every kart {"of the race" if whole else "that the race waits for"} '
+            text += f'acknowledged {self.state.value if alike else "its order"}'
             self._add_event(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
         self._reported_all_answered = answered
 
