@@ -224,6 +224,7 @@ FORWARD = 0.3
 
 
 class Mouse:
+
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
         self._brought_forward = False
@@ -298,6 +299,7 @@ def _called(button: QtWidgets.QAbstractButton) -> str:
 
 
 class Keyboard:
+
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._areas = presses.display.areas
         self._presses = presses

@@ -266,7 +266,7 @@ class EventPanel(Panel):
         if self._kart:
             shown = f'kart {self._kart} {self._teams[self._kart]}'
         self.filter.show_words(shown)
-        lines = self.log.lines(self._kart)[: -EVENTS - 1 : -1]
+        lines = self.log.lines(self._kart)[-EVENTS:][::-1]
         while self._list.count() > len(lines):
             self._list.takeItem(len(lines))
         for place, line in enumerate(lines):

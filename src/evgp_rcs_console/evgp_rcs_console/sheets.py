@@ -279,6 +279,7 @@ class Officials(Choice):
 
 
 class Help(Sheet):
+
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')
         table, keys = QtWidgets.QWidget(), key_help()

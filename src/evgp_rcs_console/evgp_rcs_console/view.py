@@ -461,9 +461,10 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
-    drives = any(kart.connected and not (kart.sent.is_red and kart.acknowledged) for kart in racing)
-    is_done = race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing)
-    wanted = (CommandKind.RACE_OVER,) * (not drives) if is_done else NEXT.get(race.state, ())
+    wanted = NEXT.get(race.state, ())
+    if race.state is RaceState.GREEN_GREEN and all(kart.place for kart in racing):
+        stopped = all(kart.sent.is_red and kart.acknowledged for kart in racing if kart.connected)
+        wanted = (CommandKind.RACE_OVER,) if stopped else ()
     possible = [step.command for step in steps if step.enabled]
     found = next((each for each in wanted if each in possible), None)
     if race.msr_alerts or (race.track.msr_used and texts.in_doubt(race)):

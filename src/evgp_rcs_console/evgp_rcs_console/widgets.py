@@ -233,6 +233,7 @@ class Text(QtWidgets.QLabel):
 
 
 class Panel(QtWidgets.QFrame):
+
     def __init__(self, name: str = '', kind: str = 'card') -> None:
         super().__init__()
         self.setObjectName(name)

@@ -328,6 +328,21 @@ def test_nothing_is_yellow_while_a_race_goes_as_it_should() -> None:
         assert show(lost, 0.0, {}).state.tone is Tone.WAIT
 
 
+def test_no_step_is_the_next_while_karts_drive_to_their_flag_or_only_the_msr_stops_one() -> None:
+    driving = replace(KART, sent=RaceState.GREEN_GREEN, acknowledged=True, place=1)
+    race = replace(RACE, state=RaceState.GREEN_GREEN, karts=(driving,))
+    assert not any(each.is_next for each in show(race, 0.0, {}).race)
+
+    lost = replace(KART, connected=False, sent=RaceState.RED_RED, may_be_moving=True)
+    covered = TrackAccess(False, True, 'the MSR was used', True)
+    after = replace(RACE, state=RaceState.RED_RED, karts=(lost,), track=covered)
+    assert not any(each.is_next for each in show(after, 0.0, {}).race)
+    safe = replace(after, karts=(replace(lost, may_be_moving=False),))
+    assert [each.command for each in show(safe, 0.0, {}).race if each.is_next] == [
+        CommandKind.IN_GARAGE
+    ]
+
+
 # ----- heats and places ---------------------------------------------------------------------
 
 
