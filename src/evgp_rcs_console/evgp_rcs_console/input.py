@@ -224,6 +224,7 @@ FORWARD = 0.3
 
 
 class Mouse:
+    """Turns the mouse into presses of buttons, and drops the ones that an official cannot have meant."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
@@ -299,6 +300,7 @@ def _called(button: QtWidgets.QAbstractButton) -> str:
 
 
 class Keyboard:
+    """Turns keys into commands, choices and answers."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._areas = presses.display.areas

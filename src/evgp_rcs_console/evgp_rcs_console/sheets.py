@@ -279,6 +279,7 @@ class Officials(Choice):
 
 
 class Help(Sheet):
+    """The keys, and what each does."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')
