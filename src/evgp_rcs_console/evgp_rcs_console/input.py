@@ -224,7 +224,7 @@ FORWARD = 0.3
 
 
 class Mouse:
-    """Turns the mouse into presses of buttons, and drops the ones that an official cannot have meant."""
+    """Turns the mouse into presses, and drops those that an official cannot have meant."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
