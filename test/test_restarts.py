@@ -118,7 +118,7 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
     print(f'back in RED_RED after {took}')
     record_property('back', took)
     assert not {*halves} & {*kept.halves}
-    assert 'started again' in kept.output
+    assert 'Starting it again' in kept.output
     before.close()
 
 
@@ -243,7 +243,7 @@ def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(
     )
 
     os.kill(killed, signal.SIGKILL)
-    terminal.wait_for('started again')
+    terminal.wait_for('Starting it again')
     terminal.shown = ''
     terminal.wait_for(STARTED[program])
     os.write(terminal.screen, b'\x03')
@@ -353,7 +353,7 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
         assert kept.wait(PATIENCE) == 0
 
     assert log.read_text().splitlines() == ['run'] * 3
-    assert all('SIGKILL' in line and 'started again' in line for line in told)
+    assert all('SIGKILL' in line and 'Starting it again' in line for line in told)
 
 
 def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take_over(

@@ -748,20 +748,23 @@ class Oracle:
             if each.law in (Law.FLAG, Law.LOST) or each.stops == BRAKES[RED_RED]
             if each.stops != LOSSES['stack']
         ]
-        fastest = max((_braking(each, self._limits)[0][1] for each in reds), default=0.0)
+        hardest = [_braking(each, self._limits) for each in reds]
+        fastest = max((each[0][1] for each in hardest), default=0.0)
         for stop in stops:
             speeds = _braking(stop, self._limits)
             top = min(max(speed for _, speed in speeds), fastest)
             took = _falling(speeds, top)
-            others = [_falling(_braking(each, self._limits), top) for each in reds]
-            hard = [each for each in others if each is not None]
+            fell = [(_falling(each, top), _apart(each, 0.2 * top)) for each in hardest]
+            hard = [(seconds, gap) for seconds, gap in fell if seconds is not None]
             gentle = stop.law is Law.FLAG
-            if took is None or not hard or top < COMPARED * fastest:
+            if took is None or not hard or not (gentle or top >= COMPARED * fastest):
                 continue
-            median = statistics.median(hard)
-            tolerance = 2 * _apart(speeds, 0.2 * top)
-            if (gentle and median > self._limits.harder * took) or (
-                not gentle and took > median / WEAK + tolerance
+            median = statistics.median(seconds for seconds, _ in hard)
+            # What lies between two speeds, odometry cannot tell.
+            apart = _apart(speeds, 0.2 * top)
+            unclear = apart + statistics.median(gap for _, gap in hard)
+            if (gentle and median > self._limits.harder * took + unclear) or (
+                not gentle and took > median / WEAK + 2 * apart
             ):
                 why = f'After {stop.what} it slows down in {took:.2f} s, for RED_RED '
                 why += f'from the same speed in {median:.2f} s.'
