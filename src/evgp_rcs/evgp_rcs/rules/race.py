@@ -6,44 +6,44 @@ The rules of the race: what each kart is sent, and which commands are allowed or
 
 Rules for the code in this file:
 
-- Pure. No clock, socket, ROS, thread, file or log. Every input carries its time, in seconds of
-  one monotonic clock; the rules never read a clock themselves.
-- One owner. One thread uses a ``Race``, so it needs no lock.
-- One table (``COMMANDS``, at the end) says when each command is refused and why, what the
-  official must state, and what the command does. Availability comes from the same table, so it
-  cannot differ from what happens.
+- The code is pure: it uses no clock, socket, ROS, thread, file or log. Every input carries its
+  time, in seconds on one monotonic clock.
+- A ``Race`` has one owner: only one thread uses it, so it needs no lock.
+- One table (``COMMANDS``, at the end) says when each command is refused and why, what the official
+  must state, and what the command does. Availability is derived from the same table, so it cannot
+  differ from what happens.
 
 Theory of operation. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
 RED_RED). Together they decide what the kart is sent (``_commanded``): in the race, the stricter of
 the two; outside the race, its hold or else IN_GARAGE. After every change, the rules *redirect* the
 karts concerned. A kart whose state changes gets a new ``Order`` with its own serial number, and
 loses its acknowledgement. An acknowledgement counts only if it names the state of the kart's
-present order and was heard under that order's serial, so a report from before the command, or from
+current order and was heard under that order's serial, so a report from before the command, or from
 an earlier connection, never counts.
 
-A hold can get stricter, but only an official's explicit act ends it (``_race_in_garage`` or
+A hold can become stricter, but only an official's explicit act ends it (``_race_in_garage`` or
 ``_release_kart``). Only ``_green_green`` sets GREEN_GREEN.
 
-Commands can cross on their way. After every stop, and after every stall of race control, there is
-a *pause*. Race control refuses a command that loosens or starts anything if it came before the end
-of the pause, because its sender may not have seen the stop. Race control lets karts move only once
-the disk has saved that they may: a GREEN_GREEN that would be accepted is a *start* that waits
-(``Start``). Inputs that arrive meanwhile are judged first, and the start is judged again when the
-disk has answered.
+Commands can cross in transit. After every stop, and after every stall of race control, there is a
+*pause*. Race control refuses a command that loosens or starts anything if the command arrived
+before the end of the pause, because its sender may not have seen the stop. Race control lets karts
+move only once their permission to move is saved on disk: a GREEN_GREEN that would be accepted is a
+*start* that waits (``Start``). Inputs that arrive meanwhile are judged first, and the start is
+judged again when the disk has answered.
 
 Doubt means stop (``Doubt``). A kart that was sent GREEN_GREEN, was seen to move, or left a stop
 unanswered *may be moving*; a kart that was sent GRID_ACTIVE is *on the grid*. Either doubt ends
 when the kart acknowledges a red and keeps reporting it for ``settle`` seconds on the same
-connection, or when an official states that it was made safe by hand. A lost connection never ends
-a doubt.
+connection, or when an official states that it was made safe by hand. Losing the connection never
+ends a doubt.
 
-Race control assumes the worst about any time of which it knows nothing: the time before it
-started, unless the last run on this machine ended in good order with nothing under way
-(``recover``), and the time while it is cut off from the karts (``cut_off``). The proposal makes
-one exception (§3.B): if no earlier run is known, the race begins in IN_GARAGE.
+Race control assumes the worst about any period of which it knows nothing: the time before it
+started, unless the last run on this machine ended normally with nothing under way (``recover``),
+and the time while it is cut off from the karts (``cut_off``). The proposal makes one exception
+(§3.B): if no earlier run is known, the race begins in IN_GARAGE.
 
-Somebody must be able to stop the race (``Attendance``). If race control no longer hears any
-program from which an official can stop the race, it refuses GREEN_GREEN, and sends RED_FLAG after
+Someone must be able to stop the race (``Attendance``). If race control no longer hears any program
+from which an official can stop the race, it refuses GREEN_GREEN, and sends RED_FLAG after
 ``nobody_there`` seconds.
 
 The timekeeper counts the laps (``evgp_timing``). The rules know only FINISH, which gives a kart
@@ -72,7 +72,7 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Minimum age of a press that race control mentions, in seconds."""
+"""Age from which race control mentions that a press was old, in seconds."""
 
 
 class EventKind(enum.Enum):
@@ -114,7 +114,7 @@ class AlertKind(enum.Enum):
     TWO_PROGRAMS = 'TWO_PROGRAMS'
     NOBODY_THERE = 'NOBODY_THERE'
     BUTTON_FAULT = 'BUTTON_FAULT'
-    # The ROS half raises these two; the rules do not know them.
+    # The ROS half raises these two; the rules do not know about them.
     PART_FAILED = 'PART_FAILED'
     GRAPH_TROUBLE = 'GRAPH_TROUBLE'
 
@@ -134,7 +134,7 @@ class Doubt(enum.IntEnum):
     """
     What a kart may be doing, from harmless to worst.
 
-    ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since on its present
+    ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since then on its current
     connection. ``MOVING``: it was sent GREEN_GREEN or a red; or it was seen to move, because it
     reported GREEN_GREEN unasked or withdrew its acknowledgement of a red.
     """
@@ -145,14 +145,14 @@ class Doubt(enum.IntEnum):
 
 
 class Heat(NamedTuple):
-    """A heat of the roster: karts that race together, their numbers in ascending order."""
+    """A heat in the roster: karts that race together, their numbers in ascending order."""
 
     name: str
     karts: tuple[int, ...]
 
 
 class Entrant(NamedTuple):
-    """A kart as the roster lists it; its fields mean the same as in ``Kart``."""
+    """A kart as the roster lists it; the fields mean the same as in ``Kart``."""
 
     number: int
     team: str
@@ -210,7 +210,7 @@ class Command(NamedTuple):
 
     @property
     def pressed(self) -> str:
-        """Return how long ago an old press was made; empty for a recent one."""
+        """Return a phrase that says how long ago an old press was made; empty for a recent one."""
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
 
@@ -224,7 +224,7 @@ class Answer:
 
 class Attendance(NamedTuple):
     """
-    The programs from which an official can stop the race, as far as race control hears them.
+    The programs that race control hears and from which an official can stop the race.
 
     :param able: number of these programs.
     :param who: a short list of them.
@@ -240,7 +240,7 @@ class Order(NamedTuple):
     """
     A state to send to a kart at once, and again with every beat (§4.C).
 
-    :param serial: number that rises with every order to this kart. A report of the kart counts
+    :param serial: number that rises with every order to this kart. A report from the kart counts
         for this order only if it was heard under this number.
     """
 
@@ -430,13 +430,14 @@ def called(number: int, team: str) -> str:
 @dataclass(slots=True)
 class Kart:
     """
-    One kart of the roster. Only the rules write to it; all other code reads it.
+    One kart in the roster. Only the rules write to it; all other code reads it.
 
     :param hold: its own hold, RED_FLAG or RED_RED; ``None`` if it is not held.
-    :param sent: state that it is sent or, while it is not connected, would be sent.
+    :param sent: state that it is being sent or, while it is not connected, would be sent.
     :param sent_since: when that state was first commanded; a reconnection does not change it.
-    :param serial: number of its present order.
-    :param acknowledged: it has acknowledged its present order, and has not withdrawn that since.
+    :param serial: number of its current order.
+    :param acknowledged: whether it has acknowledged its current order and not withdrawn that
+        since.
     :param reported: state that it last reported on this connection, asked or unasked.
     :param doubt: what it may be doing, until it has kept reporting a red for long enough, or an
         official states that it was made safe by hand.
@@ -448,20 +449,20 @@ class Kart:
     :param attempt: number of times that its finish was undone in this race; the timekeeper's
         FINISH names it.
     :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
-    :param held_alone: an official held this kart individually and has not released it.
-    :param withdrawn: it withdrew an acknowledgement of its present order.
-    :param counts_at: if it reports the state that it is sent, but may be answering an earlier
-        order: latest time at which that report becomes valid, in seconds; a past time if that is
-        unknown; None if there is no such report.
+    :param held_alone: whether an official has held this kart individually and not released it.
+    :param withdrawn: whether it withdrew an acknowledgement of its current order.
+    :param counts_at: if it reports the state that it is being sent, but may be answering an
+        earlier order: latest time at which that report becomes valid, in seconds; a past time if
+        that is unknown; None if there is no such report.
     :param counts_in: the same as time from its last report, in seconds; 0 if unknown or over.
     :param inspected: date of its inspection according to the roster; empty for none.
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
-    :param ordered_at: when its present order was given, in seconds.
+    :param ordered_at: when its current order was given, in seconds.
     :param delivered_at: when its kernel had answered that order, in seconds; None if it has not.
     :param acknowledged_at: when it first acknowledged that order, in seconds; None if it has not.
-    :param link: how good its link is; None if not measured on this connection. No rule depends on
+    :param link: quality of its link; None if not measured on this connection. No rule depends on
         it or on the three times above; they are for officials.
-    :param contested: two programs connect as this kart, and push each other out.
+    :param contested: whether two programs are connecting as this kart, each displacing the other.
     :param went_silent_at: when its connection was last lost because its link stopped answering, in
         seconds; None if it has a connection, or lost it in another way.
     :param link_poor_at: when its link was last measured as poor, in seconds; None if never.
@@ -509,12 +510,12 @@ class Kart:
 
     @property
     def stopped(self) -> bool:
-        """Return whether it has acknowledged, on its present connection, the red it is sent."""
+        """Return whether it has acknowledged, on its current connection, the red it is sent."""
         return self.acknowledged and self.sent.is_red
 
     @property
     def stands(self) -> bool:
-        """Return whether it has reported its stop for so long that humans may rely on it."""
+        """Return whether it has reported its stop for long enough that humans may rely on it."""
         return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
 
     @property
@@ -528,7 +529,7 @@ class Kart:
 
     @property
     def bound(self) -> str:
-        """Return why the roster must keep it and its address; empty if it need not."""
+        """Return the reason why the roster must keep it and its address; empty if it need not."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -538,26 +539,26 @@ class Kart:
     @property
     def stopped_itself(self) -> bool:
         """
-        Return whether it last reported RED_RED while it is sent GRID_ACTIVE or GREEN_GREEN.
+        Return whether it last reported RED_RED while being sent GRID_ACTIVE or GREEN_GREEN.
 
-        Its team, the MSR's contact or its own doubt has stopped it. Nobody may rely on that stop.
+        Its team, the MSR's contact or the kart itself caused the stop. Nobody may rely on it.
         """
         return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
 
     @property
     def answered(self) -> bool:
-        """Return whether it has carried out its order, so that the race may go on."""
+        """Return whether it has carried out its order, so that the race may continue."""
         return self.stands if self.sent.is_red else self.acknowledged
 
 
 class LastRun(enum.Enum):
     """
-    How the previous run of race control on this machine and port ended, as far as is known.
+    How the previous run of race control on this machine and port ended, if known.
 
-    ``NONE``: no earlier run is known. ``ENDED``: it ended in good order with nothing under way,
-    held or in doubt, and with the track closed. ``ENDED_OPEN``: the same, with the track open.
-    ``UNKNOWN``: a run began, and nobody knows how it ended; or even that is uncertain. The values
-    are the texts of the machine's mark (``run_mark``).
+    ``NONE``: no earlier run is known. ``ENDED``: it ended normally with nothing under way, held or
+    in doubt, and with the track closed. ``ENDED_OPEN``: the same, with the track open.
+    ``UNKNOWN``: a run began and it is not known how it ended, or it is uncertain whether there was
+    a run at all. The values are the texts of the machine's mark (``run_mark``).
     """
 
     NONE = 'none'
@@ -568,7 +569,7 @@ class LastRun(enum.Enum):
 
 @dataclass(frozen=True)
 class KartMemory:
-    """What race control saves of one kart; its fields mean the same as in ``Kart``."""
+    """What race control saves about one kart; the fields mean the same as in ``Kart``."""
 
     in_race: bool
     held: bool
@@ -580,11 +581,11 @@ class KartMemory:
 @dataclass(frozen=True)
 class RaceMemory:
     """
-    What race control saves of a race, for the run after this one.
+    What race control saves about a race, for the next run.
 
-    :param karts: each kart of the roster, by its number.
-    :param track_open: officials have opened the track.
-    :param unstated: no official has stated yet that no race is under way anywhere.
+    :param karts: each kart in the roster, by its number.
+    :param track_open: whether officials have opened the track.
+    :param unstated: whether no official has yet stated that no race is under way anywhere.
     :param heat: the heat that was last put into the race; empty for none.
     """
 
@@ -603,7 +604,7 @@ class RaceMemory:
 
     @property
     def ends_as(self) -> LastRun:
-        """Return what the next run learns of this one if it ends in good order like this."""
+        """Return what the next run learns about this one if it ends normally in this condition."""
         if not self.at_rest:
             return LastRun.UNKNOWN
         if self.unstated:
@@ -616,7 +617,7 @@ class Start(NamedTuple):
     A GREEN_GREEN that would be accepted, and waits until the disk has saved that karts may move.
 
     :param number: number of the start, from 1.
-    :param came: when the command came, in seconds.
+    :param came: when the command arrived, in seconds.
     :param until: end of its wait, in seconds.
     :param memory: what must be on the disk before it takes effect.
     :param superseded: whether GRID_ACTIVE has been accepted since.
@@ -632,17 +633,17 @@ class Start(NamedTuple):
 
 class Race:
     """
-    The state of one race and of every kart of the roster (§3, §4.B).
+    The state of one race and of every kart in the roster (§3, §4.B).
 
     Each input is a method: ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``;
     what became of a waiting start (``start_saved``); who can stop the race (``attended``); and
     troubles around the race (``stalled``, ``cut_off``, ``contested``, ``rival``,
-    ``record_trouble``). Each returns the orders to send and the events that happened. Times are
-    seconds of one monotonic clock and never go back.
+    ``record_trouble``). Each returns the orders to send and the events that happened. Times are in
+    seconds on one monotonic clock and never go backwards.
 
-    :param karts: every kart of the roster, each number once.
-    :param now: present time, in seconds.
-    :param heats: the heats of the roster.
+    :param karts: every kart in the roster, each number once.
+    :param now: current time, in seconds.
+    :param heats: the heats in the roster.
     :param run: id of this run of race control.
     :raises ValueError: if two karts have the same number.
     """
@@ -672,7 +673,7 @@ class Race:
         self.state = IN_GARAGE
         self.state_since = now
         self.state_cause = ''
-        """What put the race into its state, and by whom, in a phrase; empty at first."""
+        """Why the race is in its state, as a phrase; empty at first."""
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
@@ -693,10 +694,10 @@ class Race:
         self._opened = '', now  # by whom or why, in a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
-        """Race control does not know what happened before it started, or while it was cut off;
-        until IN_GARAGE."""
+        """True until IN_GARAGE if race control does not know what happened before it started, or
+        while it was cut off."""
         self.unstated = False
-        """No official has stated yet that no race is under way anywhere."""
+        """No official has yet stated that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
         """Why race control is cut off from the karts' network, in a phrase; empty if it is not."""
@@ -706,10 +707,10 @@ class Race:
         """When the last program that could stop this race was lost, in seconds; None if there is
         one, or never was one in this race."""
         self.paused_until = now
-        """End of the present pause, or of the last one, in seconds."""
+        """End of the current pause, or of the last one, in seconds."""
         self._paused_by = ''
         self.start: Start | None = None
-        """The GREEN_GREEN that waits for the record."""
+        """The GREEN_GREEN that is waiting for the record."""
         self.starts = 0
         self._reported_all_answered = False
         self._by: Command | None = None  # the command that is being put in force
@@ -721,7 +722,7 @@ class Race:
         """
         Return what race control must save.
 
-        While a start waits, this is what was written for that start; nothing may replace it.
+        While a start is waiting, this is the memory written for it, and nothing may replace it.
         """
         if self.start is not None:
             return self.start.memory
@@ -739,20 +740,20 @@ class Race:
         """
         Restore the race from what the last run saved; call this before any other input.
 
-        If the last run ended in good order with nothing under way, or no earlier run is known, the
-        race begins from the roster. If no earlier run is known, the track also stays closed until
-        an official states that no race is under way anywhere, because this machine may replace
+        If the last run ended normally with nothing under way, or no earlier run is known, the race
+        begins from the roster. If no earlier run is known, the track also stays closed until an
+        official states that no race is under way anywhere, because this machine may replace
         another one.
 
-        In every other case, the last run may not have saved what happened last, least of all a
-        stop, because a stop never waits for the disk. The race therefore comes back as after
-        ALL_KILL: it is in RED_RED, every kart is held, and the track counts as open. The
-        official's statement with IN_GARAGE covers every kart that was not known to be in doubt or
-        held individually. Any other kart must report its stop, or be released individually.
+        In every other case, the last run may not have saved what happened last, especially a stop,
+        because a stop never waits for the disk. The race therefore resumes as after ALL_KILL: it
+        is in RED_RED, every kart is held, and the track counts as open. The official's statement
+        with IN_GARAGE covers every kart that was not known to be in doubt or held individually.
+        Any other kart must report its stop, or be released individually.
 
-        :param memory: what the record contains; None if nothing.
-        :param why: why the proof that the last run ended in good order is rejected, in a phrase;
-            empty if it is not.
+        :param memory: what the record contains; None if it contains nothing.
+        :param why: why the proof that the last run ended normally is rejected, as a phrase; empty
+            if it is not.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
@@ -816,10 +817,10 @@ class Race:
 
         An allowed GREEN_GREEN is not in force yet: the outcome contains the start that waits.
 
-        :param came: when the command came, if earlier than now, in seconds.
+        :param came: when the command arrived, if earlier than now, in seconds.
         :returns: an outcome with an answer, unless the command is a start that waits. A refused
-            command changes nothing, but even a stop to a kart that the roster does not have begins
-            a pause.
+            command changes nothing, but even a stop for a kart that is not in the roster begins a
+            pause.
         """
         came = now if came is None else came
         if CATALOGUE[command.kind].stop:
@@ -842,10 +843,10 @@ class Race:
 
     def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
-        Record whether the disk has saved the memory of a start, whose wait is then over.
+        Record whether the memory of a start has been saved to disk; its wait is then over.
 
-        :param saved: whether it has; otherwise, the start is refused.
-        :param number: number of the start; if it no longer waits, nothing happens.
+        :param saved: whether it has been saved; if not, the start is refused.
+        :param number: number of the start; if it is no longer waiting, nothing happens.
         :returns: an outcome with the answer to the start.
         """
         if self.start is None or self.start.number != number:
@@ -864,10 +865,10 @@ class Race:
 
     def stalled(self, seconds: float, now: float) -> Outcome:
         """
-        Record that race control stalled: commands that come now may have been sent long ago.
+        Record that race control stalled: commands that arrive now may have been sent long ago.
 
         Race control has not yet read what karts reported during the stall, or noticed which karts
-        are gone, so the time for which each kart must report its stop begins again.
+        are gone, so the time for which each kart must report its stop starts again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
@@ -911,11 +912,11 @@ class Race:
             self._paused_by = why
 
     def _refusal_of(self, command: Command, came: float) -> str:
-        """Return why a command that came at a time (s) is refused; empty if it is not."""
+        """Return the reason to refuse a command that arrived at `came`; empty if there is none."""
         if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
             return self._unknown_kart(command)
         rule = COMMANDS[command.kind]
-        # A reason of the rules helps the official more than the pause does.
+        # A reason from the rules is more useful to the official than a mention of the pause.
         refusal = self._refusal(command) or self._paused(command.kind, came)
         if refusal:
             return refusal
@@ -941,7 +942,7 @@ class Race:
             pressed = f' {command.kind.value} was {command.pressed}.' if command.pressed else ''
             answer = Answer(True, f'{rule.effect(self, command, now)}.{pressed}')
             self._by = None
-        # The cause comes before its effects.
+        # Report the cause before its effects.
         self._events.insert(
             cause,
             Event(
@@ -960,8 +961,8 @@ class Race:
         """
         Record a kart's new connection (§3.B, §4.A).
 
-        If the kart is still connected, the new connection replaces the old one, whose loss is
-        recorded first.
+        If the kart is still connected, the new connection replaces the old one, and the loss of
+        the old one is recorded first.
 
         :raises KeyError: if the roster has no such kart.
         """
@@ -983,7 +984,7 @@ class Race:
         Record that a kart's connection is gone (§3.E, §4.D).
 
         :param reason: why, for the officials.
-        :param silent: its link stopped answering; neither side closed the connection.
+        :param silent: whether its link stopped answering; neither side closed the connection.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1076,7 +1077,7 @@ class Race:
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that the kart's kernel has answered an order, which its program may not have read.
+        Record that the kart's kernel has answered an order that its program may not have read.
 
         :param serial: serial of the order; if there is a newer order, nothing happens.
         :param answered: latest time at which the kernel can have answered, in seconds.
@@ -1092,7 +1093,7 @@ class Race:
 
     def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
         """
-        Record how good a kart's link is.
+        Record the quality of a kart's link.
 
         This is for officials only; it changes neither what karts are sent nor what is allowed.
 
@@ -1114,7 +1115,7 @@ class Race:
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
-        """Record whether another race control runs on the officials' network."""
+        """Record whether another race control is running on the officials' network."""
         self.has_rival = present
         self._report_alerts(now)
         return self._outcome()
@@ -1130,7 +1131,7 @@ class Race:
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
-        """Record why the record fails, as a sentence for officials; empty if it works."""
+        """Record why the record is failing, as a sentence for officials; empty if it works."""
         self.record_fails = text
         self._report_alerts(now)
         return self._outcome()
@@ -1141,7 +1142,7 @@ class Race:
 
         This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
         finished, stops a race that nobody can stop any longer, and refuses a start that has waited
-        too long for the disk. It also reports alerts, which never act themselves.
+        too long for the disk. It also reports alerts, which by themselves change nothing.
         """
         for kart in self.karts.values():
             self._settle(kart, now)
@@ -1169,7 +1170,7 @@ class Race:
 
     def availability(self, kind: CommandKind, number: int, now: float) -> Availability:
         """
-        Return whether a command that comes now would be accepted, or why it would be refused.
+        Return whether a command arriving now would be accepted, or why it would be refused.
 
         :param number: number of the kart, for a command to one kart; otherwise 0.
         :raises KeyError: if the command is to one kart and the roster has no such kart.
@@ -1185,7 +1186,7 @@ class Race:
         return Availability(kind, True, statement=rule.statement(self, command), karts=karts)
 
     def alerts(self, now: float) -> list[Alert]:
-        """Return the present alerts, newest first."""
+        """Return the current alerts, newest first."""
         alerts = []
         for kind, number, since, text in self._current_alerts(now):
             if since is None:
@@ -1243,8 +1244,9 @@ class Race:
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             elif not self._covered_by_statement(kart):
-                # It is told to race, or to stop and has not confirmed that. This does not apply to
-                # a kart that is sent RED_RED only because race control may have missed something.
+                # It is being told to race, or was told to stop and has not confirmed its stop.
+                # This does not apply to a kart that is sent RED_RED only because race control may
+                # have missed something.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is sent {state.value}'
@@ -1254,13 +1256,13 @@ class Race:
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
-            # The reason keeps naming the official's hold, which only an official can release.
+            # Keep the reason for the official's hold, which only an official can release.
             before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
             kart.hold_reason = reason + before
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """Treat a connected kart as moving if an official stops it and it has not confirmed."""
+        """Treat a connected kart that an official stops as moving if its stop is unconfirmed."""
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING
 
@@ -1347,7 +1349,7 @@ class Race:
         self.track_open = self.msr_used = False
         self.reading = 0
         self.starters = ()
-        self.nobody_since = None  # if nobody can stop it now, nobody could in this race yet
+        self.nobody_since = None  # no program that could stop this race has been lost yet
         self.places_given = 0
         for each in self.karts.values():
             each.place = each.attempt = 0
@@ -1435,7 +1437,7 @@ class Race:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} no longer has a place'
-        # This loosens no state that was sent; it only cancels a RED_FLAG that was not sent yet.
+        # This loosens no state that was sent; it only cancels a RED_FLAG that is not sent yet.
         kart.finish_due = None
         if kart.sent is GREEN_GREEN:
             text += ' and drives on; its RED_FLAG had not been sent yet'
@@ -1504,7 +1506,7 @@ class Race:
             )
             kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
             self.karts[each.number] = kart
-        # The new roster has every bound kart, except those that the old one did not have either.
+        # The new roster contains every bound kart, except those missing from the old one too.
         self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
         self.heats = self._read.heats
         return f'The roster that was read is in force: {changes}'
@@ -1519,7 +1521,7 @@ class Race:
         return COMMANDS[command.kind].refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
-        """Return why a pause refuses a command that came at a time (s); empty if it does not."""
+        """Return why a pause blocks a command that arrived at `came`; empty if none does."""
         if CATALOGUE[kind].loosens and came < self.paused_until:
             return f'{self._paused_by}; look at the race, then send this command again'
         return ''
@@ -1738,7 +1740,7 @@ class Race:
         )
 
     def _misnamed(self, command: Command, came: float) -> str:
-        """Return why a command is refused because of what it names; empty if it is not."""
+        """Return the reason to refuse a command for what it names; empty if there is none."""
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
@@ -1858,9 +1860,9 @@ class Race:
         """
         Return the name of the heat in the race; empty for none.
 
-        This is the heat that was last put into the race. At first, it is the heat that has exactly
-        the karts of the race, if there is only one such heat. Karts of the heat may leave the
-        race, but once a kart from outside the heat joins, or no kart is left, the heat is no
+        This is the heat that was last put into the race. At first, it is the heat that consists of
+        exactly the karts in the race, if there is only one such heat. Karts of the heat may leave
+        the race, but once a kart from outside the heat joins, or no kart is left, the heat is no
         longer in the race.
         """
         racing = {each.number for each in self.racing()}
@@ -1868,11 +1870,11 @@ class Race:
         return self._put_in if inside and racing else ''
 
     def racing(self) -> Iterator[Kart]:
-        """Yield the karts of the race, in the order of the roster."""
+        """Yield the karts in the race, in roster order."""
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why or why not, and which statement would do."""
+        """Return whether humans are allowed, why or why not, and which statement would suffice."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
@@ -1898,7 +1900,7 @@ class Race:
         return _cut([danger for danger in map(self._danger, first) if danger])
 
     def _danger(self, kart: Kart) -> str:
-        """Return why humans must not be near a kart now; empty if they may (§3.A)."""
+        """Return the reason why humans must not be near a kart now; empty if they may (§3.A)."""
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
@@ -1921,8 +1923,8 @@ class Race:
         """
         Return whether the official's statement with the next IN_GARAGE covers a kart.
 
-        It does if race control does not know what happened, there is no doubt about this kart, and
-        no official holds it individually.
+        The statement covers the kart if race control does not know what happened, there is no
+        doubt about this kart, and no official holds it individually.
         """
         return self.past_unknown and not (kart.doubt or kart.held_alone)
 
@@ -1950,11 +1952,11 @@ class Race:
 
     def _waited_for(self) -> list[Kart]:
         """
-        Return the karts that the race waits for, including lost ones unless the MSR was used.
+        Return the karts that the race is waiting for, including lost ones unless the MSR was used.
 
-        In a red, the race does not wait for a kart that is away at rest. If race control does
-        not know what happened, it also waits for every connected kart that is sent a red, unless
-        the official's statement covers it.
+        In a red state, the race does not wait for a kart that is away at rest. If race control
+        does not know what happened, it also waits for every connected kart that is being sent a
+        red state, unless the official's statement covers it.
         """
         return [
             kart
@@ -1968,11 +1970,11 @@ class Race:
         ]
 
     def _unattended_since(self) -> float | None:
-        """Return since when nobody can stop the race under way (s); None if somebody can."""
+        """Return the time (s) from which nobody could stop the race; None if somebody can."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
-        """Return when the race is over automatically; None while a finish is missing (§3.C)."""
+        """Return when the race ends automatically; None while a finish is missing (§3.C)."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
         if not self.starters:
@@ -2046,13 +2048,13 @@ class Race:
                 yield AlertKind.TWO_PROGRAMS, number, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
-                # Under a red, a new connection restarts the time unless the kart had been lost.
+                # In a red state, a new connection restarts the time unless the kart had been lost.
                 is_new = kart.sent.is_red and kart.lost_since is None
                 due = (kart.ordered_at if is_new else kart.sent_since) + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue
                 if self._covered_by_statement(kart):
-                    continue  # its program may still be booting, and nobody has seen it move
+                    continue  # its program may still be booting, and nobody has seen the kart move
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if kart.stopped_itself:
                     text = f'{kart} stopped itself while it is sent {kart.sent.value}'
@@ -2099,7 +2101,7 @@ class Race:
                 self._add_event(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
-                # The kart may have left the roster since.
+                # The kart may have left the roster since then.
                 kart = self.karts.get(alert.kart, called(alert.kart, ''))
                 of = f', {kart}' if alert.kart else ''
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
@@ -2140,7 +2142,7 @@ class Race:
         self._orders = []
         self._events = []
         if self.state is IN_GARAGE:
-            self.number = 0  # only from now on: IN_GARAGE itself belongs to the race it ends
+            self.number = 0  # only from now on: IN_GARAGE itself belongs to the race that it ends
         return outcome
 
     def _place(self, number: int) -> int:
@@ -2150,14 +2152,14 @@ class Race:
 
 
 LOST_AT_ONCE = 2.0
-"""Maximum time between the losses of karts that count as lost at once, in seconds. (Each kart is
+"""Maximum time between the losses of karts that count as lost together, in seconds. (Each kart is
 lost `send_timeout` after its last answer.)"""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
-"""What an official states once, where race control does not know what happened before."""
+"""What an official must state once if race control does not know what happened before."""
 
 BEGAN = 'race control started, and does not know what happened before'
-"""Why the race is in RED_RED after a start without proof of a good end."""
+"""Why the race is in RED_RED if there is no proof that the last run ended normally."""
 
 NOT_IN_ROSTER = 'no longer in the roster'
 
@@ -2195,7 +2197,7 @@ def _held(karts: Iterable[Kart]) -> str:
 
 
 def _receivers(karts: Iterable[Kart]) -> str:
-    """Return which karts are sent a new state now, and which when they connect."""
+    """Return which karts are being sent a new state, and which will be when they connect."""
     known = list(karts)
     absent = [kart for kart in known if not kart.connected]
     text = _numbers(kart.number for kart in known if kart.connected)
@@ -2216,7 +2218,7 @@ Guard = Callable[[Race, Command], str]
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B); ``CATALOGUE`` has what does not depend on the race.
+    One row of the table of commands (§4.B); ``CATALOGUE`` has what is independent of the race.
 
     :param effect: puts the command in force and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if it is not.
@@ -2267,7 +2269,7 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._state_made_safe,
         lambda race, command: [race.karts[command.kart]],
     ),
-    # The rest are no buttons of §4.B, so GRID_ACTIVE stays the last button pressed.
+    # The rest are not buttons in §4.B, so GRID_ACTIVE remains the last button pressed.
     CommandKind.KART_UNDO_FINISH: Rule(
         Race._kart_undo_finish,
         Race._no_undo_finish,
