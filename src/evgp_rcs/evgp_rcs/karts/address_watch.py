@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A watch that notices when another machine has race control's address, or this one loses it.
+A watch that notices when another machine has race control's address, or this machine loses it.
 
-Every race control runs this watch from start to end. At every interface by which karts reach race
-control, the watch asks by ARP for race control's own address. Its questions are RFC 5227 probes,
-which do not change any cache. The watch also hears ARP packets in which other machines claim the
-address, and notices when such an interface loses its cable or its address.
+Every race control runs this watch from start to end. At every interface through which karts reach
+race control, the watch asks by ARP for race control's own address. Its questions are RFC 5227
+probes, which do not change any cache. The watch also hears ARP packets in which other machines
+claim the address, and notices when such an interface loses its cable or its address.
 
 `Lookout` and everything above it is pure. `AddressWatch` is the thread around it. The watch asks
 through a raw packet socket if this process may open one, and otherwise through ``arping``
@@ -37,7 +37,7 @@ from evgp_protocol import clock
 from evgp_rcs.karts.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
-"""Time between two questions, and maximum time between two looks at the interfaces, in seconds.
+"""Time between two questions, and maximum time between two checks of the interfaces, in seconds.
 The kernel reports most changes at once, for example when a cable is plugged in again."""
 
 HEARD_WITHIN = 1.0
@@ -56,10 +56,10 @@ machine has the address. The other machine may not have been asking at that mome
 _CLAIM_EVERY = 0.1
 
 MOST_BLIND = 5
-"""Maximum number of failed looks at the interfaces in a row. One more ends race control."""
+"""Maximum number of consecutive failed checks of the interfaces. One more ends race control."""
 
 MOST_HEARD = 1000
-"""Maximum number of ARP packets read between two looks at the interfaces."""
+"""Maximum number of ARP packets read between two checks of the interfaces."""
 
 _EVERYBODY = b'\xff' * 6
 _NOBODY = bytes(6)
@@ -72,7 +72,7 @@ _NOT_NOW = (errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.ENOBUFS, errno.EAGA
 
 
 class AddressTakenError(RuntimeError):
-    """Another machine has race control's address. The text says which machine."""
+    """Another machine has race control's address. The message says which machine."""
 
 
 # ----- questions and claims -------------------------------------------------------------------
@@ -126,11 +126,11 @@ def claim_in(interface: str, data: bytes) -> Claim | None:
 
 def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple[Question, ...]:
     """
-    Return the questions to ask: each interface and address by which karts reach race control.
+    Return the questions to ask: each interface and address through which karts reach race control.
 
     :param host: the address at which race control listens, or `EVERY`.
     :param karts: the karts' addresses in the roster.
-    :param there: the present interfaces of this machine.
+    :param there: the current interfaces of this machine.
     """
     known = [ipaddress.IPv4Address(each) for each in karts]
     return tuple(
@@ -165,9 +165,9 @@ class Lookout:
     @property
     def cut_off(self) -> str:
         """
-        Return why karts cannot reach race control, as a phrase; empty if no reason is known.
+        Return the reason why karts cannot reach race control, as a phrase; empty if unknown.
 
-        A loss ends once the interface is back and no other machine has answered there.
+        A loss ends once the interface has returned and no other machine has answered there.
         """
         return '; '.join(self._lost.values())
 
@@ -191,10 +191,10 @@ class Lookout:
 
     def see(self, there: Sequence[Card], gone: Iterable[str], now: float) -> None:
         """
-        Update what is known from the present interfaces.
+        Update what is known from the current interfaces.
 
-        :param there: the present interfaces.
-        :param gone: the addresses that were removed since the last look.
+        :param there: the current interfaces.
+        :param gone: the addresses that were removed since the last check.
         :param now: the time, in seconds.
         """
         # Keep the previous hardware addresses as well. A packet that this machine sent a moment
@@ -253,7 +253,7 @@ def _takes_arp(card: Card) -> bool:
 
 
 def _is_same(before: Card, after: Card) -> bool:
-    """Return whether an interface has kept its cable since the previous look."""
+    """Return whether an interface has kept its cable since the previous check."""
     return before._replace(addresses=()) == after._replace(addresses=())
 
 
@@ -331,7 +331,7 @@ class _RawSocket(Asker):
             self._socket.sendto(packet(card.hardware, sender, address), (card.name, _PROTOCOL))
             self.trouble = ''
         except OSError as error:
-            if error.errno not in _NOT_NOW:  # the next look at the interfaces shows these
+            if error.errno not in _NOT_NOW:  # the next check of the interfaces shows these
                 self.trouble = f'race control cannot ask at {card.name}: {error.strerror}'
 
     def claims(self) -> list[Claim]:

@@ -40,7 +40,7 @@ from evgp_rcs.rules.race import (
 ANSWER_TIMEOUT = 4.0
 """Maximum time that an official's call waits for its answer, in seconds. After that, only stops
 still take effect. A working kart server needs at most `RaceTimes.journal_timeout`. A kart server
-that hangs is killed before this time is over."""
+that hangs is killed before this time has passed."""
 
 PAIR_BYTES = 65536
 """Maximum number of bytes read from a pair at a time."""
@@ -56,7 +56,7 @@ class ServerSettings:
     """
     How the kart server listens and sends.
 
-    :param host: IPv4 address to listen at. 0.0.0.0 means every address of the machine.
+    :param host: IPv4 address to listen on. 0.0.0.0 means every address of the machine.
     :param port: TCP port. With 0, as in tests, the system chooses one.
     :param beat_rate: frames per second to each kart. §4.C requires at least 10 Hz.
     :param send_timeout: time after which the server drops a kart that leaves bytes unanswered, in
@@ -98,7 +98,7 @@ class Request(NamedTuple):
     An official's command.
 
     :param number: number of the request, which its answer repeats.
-    :param came: when the command came, on the clock of the rules, in seconds.
+    :param came: when the command arrived, on the clock of the rules, in seconds.
     """
 
     number: int
@@ -110,8 +110,8 @@ class Alive(NamedTuple):
     """
     The sign of life by which the ROS half shows that it hears officials.
 
-    :param rival: whether the ROS half hears another race control.
-    :param there: who can stop the race.
+    :param rival: whether the ROS half is hearing another race control.
+    :param there: the programs that can stop the race.
     :param cut_off: why karts cannot reach race control now, as a phrase, such as a lost cable or
         address of an interface that they use. Empty if they can.
     """
@@ -126,8 +126,8 @@ class End:
     """
     The order to send RED_RED to every kart, and to end.
 
-    :param in_order: whether this is an orderly end. After an orderly end without a race under way,
-        the next run may begin from the roster.
+    :param in_order: whether the end is orderly. After an orderly end without a race under way, the
+        next run may begin from the roster.
     """
 
     in_order: bool
@@ -145,7 +145,7 @@ class Listening:
 
 @dataclass(frozen=True)
 class Refused:
-    """The message that the kart server or the record cannot start, with why and what to do."""
+    """The message that the kart server or the record cannot start, why, and what to do."""
 
     text: str
 
@@ -202,12 +202,12 @@ class Ended:
 @dataclass(frozen=True)
 class Opened:
     """
-    The first message, which says what is known of the last run.
+    The first message, which says what is known about the last run.
 
-    :param left_behind: what the record contains of the last run. None if it contains nothing.
+    :param left_behind: what the record contains about the last run. None if it contains nothing.
     :param last_run: how the last run ended, according to the mark.
     :param why: why it is unknown how the last run ended, as a phrase. Empty if it is known.
-    :param error: why the record fails, as a phrase. Empty if it works.
+    :param error: why the record is failing, as a phrase. Empty if it works.
     """
 
     left_behind: RaceMemory | None
@@ -221,7 +221,7 @@ class Written(NamedTuple):
     What the record has written.
 
     :param batches: number of batches on the disk so far.
-    :param error: why the record fails, as a phrase. Empty if it works.
+    :param error: why the record is failing, as a phrase. Empty if it works.
     :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk. If
         there is an error, the memories that could not be written.
     """
@@ -315,14 +315,14 @@ class LocalEnd:
                 return
 
     def send(self, data: bytes) -> None:
-        """Send a packed message. Bytes that the other end does not accept yet wait here."""
+        """Send a packed message. Bytes that the other end has not accepted yet wait here."""
         if not self.gone:
             self._unsent += data
             self._flush()
 
     def send_the_rest(self, *messages: object, timeout: float) -> None:
         """
-        Send everything that waits, and then the last messages, if the other end accepts them.
+        Send everything that is waiting, and then the last messages, if the other end accepts them.
 
         :param timeout: maximum time to wait, in seconds.
         """
@@ -334,7 +334,7 @@ class LocalEnd:
             self._end.sendall(self._unsent)
 
     def lose(self, why: str) -> None:
-        """Give up the other end, for this reason, and discard what waits for it."""
+        """Abandon the other end, for this reason, and discard what is waiting to be sent to it."""
         self.gone = why
         self._unsent.clear()
         if self._loop is not None:

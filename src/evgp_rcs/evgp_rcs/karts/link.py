@@ -5,8 +5,8 @@
 One connection of one kart, which reads its bytes and sends it frames (§4.C, §4.D).
 
 The link also watches whether the kart still answers. Everything here runs in the loop of the kart
-server, which owns the links. `LinkOwner` lists what a link needs of it. ``hearing`` decides which
-reports of a kart count.
+server, which owns the links. `LinkOwner` lists what a link needs from its owner. ``hearing``
+decides which reports from a kart count.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ class LinkOwner(Protocol):
         """Return the time on the clock of the rules, in seconds."""
 
     def take_commands(self) -> None:
-        """Judge the commands of officials, before the link reports what a kart sent."""
+        """Process the officials' commands, before the link reports what a kart sent."""
 
     def link_made(self, link: KartLink, address: str) -> None:
         """Accept a new connection from this IPv4 address, or drop it."""
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
         """
-        Handle a report of a kart.
+        Handle a report from a kart.
 
         :param link: the kart's link.
         :param heard: the report, or bytes that are not a frame.
@@ -64,7 +64,7 @@ class LinkOwner(Protocol):
         """Record that the kart's kernel answered an order by this time, in seconds."""
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Record how good the link is."""
+        """Record the quality of the link."""
 
     def link_lost(self, link: KartLink) -> None:
         """Record that a connection has ended. `KartLink.reason` says why."""
@@ -126,7 +126,7 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Drop the kart at once. What waits to be written could no longer reach its program."""
+        """Drop the kart at once. Bytes waiting to be written could no longer reach its program."""
         self.drop(CLOSED_BY_KART)
         return False
 
@@ -135,7 +135,7 @@ class KartLink(asyncio.BufferedProtocol):
         if exc is not None:
             no_answer = isinstance(exc, TimeoutError)
             self.reason = 'its network link stopped answering' if no_answer else in_words(exc)
-            # A ConnectionError is an answer of the kart's system, for example without its program.
+            # A ConnectionError is an answer from the kart's system, even if its program is gone.
             self.silent = not isinstance(exc, ConnectionError)
         self._transport = None
         self._owner.link_lost(self)
@@ -199,13 +199,13 @@ class KartLink(asyncio.BufferedProtocol):
         return self._answers.age(now) < GRADES[Grade.FAIR]
 
     def drop(self, reason: str) -> None:
-        """Close the connection now, for this reason, and discard what waits to be written."""
+        """Close the connection now, for this reason, and discard what is waiting to be written."""
         self.reason = reason
         if self._transport is not None:
             self._transport.abort()
 
     def farewell(self) -> None:
-        """Send RED_RED and close the connection, because race control ends."""
+        """Send RED_RED and close the connection, because race control is shutting down."""
         self.reason = 'race control ended'
         if self._transport is not None:
             self._transport.write(FRAMES[RaceState.RED_RED])
@@ -251,7 +251,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._transport.get_write_buffer_size() + unsent(self._socket)
 
     def _unread(self) -> int:
-        """Return the number of bytes that have arrived but are not read yet."""
+        """Return the number of bytes that have arrived but have not been read yet."""
         if self._socket is None or self._transport is None:
             return 0
         return unread(self._socket)

@@ -5,7 +5,7 @@
 The network interfaces of this machine, as the kernel reports them now (rtnetlink, without root).
 
 This module does not read ``/sys``, because ``/sys`` shows the interfaces of the network namespace
-in which it was mounted. That namespace may differ from the one of this process.
+in which it was mounted. That namespace may differ from that of this process.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def cards() -> tuple[Card, ...]:
 
 class CardNews:
     """
-    A watch that notices when an interface or an address comes, changes or goes.
+    A watch that notices when an interface or an address appears, changes or disappears.
 
     :ivar file: a socket that becomes readable when this happens.
     """
@@ -100,7 +100,7 @@ class CardNews:
     def gone(self) -> set[str]:
         """Return the addresses that were removed since the last call."""
         found = set()
-        # An overflow (ENOBUFS) does no harm, because the caller looks at the interfaces anyway.
+        # An overflow (ENOBUFS) does no harm, because the caller checks the interfaces anyway.
         with contextlib.suppress(OSError):  # above all BlockingIOError
             while True:
                 for kind, body in _messages(self.file.recv(_BYTES)):

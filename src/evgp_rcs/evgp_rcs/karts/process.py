@@ -5,9 +5,9 @@
 The kart server's process, which holds the rules and the karts' sockets, and does not use ROS.
 
 The ROS half (``node``) starts this process, and a local socket pair connects the two
-(``channel``). This process in turn starts the record's process. Neither of the two halves outlives
-the other. If the ROS half ends, or is silent for `ROS_HALF_SILENCE`, officials could no longer
-stop a kart, so this process sends every kart RED_RED and ends.
+(``channel``). This process in turn starts the record's process. Neither half outlives the other.
+If the ROS half ends, or is silent for `ROS_HALF_SILENCE`, officials could no longer stop a kart,
+so this process sends every kart RED_RED and ends.
 
 One thread runs the kart server's loop. If the ROS half is slow, events for it wait here, and the
 kart server skips snapshots of the race.
@@ -73,7 +73,7 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> Last
     record.remember(race.memory())
     priority.come_first()
     ros_half.attach(loop, server.take_commands)
-    # A signal to this process ends it in good order. Signals from a terminal reach only the ROS
+    # A signal to this process makes it end normally. Signals from a terminal reach only the ROS
     # half.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         loop.add_signal_handler(number, server.end)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The process that writes the record and the mark of the run, so that no other waits for the disk.
+The process that writes the record and the run's mark, so no other process waits for the disk.
 
 The kart server forks this process before it does anything else, and sends it everything over a
 socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk. Anything beyond that is lost, and
@@ -10,7 +10,7 @@ socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk. Anything beyond t
 process writes what has reached it and ends as well.
 
 If this process ends, hangs, is frozen, or cannot write the mark (``run_mark``), the record fails.
-The race then goes on, but no new race can start. Only `RecordProcess.trouble` decides whether the
+The race then continues, but no new one can start. Only `RecordProcess.trouble` decides whether the
 record fails.
 """
 
@@ -82,7 +82,7 @@ class RecordProcess:
     """
 
     def __init__(self, path: pathlib.Path, mark: pathlib.Path, run: str = '') -> None:
-        """Start the process, and wait until it has read what the last run left."""
+        """Start the process, and wait until it has read what the last run left behind."""
         self._path = path
         end, other = socket.socketpair()
         self.pid = os.fork()
@@ -111,7 +111,7 @@ class RecordProcess:
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
-        """What the record contains of the last run. None if it contains nothing."""
+        """What the record contains about the last run. None if it contains nothing."""
         self.last_run: LastRun = opened.last_run
         """How the last run ended."""
         self.why: str = opened.why
@@ -139,7 +139,7 @@ class RecordProcess:
 
     def remember(self, memory: RaceMemory) -> None:
         """Save this memory for the next run (see ``Record.remember``)."""
-        # If the process hangs, the memory waits until the process goes on.
+        # If the process hangs, the memory waits until the process continues.
         if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
             self._end.send(pack(Remember(memory)))
@@ -173,7 +173,7 @@ class RecordProcess:
                 self._confirm.pop(number).done(not error)
 
     def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official. Empty if it works."""
+        """Return why the record is failing, as a sentence for officials. Empty if it works."""
         # This clock skips suspends, unlike that of the rules, because they do not slow a disk.
         now = time.monotonic()
         if not self._events:
@@ -192,7 +192,7 @@ class RecordProcess:
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
     def _slow_for(self, now: float) -> float:
-        """Return for how many seconds the disk has not written; 0 if this is not too long."""
+        """Return how long the disk has not written, in seconds; 0 if this is not too long."""
         waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
         # A start that waited too long has been refused, but the disk may still not be ready.
         waits += [
@@ -202,7 +202,7 @@ class RecordProcess:
 
     def end(self, timeout: float, ends_as: LastRun) -> None:
         """
-        Write what is left and that this run has ended, and end the process.
+        Write what is left and the end of this run, and end the process.
 
         :param timeout: maximum time to wait for the process, in seconds.
         :param ends_as: how the run ended, for the next run.
@@ -225,7 +225,7 @@ class RecordProcess:
 
 
 def wake_when_the_parent_dies() -> None:
-    """Make a stopped process go on when its parent dies, so that it notices and ends."""
+    """Make a stopped process continue when its parent dies, so that it notices and ends."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
 
 

@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server, which owns the race and talks to the karts by TCP (§4.A, §4.C, §4.D).
+The kart server, which owns the race and communicates with the karts over TCP (§4.A, §4.C, §4.D).
 
 The code in this file follows these rules:
 
 - The server has one thread with one asyncio loop, in a process without ROS (``karts.process``).
-  Only that thread uses the race, the sockets and everything below.
-- The server never uses the disk or a log file. It sends what the ROS half and the record need
+  Only that thread touches the race, the sockets and everything defined below.
+- The server never uses the disk or a log file. It sends data to the ROS half and the record
   through two socket pairs (``channel``), which never block.
-- The server judges a command and writes its frames to every socket without an await in between.
-  Nothing else can run between an official's stop and its bytes.
+- The server judges a command and writes its frames to every socket without an await in between, so
+  nothing else can run between an official's stop and its bytes.
 - Every input reaches the rules through ``KartServer._take``, which logs the input so that a replay
   can repeat it.
 - The server limits how many bytes it reads from a peer in each beat, how many bytes wait to be
@@ -79,32 +79,32 @@ CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections that the server accepts before it handles a stop or a beat."""
 
 GATHER = 0.005
-"""Time for which the server gathers events before it sends them on, in seconds. If a hundred karts
+"""Time for which the server gathers events before it forwards them, in seconds. If a hundred karts
 acknowledge at once, sending each event separately would keep all processes busy and delay the
 answer to the stop that caused the events."""
 
 SHOW_AFTER = 0.01
-"""Minimum time from an event until a snapshot shows it, in seconds. The reason is that of
-`GATHER`: the snapshot then shows many events at once."""
+"""Minimum delay before a snapshot shows an event, in seconds. As with `GATHER`, one snapshot then
+covers many events."""
 
 MOST_GATHERED = 100
-"""Maximum number of gathered events. The server sends them on before it gathers more, which takes
-about 0.4 ms. A stop waits during this time."""
+"""Maximum number of gathered events. The server forwards them before it gathers more, which takes
+about 0.4 ms and can delay a stop by that much."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it checks for commands again."""
 
 TO_ROS_HALF_BYTES = 64 * 2**20
-"""Maximum backlog to the ROS half, in bytes. Beyond it, the server gives up the ROS half."""
+"""Maximum backlog to the ROS half, in bytes. If exceeded, the server abandons the ROS half."""
 
 ROS_HALF_SILENCE = 1.0
-"""Time after which the server gives up a silent ROS half, in seconds."""
+"""Time after which the server abandons a silent ROS half, in seconds."""
 
 _ENDING = Answer(False, 'Race control is ending. If a kart still moves, use the MSR.')
 
 
 class KartServerError(RuntimeError):
-    """The kart server cannot start or go on. The text says why, and what to do."""
+    """The kart server cannot start or continue. The message says why, and what to do."""
 
 
 class RosHalfGoneError(RuntimeError):
@@ -122,11 +122,11 @@ class RosHalfGoneError(RuntimeError):
 @dataclass
 class Waiting:
     """
-    A command that waits until the server judges it.
+    A command that is waiting for the server to judge it.
 
     :param command: the command.
     :param answered: called with the answer once the server has written every frame.
-    :param came: when the command came, on the clock of the rules, in seconds.
+    :param came: when the command arrived, on the clock of the rules, in seconds.
     """
 
     command: Command
@@ -162,7 +162,7 @@ class _Allowance:
         return True
 
     def mention(self) -> str:
-        """Return the end of a sentence, which says how many were withheld since the last call."""
+        """Return a sentence ending that says how many were withheld since the last call."""
         withheld, self.withheld = self.withheld, 0
         return f' ({withheld} more not reported)' if withheld else ''
 
@@ -175,7 +175,7 @@ class KartServer:
     :param settings: how to listen and send.
     :param ros_half: this process's end of the socket pair to the ROS half.
     :param record: the record's process.
-    :param left_behind: what is known of the last run. Tests pass ``None`` for a new race.
+    :param left_behind: what is known about the last run. Tests pass ``None`` for a new race.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class KartServer:
         record: RecordProcess,
         left_behind: inputs.Recovered | None = None,
     ) -> None:
-        """Prepare the server. Only ``serve`` opens its port."""
+        """Prepare the server. The port stays closed until ``serve`` is called."""
         self._race = race
         self._settings = settings
         self._ros_half = ros_half
@@ -198,7 +198,7 @@ class KartServer:
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
-        # The start that waits for the record and is not answered yet.
+        # The start that is waiting for the record and has not been answered yet.
         self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
@@ -283,8 +283,8 @@ class KartServer:
 
         :param command: the command.
         :param answered: called with the answer once the server has written every frame.
-        :param came: when the command came, on the clock of the rules, in seconds. ``None`` means
-            now.
+        :param came: when the command arrived, on the clock of the rules, in seconds. ``None``
+            means now.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
@@ -302,7 +302,7 @@ class KartServer:
         Make ``serve`` send every kart RED_RED, close every connection, and return.
 
         :param failure: the exception that ``serve`` raises instead of returning. If there are
-            several, ``serve`` raises the first. ``None`` for an end in good order.
+            several, ``serve`` raises the first. ``None`` for a normal end.
         """
         if self._failure is None:
             self._failure = failure
@@ -320,7 +320,7 @@ class KartServer:
         """Handle an error that the loop reports: send every kart RED_RED, and end."""
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
-            # No file descriptor is left. The race goes on, and asyncio tries again in a second.
+            # No file descriptor is left. The race continues, and asyncio tries again in a second.
             if self._refusals.take(self.now()):
                 text = f'Race control cannot accept another connection now: {in_words(error)}'
                 self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
@@ -375,7 +375,7 @@ class KartServer:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
-        """Judge the commands that have come, stops first. Called before any other work."""
+        """Process the commands that have arrived, stops first. Called before any other work."""
         for message in self._ros_half.receive():
             self._hear(message)
         if self._ros_half.gone:
@@ -422,7 +422,7 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Pass on to the rules whether the disk has saved the memory of a start."""
+        """Tell the rules whether the memory of a start has been saved to disk."""
         if self._is_ending():
             return  # _refuse_the_rest answers the start
         self.take_commands()
@@ -433,13 +433,13 @@ class KartServer:
         self._take(inputs.StartSaved(now, written, number))
 
     def _withdraw_start(self) -> None:
-        """Withdraw the start that waits, if any."""
+        """Withdraw the start that is waiting, if any."""
         if self._race.start is not None:
             number = self._race.start.number
             self._take(inputs.StartSaved(self.now(), False, number))
 
     def _notice_stall(self, now: float) -> None:
-        """Report a stall of race control to the rules, if there was one."""
+        """Report a stall of race control to the rules, if one has occurred."""
         stalled = now - self._beat_at - 1.0 / self._settings.beat_rate
         if stalled > STALL:
             self._beat_at = self._began_again_at = now
@@ -447,7 +447,7 @@ class KartServer:
             self._ask_to_show()
 
     def _feed(self, given: inputs.Input) -> Outcome:
-        """Log an input, and feed it to the rules. No other code may feed the rules."""
+        """Log an input, and feed it to the rules. No other code may do so."""
         self._log.add(given)
         return inputs.feed(given, self._race)
 
@@ -511,9 +511,9 @@ class KartServer:
 
     def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
         """
-        Gather events, so that the server can send them on together.
+        Gather events, so that the server can forward them together.
 
-        :param of_stamped: number of the latest log entries, which caused the events. These entries
+        :param of_stamped: number of the latest log entries that caused the events. These entries
             stay together with their events.
         """
         if len(self._gathered) >= MOST_GATHERED:
@@ -526,7 +526,7 @@ class KartServer:
         self._ask_to_show()
 
     def _flush(self, but: int = 0) -> None:
-        """Send on the gathered events, and all log entries but the last `but`."""
+        """Forward the gathered events, and all log entries but the last `but`."""
         gathered, self._gathered = self._gathered, []
         happened = pack(Happened(gathered)) if gathered else b''
         self._ros_half.send(happened)
@@ -544,7 +544,7 @@ class KartServer:
             self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
-        """Send a snapshot, unless earlier messages still wait for the ROS half."""
+        """Send a snapshot, unless earlier messages are still waiting for the ROS half."""
         assert self._loop is not None
         self.take_commands()
         self._showing = False
@@ -555,7 +555,7 @@ class KartServer:
             self._ros_half.send(pack(snapshot_of(self._race, now)))
         self._remember()
         if self._race.paused_until > max(now, self._shown_pause):
-            # When the pause ends, more commands are available, even if nothing else has changed.
+            # More commands become available when the pause ends, even if nothing else changes.
             self._shown_pause = self._race.paused_until
             self._loop.call_at(self._shown_pause, self._ask_to_show)
 
@@ -632,17 +632,17 @@ class KartServer:
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Pass on to the rules that the kart's kernel answered an order by this time (s)."""
+        """Report to the rules that the kart's kernel answered an order by this time (s)."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 
     def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Pass on to the rules how good the link is."""
+        """Report the quality of the link to the rules."""
         if self._links.get(link.number) is link:
             self._take(inputs.Measured(self.now(), link.number, quality))
 
     def link_lost(self, link: KartLink) -> None:
-        """Pass on to the rules that a connection ended, unless a new one has replaced it."""
+        """Report to the rules that a connection has ended, unless a new one has replaced it."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
             given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)
@@ -650,7 +650,7 @@ class KartServer:
 
 
 def _ended(failure: BaseException | None) -> Event:
-    """Return the event that race control ends, and why."""
+    """Return the event that says that race control is shutting down, and why."""
     follows = 'It sends RED_RED to every connected kart, and closes the connections'
     if failure is None:
         text = f'Race control ends because of Ctrl-C or a signal. {follows}'
