@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Makes untrusted texts safe, so that a terminal, a page or a table only shows them.
+Makes untrusted texts safe, so that a terminal, a page or a table only displays them.
 
-Pure.
+The code is pure.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import unicodedata
 
 
 def plain(text: str) -> str:
-    """Return an untrusted text without invisible characters and changes of writing direction."""
+    """Return an untrusted text without invisible characters or changes of writing direction."""
     if text.isascii() and text.isprintable():
         return text
     return ''.join(
@@ -23,5 +23,5 @@ def plain(text: str) -> str:
 
 def _does_more_than_show(character: str) -> bool:
     category = unicodedata.category(character)
-    # Controls, formats and unassigned characters; separators of lines and paragraphs.
+    # Control, format and unassigned characters; line and paragraph separators.
     return category[0] == 'C' or category in ('Zl', 'Zp')

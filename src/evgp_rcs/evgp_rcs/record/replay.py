@@ -5,13 +5,13 @@
 Runs the rules again on the inputs of a stream, and compares the outputs with the stream.
 
 With the rules that made the record, nothing may differ: no order to a kart, no event, and no time
-of an event. The replay names the first difference. To learn what happened in a run, go through
-`Replay.steps` and look at the race; there is no other account of a run.
+of an event. The replay names the first difference. To learn what happened in a run, iterate over
+`Replay.steps` and inspect the race; there is no other account of a run.
 
-An event has the time of the input that caused it, to the last bit. Inputs contain no wall times,
-and do not cause the events `OF_THE_SERVER`, so of these only number and order can be checked. The
-replay reports steps of the wall clock, but cannot know whether somebody set the clock or changed
-the record.
+The time of an event is exactly that of the input that caused it. Inputs contain no wall times, and
+do not cause the events `OF_THE_SERVER`, so only the number and order of these events can be
+checked. The replay reports steps of the wall clock, but cannot know whether somebody set the clock
+or changed the record.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ LONGEST = 400
 """Maximum length of a value as text, in characters."""
 
 MOST_CLOCK_STEP = 0.1
-"""Maximum difference of the two clocks between two events that is ignored, in seconds."""
+"""Maximum ignored difference between the two clocks from one event to the next, in seconds."""
 
 
 class Difference(NamedTuple):
@@ -53,7 +53,7 @@ class Difference(NamedTuple):
     A difference between a record and its replay, and the input at which it occurs.
 
     :param at: time since the run began, in seconds.
-    :param number: number of the input, from 1; 0 if before the first.
+    :param number: number of the input, from 1; 0 if the difference is before the first.
     :param given: the input as text.
     :param what: what differs.
     :param recorded: its value in the record.
@@ -95,7 +95,7 @@ class Step(NamedTuple):
     An entry of a stream, and its results.
 
     :param entry: an input, an event of the server, a snapshot that was shown, or a gap.
-    :param race: the race after it; None if only the stream itself is known from here on.
+    :param race: the race after it; None if only the stream is known from here on.
     :param outcome: the outcome of an input.
     :param events: the events of the stream that the entry caused, or that it is.
     """
@@ -116,8 +116,8 @@ class Replay:
 
     :ivar rules: the setup of the rules; None if it is missing.
     :ivar seconds: time up to which the stream was compared, since the run began, in seconds.
-    :ivar missing: why the replay could not go on to the end, as a clause; empty if it could.
-    :ivar clock_steps: where the wall clock deviates from the clock of the rules.
+    :ivar missing: why the replay could not continue to the end, as a clause; empty if it could.
+    :ivar clock_steps: where the wall clock deviated from the clock of the rules.
     """
 
     def __init__(self, kept: Kept) -> None:
@@ -213,7 +213,7 @@ class Replay:
         raise _EndError
 
     def _give_up(self) -> Iterator[Step]:
-        """Go on with the stream alone."""
+        """Continue with the stream alone."""
         self._race = None
         if self._given is not None:
             yield Step(self._given, None, None, tuple(self._told))
@@ -270,7 +270,7 @@ class Replay:
 
     def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
         name = f'event {entry.sequence}'
-        # The server leaves out some of the events that karts cause too often.
+        # The server omits some of the events that karts cause too often.
         event = next((each for each in made if not each.chatter or each == entry.event), None)
         if event is None or event != entry.event:
             self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
@@ -382,7 +382,7 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         kept = runs.read(runs.choose(wanted.run))
-    # The record is closed now: this may take long, and race control must not wait for it.
+    # The record is closed now: this may take a long time, and race control must not wait for it.
     code, lines = Replay(kept).run().judge()
     print('\n'.join(map(plain, lines)))
     return code or runs.code

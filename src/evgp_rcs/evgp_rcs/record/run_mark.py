@@ -6,10 +6,10 @@ The mark of a run: a small file that says whether race control ended well on thi
 
 There is one mark per port, at a fixed place that survives a restart of the machine. It does not
 depend on race control's user, home, record or unit. Race control writes `RUN_BEGAN` to the disk
-before a kart can connect, and at an orderly end how the run ended. A mark that cannot be read or
-written proves nothing.
+before a kart can connect, and, if the run ends normally, how it ended. A mark that cannot be read
+or written proves nothing.
 
-If `FOLDER` is private to a service, or is lost with the power, it cannot hold a mark; see
+If `FOLDER` is private to a service, or is lost when the power fails, it cannot hold a mark; see
 ``why_not_lasting``. Without a mark, race control does not start a race (``record_process``).
 """
 
@@ -45,7 +45,7 @@ _MOUNTS = pathlib.Path('/proc/self/mountinfo')
 
 
 class InUseError(RuntimeError):
-    """Another running race control has this mark; the text says what to do."""
+    """Another running race control has this mark; the message says what to do."""
 
 
 def place(address: str, port: int) -> pathlib.Path:
@@ -116,9 +116,9 @@ class RunMark:
         self.error = ''
         """Why the mark cannot be written now, as a phrase; empty if it can."""
         self.last_run = LastRun.UNKNOWN
-        """How the last run ended, as far as is known."""
+        """How the last run ended, if known."""
         self.why = ''
-        """Why nothing is known of the last run; empty if something is."""
+        """Why nothing is known about the last run; empty if something is."""
         try:
             self.last_run = LastRun(self._begin())
         except OSError as error:
@@ -199,7 +199,7 @@ def leave_began(path: pathlib.Path) -> None:
     """
     Write *began* into a mark, so that the next start on this machine assumes the worst.
 
-    If a race control runs here, it has already written that.
+    If race control is running here, it has already written that.
 
     :raises OSError: if the mark cannot be written.
     """

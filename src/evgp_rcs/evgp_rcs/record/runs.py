@@ -49,11 +49,11 @@ depend on the reader's time zone.)"""
 
 
 class UnreadableError(RuntimeError):
-    """The record, or the run in it, cannot be read; the text says why, and what to do."""
+    """The record, or the run in it, cannot be read; the message says why, and what to do."""
 
 
 CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
-"""Name of this program, which is another one in the package for officials."""
+"""Name of this program, which differs in the package for officials."""
 
 
 def say(text: str) -> None:
@@ -85,7 +85,7 @@ class Kept:
     """
     The stream of a run, as read from the record.
 
-    :param goes_on: race control is still writing it.
+    :param goes_on: whether race control is still writing it.
     """
 
     run: Session
@@ -133,12 +133,12 @@ class Runs:
 
     @property
     def code(self) -> int:
-        """Return the exit code of work with this record: complete, or of a damaged record."""
+        """Return the exit code after reading this record: complete, or damaged."""
         return PARTLY if self.damage else DONE
 
     def choose(self, number: int | None) -> Session:
         """
-        Return the run of this number, or the newest.
+        Return the run with this number, or the newest.
 
         :raises UnreadableError: if there is none.
         """
@@ -186,7 +186,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 @contextlib.contextmanager
 def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
-    Open a record for reading, even while race control writes it.
+    Open a record for reading, even while race control is writing it.
 
     If SQLite cannot read the whole file, its own recovery repairs a copy, and a message says so at
     the end.
@@ -233,7 +233,7 @@ def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
         if not _is_damage(error):
             raise
         return str(error)
-    except UnicodeDecodeError:  # of a sentence that names what is garbled
+    except UnicodeDecodeError:  # from a sentence that names what is garbled
         return 'its schema is garbled'
     return '' if found == 'ok' else str(found).replace('\n', ' ')
 
@@ -269,7 +269,7 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
                 database.execute(f'PRAGMA user_version = {version}')
                 return database
         except (sqlite3.Error, ValueError):
-            pass  # this way found nothing
+            pass  # this method found nothing
         database.close()
     raise UnreadableError(f'{file} is damaged ({damage}), and nothing in it can be read: {how}')
 

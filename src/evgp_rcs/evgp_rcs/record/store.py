@@ -4,15 +4,15 @@
 """
 The record: the stream of each run (``inputs``), and the memory that a race needs after a crash.
 
-A process of its own writes it (``record_process``), in blocks. Each batch is one transaction of
-SQLite, together with the race's memory (§3.E), so that after a crash of the process or the machine
-both end at the same event. Entries without an event are written every `INPUTS_EVERY` seconds. If
-the disk fails, everything waits here until a later try succeeds.
+A separate process writes the record (``record_process``), in blocks. Each batch is one transaction
+of SQLite, together with the race's memory (§3.E), so that after a crash of the process or the
+machine both end at the same event. Entries without an event are written every `INPUTS_EVERY`
+seconds. If the disk fails, everything waits here until a later attempt succeeds.
 
-The next run finds `left_behind`: what this record contains of the last run, or nothing. The record
-cannot know how that run ended; the machine's mark does (``run_mark``). The memory of a GREEN_GREEN
-is on the disk before GREEN_GREEN is sent. Unless another program reads the record just then, it is
-in the file itself, and not only in SQLite's ``-wal`` beside it.
+The next run finds `left_behind`: what this record contains about the last run, or nothing. The
+record cannot know how that run ended; the machine's mark does (``run_mark``). The memory of a
+GREEN_GREEN is on the disk before GREEN_GREEN is sent. Unless another program reads the record just
+then, it is in the file itself, and not only in SQLite's ``-wal`` beside it.
 """
 
 from __future__ import annotations
@@ -46,10 +46,10 @@ INPUTS_EVERY = 1.0
 must confirm every write."""
 
 LAST_WORDS = 10.0
-"""Maximum time from the event that a run ends to the last event, in seconds."""
+"""Maximum time from the event that ends a run to the last event, in seconds."""
 
 RETRY = 1.0
-"""Time after a failure until the next try, in seconds."""
+"""Time after a failure until the next attempt, in seconds."""
 
 _SCHEMA = """
 CREATE TABLE block ( -- the streams of all runs
@@ -66,11 +66,11 @@ CREATE TABLE memory ( -- what the next run must know; the last one only
 
 
 class RecordError(RuntimeError):
-    """Another race control uses the record, or it is unreliable, so race control cannot start."""
+    """Another race control is using the record, or it is unreliable; race control cannot start."""
 
 
 class _NoRecordError(RuntimeError):
-    """The file is not a record, or is damaged; the text says why, and what to do."""
+    """The file is not a record, or is damaged; the message says why, and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Session:
     """
     One run of race control.
 
-    :param ended_ns: wall time of the event that it ended in good order; None if there is none.
+    :param ended_ns: wall time of the event of its normal end; None if there is none.
     :param events: number of its last event.
     :param last_ns: wall time of its last event.
     :param id: id of the run, see ``Began``; empty if it cannot be read.
@@ -120,18 +120,18 @@ class Record:
     the disk.
 
     :param path: the file; created, with its folder, if necessary. If it cannot be written, or is
-        not a record, `error` says why, ``write`` tries again, and nothing is known of the last
+        not a record, `error` says why, ``write`` tries again, and nothing is known about the last
         run.
     :param run: id of the run; if empty, a random one.
-    :raises RecordError: if another running race control uses the record.
+    :raises RecordError: if another running race control is using the record.
     """
 
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
-        """Claim the file, and find what the last run left."""
+        """Claim the file, and find what the last run left behind."""
         self._path = path
         self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
-        self._since = 0.0  # when the first of them came
+        self._since = 0.0  # when the first of them arrived
         self._urgent = False  # an event is among them
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
@@ -142,9 +142,9 @@ class Record:
         self._run = 0
         self._claimed: IO[bytes] | None = None
         self.error = ''
-        """Why the last try to write failed, in a phrase; empty if it did not."""
+        """Why the last attempt to write failed, as a phrase; empty if it did not."""
         self.left_behind: RaceMemory | None = None
-        """What is known of the last run; None if nothing."""
+        """What is known about the last run; None if nothing is."""
         try:
             self._claim()
             self.left_behind = self._open()
@@ -184,14 +184,14 @@ class Record:
     # ----- writing ------------------------------------------------------------------------
 
     def write(self) -> bool:
-        """Write everything that waits; return whether it is on the disk now."""
+        """Write everything that is waiting; return whether it is on the disk now."""
         try:
             if self._database is None:
                 self._claim()
                 self._open()
             self._write()
         except (*_UNWRITABLE, RecordError) as error:
-            # SQLite's view of the file may be wrong by now, so the next try opens it again.
+            # SQLite's view of the file may be wrong by now, so the next attempt opens it again.
             if self._database is not None:
                 self._database.close()
                 self._database = None
@@ -229,7 +229,7 @@ class Record:
         self._claimed = claimed
 
     def _open(self) -> RaceMemory | None:
-        """Open the file, begin a new run, and return what the last run left."""
+        """Open the file, begin a new run, and return what the last run left behind."""
         database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         try:
             left_behind = self._prepare(database)
@@ -249,7 +249,7 @@ class Record:
                 'parameter record'
             )
         database.execute('PRAGMA journal_mode = WAL')
-        # FULL, so that a loss of power loses nothing that was written.
+        # FULL, so that a power failure loses nothing that was written.
         database.execute('PRAGMA synchronous = FULL')
         begins = not self._run
         left_behind = None
@@ -300,7 +300,7 @@ class Record:
 
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
-"""The exceptions of a file that cannot be written, is damaged, or is not a record."""
+"""The exceptions raised by a file that cannot be written, is damaged, or is not a record."""
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:
@@ -325,10 +325,10 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
-    """Return what is known of the last run; None if nothing."""
+    """Return what is known about the last run; None if nothing is."""
     last = next(sessions(database), None)
     if last is None:
-        return None  # there is no run
+        return None  # there are no runs
     found = database.execute('SELECT data FROM memory WHERE run = ?', (last.number,)).fetchone()
     if found is None:
         return None  # that run saved nothing
@@ -342,7 +342,7 @@ def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     """
-    Open a record for reading, even while race control writes it.
+    Open a record for reading, even while race control is writing it.
 
     :raises FileNotFoundError: if there is no such file.
     :raises sqlite3.Error: if it cannot be read.
@@ -356,13 +356,13 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
 
 def is_being_written(path: pathlib.Path) -> bool:
     """
-    Return whether a running race control writes this record.
+    Return whether a running race control is writing this record.
 
     :raises OSError: if it cannot be read.
     """
     with path.open('rb') as file:
         try:
-            # Released at once; a race control that is just starting tries for longer than that.
+            # Release the lock at once; a race control that is starting tries for longer than that.
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True

@@ -21,7 +21,7 @@ _STREAM: Stream[Standings | Corrected] = Stream([Standings, Corrected])
 
 class Timing(NamedTuple):
     """
-    The timekeeper's data, by the id of the run and the number of the race in it.
+    The timekeeper's data, by the id of the run and the number of the race in that run.
 
     :param results: the last results of each race.
     :param corrections: the corrections of each race, in order, except laps counted by hand.

@@ -5,11 +5,11 @@
 The catalogue of officials' commands (§4.B): the name of each, and what kind of command it is.
 
 One row says everything about a command that does not depend on the race. The table of the rules
-(``race.COMMANDS``) says what the command does and when it is refused. Node, console, ``rcs_ctl``,
-soak and tests use these rows. A new command therefore needs a row here, a row there, a constant in
-`CommandAvailability.msg`, and a service type if its request names more than a kart.
+(``race.COMMANDS``) says what the command does and when it is refused. The node, console,
+``rcs_ctl``, soak and tests use these rows. A new command therefore needs a row here, a row there,
+a constant in `CommandAvailability.msg`, and a service type if its request names more than a kart.
 
-Pure.
+The code is pure.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from evgp_protocol.states import RaceState
 
 
 class CommandKind(enum.Enum):
-    """A command of an official (§4.B); the value is its name in messages to officials."""
+    """An official's command (§4.B); the value is its name in messages to officials."""
 
     ALL_KILL = 'ALL_KILL'
     RED_FLAG = 'RED_FLAG'

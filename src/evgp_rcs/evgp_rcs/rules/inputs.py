@@ -14,7 +14,7 @@ The thread that stops karts only appends entries to a `Log`, and passes them on 
 answers are out. The record's process encodes them in blocks. Each block contains the number of
 entries before it, so that missing entries are noticed and counted.
 
-Pure. No clock, socket, ROS, thread, file or log.
+The code is pure: it uses no clock, socket, ROS, thread, file or log.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class Rules(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """An official's command, and when it came, in seconds."""
+    """An official's command, and when it arrived, in seconds."""
 
     at: float
     command: Command
@@ -100,11 +100,11 @@ class Connected(NamedTuple):
 
 
 CLOSED_BY_KART = 'the kart closed the connection'
-"""Reason of a disconnection that the kart made in good order."""
+"""Reason for a disconnection that the kart made in an orderly way."""
 
 
 class Disconnected(NamedTuple):
-    """A kart's connection is gone; ``silent`` if its link stopped answering."""
+    """A kart's connection has ended; ``silent`` if its link stopped answering."""
 
     at: float
     kart: int
@@ -136,7 +136,7 @@ class Delivered(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """How good a kart's link is, once a second and whenever it gets worse."""
+    """The quality of a kart's link, once a second and whenever it gets worse."""
 
     at: float
     kart: int
@@ -172,7 +172,7 @@ class Contested(NamedTuple):
 
 
 class Rival(NamedTuple):
-    """Another race control came or went."""
+    """Another race control appeared or disappeared."""
 
     at: float
     present: bool
@@ -186,14 +186,14 @@ class Attended(NamedTuple):
 
 
 class RecordTrouble(NamedTuple):
-    """Why the record fails, as a sentence for officials; empty if it works."""
+    """Why the record is failing, as a sentence for officials; empty if it works."""
 
     at: float
     text: str
 
 
 class StartSaved(NamedTuple):
-    """Whether the disk has saved the memory of the start of this number, whose wait is over."""
+    """Whether the memory of the start with this number is saved on disk; its wait is over."""
 
     at: float
     saved: bool
@@ -202,12 +202,11 @@ class StartSaved(NamedTuple):
 
 class Recovered(NamedTuple):
     """
-    What is known of the last run.
+    What is known about the last run.
 
-    :param memory: what the record contains of it; None if nothing.
+    :param memory: what the record contains about it; None if it contains nothing.
     :param last_run: how it ended, according to the machine's mark (``run_mark``).
-    :param why: why a proof of a good end is not believed, as a phrase; empty if that is not the
-        case.
+    :param why: why proof that it ended normally is not believed, as a phrase; empty if none.
     """
 
     at: float
@@ -274,13 +273,13 @@ def feed(given: Input, race: Race) -> Outcome:
 
 
 class Ordered(NamedTuple):
-    """The orders that the previous input caused; if there are none, the entry is missing."""
+    """The orders that the previous input caused; if there were none, the entry is absent."""
 
     orders: tuple[Order, ...]
 
 
 class Shown(NamedTuple):
-    """The server sent a snapshot of the race to the ROS half here."""
+    """The server sent a snapshot of the race to the ROS half at this point."""
 
     at: float
 
@@ -322,7 +321,7 @@ def _check(entry: Entry) -> None:
 
 class Batch(NamedTuple):
     """
-    Entries that follow each other in a log.
+    Consecutive entries in a log.
 
     :param first: number of entries before them.
     :param entries: the entries, with None in place of each event that is in `happened`.
@@ -343,14 +342,14 @@ class Log:
 
     def add(self, *entries: Entry | None) -> None:
         """
-        Append entries: an input before the rules get it, then what it causes.
+        Append entries: an input before it reaches the rules, then what it causes.
 
-        :param entries: the entries, with None for an event, which the taker of the batch adds.
+        :param entries: the entries, with None for each event, which whoever takes the batch adds.
         """
         self._new += entries
 
     def take(self, but: int = 0) -> Batch:
-        """Return the entries added since the last call, without the last `but` of them."""
+        """Return the entries added since the last call, except for the last `but` of them."""
         count = len(self._new) - but
         batch = Batch(self._taken, self._new[:count])
         self._taken += count

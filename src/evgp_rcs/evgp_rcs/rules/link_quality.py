@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How good the link to one kart is: the figures that officials see, and how they are computed.
+The quality of the link to one kart: the figures that officials see, and their computation.
 
-Pure: times and counts in, figures out. ``evgp_protocol.link`` defines the grades *good*, *fair*
-and *poor*; ``karts.link`` holds the socket and reads the kernel's figures. The kart's *kernel*
-answers, whether or not the kart's program reads (§2.A, §4.D).
+The code is pure: it turns times and counts into figures. ``evgp_protocol.link`` defines the grades
+*good*, *fair* and *poor*; ``karts.link`` holds the socket and reads the kernel's figures. The
+kart's *kernel* answers, whether or not the kart's program reads (§2.A, §4.D).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ POOR_LATELY = 60.0
 
 CLOSING = 0.4
 """Share of the largest window that a kart's TCP has offered; a smaller window means that the kart
-leaves frames unread. The lwIP window of a kart that reads everything goes down to half of the
-largest. Linux has a window of some 64 kB, which shows unread frames only after a long time."""
+is leaving frames unread. The lwIP window of a kart that reads everything shrinks to half of the
+largest. Linux has a window of about 64 kB, which shows unread frames only after a long time."""
 
 BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
 """Number of bytes sent to a kart per second of racing, at the usual rate."""
@@ -45,12 +45,12 @@ class LinkQuality(NamedTuple):
     """
     One measurement of a link. Times that the kernel does not report are None, and numbers are 0.
 
-    :param worst_answer: longest time that a frame waited, or has been waiting, for the answer of
+    :param worst_answer: longest time that a frame waited, or has been waiting, for an answer from
         the kart's kernel in the last ``GRADE_WINDOW``, in seconds; the grade depends on it.
     :param round_trip: round-trip time, smoothed by the kernel, in seconds.
     :param retransmitted: number of segments retransmitted on this connection.
-    :param behind: how late the kart's program may read what it is sent, in seconds; 0 if there is
-        no sign of that.
+    :param behind: how late the kart's program may be in reading what it is sent, in seconds; 0 if
+        there is no sign of that.
     """
 
     grade: Grade
@@ -78,7 +78,7 @@ class LinkMeter:
         self._longest: deque[tuple[float, float]] = deque()
 
     def answered(self, took: float, now: float) -> None:
-        """Record that a frame was answered, how long that took, and when (both s)."""
+        """Record that a frame was answered, how long that took (s), and when (s)."""
         while self._longest and self._longest[-1][1] <= took:
             self._longest.pop()
         self._longest.append((now, took))
@@ -101,8 +101,8 @@ class LinkMeter:
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         :param info: the kernel's figures; None if it has none.
-        :param behind: how late the kart's program may read according to its reports, in seconds; 0
-            if there is no sign of that.
+        :param behind: how late the kart's program may be in reading, according to its reports, in
+            seconds; 0 if there is no sign of that.
         """
         behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
@@ -118,7 +118,7 @@ class LinkMeter:
         return quality
 
     def _behind_by_window(self, info: TcpInfo | None) -> float:
-        """Return how late the kart may read at most, by its window (s); 0 if there is no sign."""
+        """Return the kart's maximum delay in reading, by its window (s); 0 if there is no sign."""
         if info is None or info.window is None:
             return 0.0
         self._largest_window = max(self._largest_window, info.window)

@@ -4,14 +4,14 @@
 """
 What officials see of the race, as plain data: the only model of the race outside the rules.
 
-The kart server makes it. ``evgp_rcs_msgs/Race`` is its image, field by field (``messages``);
-window, terminal, board and rehearsal have no other model. Whatever follows from its fields is a
-property here, so that no screen computes it a second time.
+The kart server makes the snapshot. ``evgp_rcs_msgs/Race`` mirrors it field by field
+(``messages``); the window, terminal, board and rehearsal have no other model. Whatever follows
+from its fields is a property here, so that no screen computes it again.
 
 Times are in seconds, on one clock: the clock of the rules in race control, or race control's wall
-clock in a snapshot read from a message. Only differences of these times have a meaning.
+clock in a snapshot read from a message. Only differences between these times are meaningful.
 
-Pure.
+The code is pure.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
 
 
 class KartSnapshot(NamedTuple):
-    """One kart; its fields mean the same as in `KartStatus.msg` and ``Kart``."""
+    """One kart; the fields mean the same as in `KartStatus.msg` and ``Kart``."""
 
     number: int
     team: str
@@ -68,18 +68,18 @@ class KartSnapshot(NamedTuple):
 
     @property
     def says_no_more(self) -> bool:
-        """Return whether it last reported what it is sent, but only for an earlier command."""
+        """Return whether it last reported what it is being sent, but for an earlier command."""
         waits = self.connected and not self.acknowledged and self.sent is not RaceState.IN_GARAGE
         return waits and self.counts_at is None and self.reported is self.sent
 
     @property
     def settles(self) -> bool:
-        """Return whether it reports its stop, but has not done so for long enough yet."""
+        """Return whether it is reporting its stop, but has not yet done so for long enough."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
 
     @property
     def flag_follows(self) -> bool:
-        """Return whether it has finished, and drives on until it is sent its RED_FLAG."""
+        """Return whether it has finished, and keeps driving until it is sent its RED_FLAG."""
         drives = self.connected and self.sent is RaceState.GREEN_GREEN
         return drives and self.flag_at is not None
 
@@ -89,17 +89,17 @@ class KartSnapshot(NamedTuple):
         return self.in_doubt and self.connected and self.sent.is_red
 
     def offered(self, command: CommandKind) -> Availability:
-        """Return whether a command to this kart would be accepted."""
+        """Return whether a command for this kart would be accepted."""
         return _offered(self.commands, command)
 
 
 class Snapshot(NamedTuple):
     """
-    The race at one time; its fields mean the same as in `Race.msg` and ``Race``.
+    The race at one time; the fields mean the same as in `Race.msg` and ``Race``.
 
     :param stamp: time of the snapshot.
-    :param state: state of the race; None only before race control was heard.
-    :param commands: the commands that are not to one kart.
+    :param state: state of the race; None only before race control is first heard.
+    :param commands: the commands that are not for one kart.
     :param banner: text at the top of every screen, which ``node`` adds from its parameter.
     :param officials: the event's officials, which ``node`` adds likewise.
     """
@@ -138,7 +138,7 @@ class Snapshot(NamedTuple):
 
     @property
     def msr_alerts(self) -> list[Alert]:
-        """Return the alerts that ask for the Master Safety Remote, newest first."""
+        """Return the alerts that call for the Master Safety Remote, newest first."""
         return [alert for alert in self.alerts if alert.use_msr]
 
     @property
@@ -149,15 +149,15 @@ class Snapshot(NamedTuple):
         return is_known and not doubted and not self.msr_alerts
 
     def numbered(self, what: str) -> int:
-        """Return the number that a command names (``Entry.names_number``); 0 if none."""
+        """Return the number that a command names (``Entry.names_number``); 0 if it names none."""
         return {'opening': self.track.opening, 'reading': self.reading}.get(what, 0)
 
     def kart(self, number: int) -> KartSnapshot | None:
-        """Return the kart with this number, if the roster has it."""
+        """Return the kart with this number, if it is in the roster."""
         return next((kart for kart in self.karts if kart.number == number), None)
 
     def offered(self, command: CommandKind) -> Availability:
-        """Return whether a command that is not to one kart would be accepted."""
+        """Return whether a command that is not for one kart would be accepted."""
         return _offered(self.commands, command)
 
 
