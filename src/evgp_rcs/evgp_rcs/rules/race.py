@@ -996,7 +996,7 @@ class Race:
         return self._outcome()
 
     def _check_whether_all_went_silent(self, lost: Kart, now: float) -> None:
-        """Consider race control cut off if it has lost every kart of the race at once."""
+        """Consider race control cut off if it has lost every kart in the race at once."""
         in_garage = self.state is IN_GARAGE
         if self.state is RED_RED or not (lost.in_race or in_garage):
             return  # in RED_RED there is nothing to stop, and teams switch their karts off
