@@ -157,7 +157,7 @@ class Stalled(NamedTuple):
 
 
 class CutOff(NamedTuple):
-    """Race control lost the karts' network, for this reason; empty once it is back."""
+    """Race control lost the karts' network, for this reason; empty once the network is back."""
 
     at: float
     reason: str

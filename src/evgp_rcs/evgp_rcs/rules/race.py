@@ -31,11 +31,11 @@ move only once their permission to move is saved on disk: a GREEN_GREEN that wou
 *start* that waits (``Start``). Inputs that arrive meanwhile are judged first, and the start is
 judged again when the disk has answered.
 
-Doubt means stop (``Doubt``). A kart that was sent GREEN_GREEN, was seen to move, or left a stop
-unanswered *may be moving*; a kart that was sent GRID_ACTIVE is *on the grid*. Either doubt ends
-when the kart acknowledges a red and keeps reporting it for ``settle`` seconds on the same
-connection, or when an official states that it was made safe by hand. Losing the connection never
-ends a doubt.
+Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart that was sent
+GREEN_GREEN, was seen to move, or left a stop unanswered *may be moving*; a kart that was sent
+GRID_ACTIVE is *on the grid*. Either doubt ends when the kart acknowledges a red and keeps
+reporting it for ``settle`` seconds on the same connection, or when an official states that it was
+made safe by hand. Losing the connection never ends a doubt.
 
 Race control assumes the worst about any period of which it knows nothing: the time before it
 started, unless the last run on this machine ended normally with nothing under way (``recover``),
@@ -521,7 +521,7 @@ class Kart:
     @property
     def away_at_rest(self) -> bool:
         """
-        Return whether it is not connected, was not lost, and is not held individually.
+        Return whether the kart is not connected, was not lost, and is not held individually.
 
         Only a command to all karts can hold such a kart.
         """
@@ -529,7 +529,7 @@ class Kart:
 
     @property
     def bound(self) -> str:
-        """Return the reason why the roster must keep it and its address; empty if it need not."""
+        """Return the reason why the roster must keep the kart and its address; empty if none."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -539,7 +539,7 @@ class Kart:
     @property
     def stopped_itself(self) -> bool:
         """
-        Return whether it last reported RED_RED while being sent GRID_ACTIVE or GREEN_GREEN.
+        Return whether the kart last reported RED_RED while being sent GRID_ACTIVE or GREEN_GREEN.
 
         Its team, the MSR's contact or the kart itself caused the stop. Nobody may rely on it.
         """
@@ -547,7 +547,7 @@ class Kart:
 
     @property
     def answered(self) -> bool:
-        """Return whether it has carried out its order, so that the race may continue."""
+        """Return whether the kart has carried out its order, so that the race may continue."""
         return self.stands if self.sent.is_red else self.acknowledged
 
 
@@ -677,7 +677,7 @@ class Race:
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
-        """Karts sent GREEN_GREEN in the race whose order of FINISH is not reported yet."""
+        """Karts sent GREEN_GREEN in the race whose order of FINISH has not been reported yet."""
         self.grid_was_last = False
         self.grids = 0
         """Number of times that GRID_ACTIVE was accepted."""

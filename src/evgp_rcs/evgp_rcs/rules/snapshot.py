@@ -85,7 +85,7 @@ class KartSnapshot(NamedTuple):
 
     @property
     def is_stopping(self) -> bool:
-        """Return whether it is in doubt only because it is connected and being stopped."""
+        """Return whether the kart is in doubt only because it is connected and being stopped."""
         return self.in_doubt and self.connected and self.sent.is_red
 
     def offered(self, command: CommandKind) -> Availability:
