@@ -181,8 +181,8 @@ def parser() -> argparse.ArgumentParser:
                 'karts',
                 type=_kart_number,
                 nargs='*',
-                help='the karts that you mean; without them, rcs_ctl lists the karts and sends '
-                'nothing',
+                help='the karts to which the command applies; if omitted, rcs_ctl lists the karts '
+                'and sends nothing',
             )
         if entry.names_number == 'reading':
             each.add_argument('reading', type=_count, help='its number, printed by reload-roster')

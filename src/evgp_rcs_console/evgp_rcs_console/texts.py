@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The console's own texts: those said in several places, the long ones, and sentences about a race.
+The console's own texts: those used in several places, long ones, and sentences about a race.
 
 The console shows race control's sentences (reasons, answers, alerts, events) unchanged. The
 labels of the commands are in the catalogue.
@@ -51,8 +51,8 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SAID_BEFORE = 'its {state} answered an earlier order: if it stays silent, let it reconnect'
-CONNECT_AGAIN = 'its {state} may answer an earlier order: let it reconnect (comes back held)'
+SAID_BEFORE = 'its {state} was for an earlier order: if it stays silent, let it reconnect'
+CONNECT_AGAIN = 'its {state} may be for an earlier order: let it reconnect (returns held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -93,7 +93,7 @@ ALERT_WAS = {
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: '{kart} had two programs connecting as it',
+    AlertKind.TWO_PROGRAMS: 'two programs were connecting as {kart}',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
     AlertKind.PART_FAILED: 'a part of race control had failed',
@@ -122,7 +122,7 @@ NOT_YET_DETAIL = (
 )
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_SINCE = (
-    'It was shut down in order {age} ago, when no kart could be moving where it must not. '
+    'It was shut down normally {age} ago, when no kart could be moving where it must not. '
     'To start it again: make run ROSTER=…'
 )
 GONE_REASON = 'race control is gone'
@@ -217,7 +217,7 @@ def alert_was(kind: AlertKind, kart: int) -> str:
 
 
 def without_teams(text: str, teams: Mapping[int, str]) -> str:
-    """Return a sentence of race control without the names of the teams."""
+    """Return one of race control's sentences without the team names."""
     for number, team in teams.items():
         text = text.replace(f' {number} ({team})', f' {number}')
     return text
@@ -352,7 +352,7 @@ def not_there(command: Kind, name: str) -> str:
 
 
 def gave_up(given: Given, limit: str) -> str:
-    """Return that a command was not answered within a time."""
+    """Return the message that a command was not answered within the given time."""
     what = 'results' if isinstance(given.command, Act) else 'race'
     return GAVE_UP.format(command=full_name(given), age=limit, what=what)
 

@@ -331,7 +331,7 @@ class Screen:
         )
 
     def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
-        """Return the button of a command, or what its kart's letter gives."""
+        """Return the button for a command, or the action of the kart's letter."""
         letters = (row.letter for row in self.rows if row.number == kart)
         return next(letters, None) if by_letter else self.button(command, kart)
 
@@ -739,9 +739,9 @@ class _Buttons:
 
     def letter(self, kart: KartSnapshot, key: str) -> Button:
         """
-        Return what the letter of a kart gives: a lap, or FINISH on its last lap.
+        Return the action of a kart's letter: count a lap, or send FINISH on its last lap.
 
-        In a heat without timing it is unknown which applies, so the letter gives nothing.
+        In a heat without timing, there is no way to tell which applies, so the letter does nothing.
         """
         timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
         if not self._races(kart) or (timing is None and not self.snapshot.heat):

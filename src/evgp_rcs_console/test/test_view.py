@@ -497,8 +497,8 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
     assert (over.answer.text, over.says) == ('… not yet', 'perhaps to an earlier order')
     assert over.note.text.startswith('its GRID ACTIVE may answer an earlier order: let')
     said = with_kart(sent_since=34.0, **says).rows[0]
-    assert said.note.text.startswith('its GRID ACTIVE answered an earlier order: if it')
-    assert 'answered an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
+    assert said.note.text.startswith('its GRID ACTIVE was for an earlier order: if it')
+    assert 'was for an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
