@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``board`` node: the race on web pages, received as any screen receives it.
+The ``board`` node, which shows the race on web pages and receives it as any screen does.
 
 It only subscribes and has no way back: no service clients, and only the publishers that every node
 has. The web server runs in its own thread; ROS's thread only keeps the newest messages.
@@ -35,7 +35,7 @@ from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
-"""Time without a snapshot after which race control counts as gone, as in the window, seconds."""
+"""Time without a snapshot after which race control counts as gone, as in the window, in s."""
 
 MOST_LOGGED = 8
 """Maximum number of lines kept about one kart; the newest stay."""
@@ -192,7 +192,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
     """
     Refuse to listen on the karts' network.
 
-    :raises PlaceError: if a kart of the roster is on the network of this address.
+    :raises PlaceError: if a kart on the roster is on the network of this address.
     """
     network = network_of(address)
     for kart in race.karts:

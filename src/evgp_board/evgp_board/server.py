@@ -75,7 +75,7 @@ class Now:
     """
     The data to show at one moment.
 
-    :param heard: the same object as long as nothing changes.
+    :param heard: the same object until something changes.
     :param age: time since race control was last heard, in seconds; None: it never was.
     """
 
@@ -88,8 +88,8 @@ class _Viewer:
     """
     A viewer of a page.
 
-    :ivar chunks: messages go out in chunks; HTTP/1.0, which some proxies use, has none.
-    :ivar waits: there is news that the viewer was not sent yet.
+    :ivar chunks: whether messages go out in chunks; HTTP/1.0, which some proxies use, has none.
+    :ivar waits: whether there is news that the viewer has not been sent yet.
     :ivar moved: when the viewer had last received everything sent, in seconds.
     """
 

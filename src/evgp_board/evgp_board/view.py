@@ -4,7 +4,7 @@
 """
 Turns a snapshot of the race into what pages show: words, tones and rows, as plain data.
 
-This module is pure and contains no rule of the race. It uses the window's words (docs/console.md).
+This module is pure and contains none of the rules. It uses the window's words (docs/console.md).
 A board may only be wrong by being too careful, so it never says that humans may enter, and it
 shows a kart as stopped only if race control counts it as standing. It shows no official's name and
 no address.
@@ -202,7 +202,7 @@ def line_of(stamped: StampedEvent) -> Line | None:
 
 
 def green_for(race: Snapshot | None) -> float | None:
-    """Return how long the race had been in GREEN GREEN at its snapshot, s; None if it was not."""
+    """Return how long the race had been in GREEN GREEN at its snapshot, in s; None if it was not."""
     if race is None or race.state is not RaceState.GREEN_GREEN:
         return None
     return max(0.0, race.stamp - race.state_since)
@@ -276,7 +276,7 @@ def _taken(result: KartResult) -> list[str]:
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
-    """Return what a kart does, in a word or two; empty for one that simply drives."""
+    """Return what a kart is doing, in a word or two; empty if it is simply driving."""
     if not kart.connected:
         return 'no link'  # spectators would read "lost" as "did not win"
     if not kart.sent.is_red:

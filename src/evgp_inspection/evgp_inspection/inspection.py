@@ -42,7 +42,7 @@ class Inspection:
     :ivar results: the results of the wanted clauses.
     :ivar seconds: duration, s.
     :ivar remarks: sentences about the whole inspection.
-    :ivar finished: every step was done.
+    :ivar finished: whether every step was done.
     """
 
     results: list[Result]

@@ -172,7 +172,7 @@ class KartWire:
         self._recording.note(Kind.SILENT, text='silent')
 
     def send_now(self, data: bytes) -> None:
-        """Send bytes immediately, independent of the beat."""
+        """Send bytes immediately, independently of the beat."""
         for link in self._links:
             link.write(data)
 
@@ -182,7 +182,7 @@ class KartWire:
         self.send(between())
 
     def close(self, how: str = 'closed') -> None:
-        """End every connection in order (FIN)."""
+        """End every connection normally (FIN)."""
         for link in self._links:
             link.end(how)
 

@@ -22,7 +22,7 @@ def speed_in(line: str) -> float | None:
     """
     Return the absolute speed in a line ``speed`` or ``time speed``, m/s.
 
-    The time is ignored, because the arrival of the line counts.
+    The time in the line is ignored, because what counts is when the line arrives.
 
     :return: the speed; None if the line has neither form.
     """

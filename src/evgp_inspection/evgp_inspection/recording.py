@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The writing of a trace, with its clock, and the connections that it records."""
+"""Writes a trace with its own clock, and records connections in it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Recording:
         value: float = 0.0,
         unread: int = 0,
     ) -> None:
-        """Record an event with the present time."""
+        """Record an event with the current time."""
         self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
@@ -120,7 +120,7 @@ class Link(asyncio.BufferedProtocol):
 
     def end(self, how: str = 'closed') -> None:
         """
-        Close the connection in order (FIN), or reset it.
+        Close the connection normally (FIN), or reset it.
 
         :param how: for the trace: closed, reset, or away if race control is away afterwards.
 

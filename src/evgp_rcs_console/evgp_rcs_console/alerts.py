@@ -31,7 +31,7 @@ from evgp_rcs_console.style import look, NUMBER, SMALL
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
-"""Maximum number of alerts shown in full; of the others, only number and karts are shown."""
+"""Maximum number of alerts shown in full; for the others, only their number and karts."""
 
 MANY = 4
 """Maximum number of further karts that are named in large type."""
@@ -207,7 +207,7 @@ class Alarm:
         area.show_sound(muted=False)
 
     def take_race(self, race: Snapshot, two: bool) -> None:
-        """Update the alerts from a snapshot; a new one sounds soon."""
+        """Update the alerts from a snapshot; a new alert sounds soon."""
         if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state

@@ -120,7 +120,7 @@ class StopButton(StrictNode):
         return self._given is None or (answer is not None and answer[0] is self._given)
 
     def _take_dropped(self, at: float) -> None:
-        """Handle that the last press is no longer sent; a button still held is a new press."""
+        """Handle the end of the last press; a button that is still held counts as a new press."""
         dropped = self._heard.dropped
         if dropped is None or dropped[0] is not self._given:
             return
@@ -131,7 +131,7 @@ class StopButton(StrictNode):
             self._kill()
 
     def _look(self, trouble: str) -> None:
-        """Announce this button, and why it cannot stop the race if it cannot."""
+        """Announce this button and, if it cannot stop the race, the reason."""
         at = now()
         self._take_dropped(at)
         if at - self._dropped_at < DROPPED_FOR:

@@ -72,7 +72,7 @@ _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 @functools.lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
-    """Return a sentence of race control with states and commands named as on the screen."""
+    """Return one of race control's sentences with states and commands named as on the screen."""
     return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
 
 
@@ -102,7 +102,7 @@ GIVE_UP = 15.0
 """Maximum wait for the answer to a request, in seconds. A stop is sent again long before that."""
 
 THEN_WITHIN = LEAST_PAUSE / 2
-"""Maximum time from a press to the last command that it gives, in seconds. If another official
+"""Maximum time from a press to the last command that it sends, in seconds. If another official
 sends a stop meanwhile, the command still falls into the pause in which race control refuses
 everything that loosens."""
 
@@ -153,10 +153,10 @@ class Listener(Protocol):
         """Process the current results."""
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Process the final answer to a command, including that none came in time."""
+        """Process the final answer to a command, or the message that none came in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Process that a stop is no longer sent: a later race has begun; why is a sentence."""
+        """Process a stop no longer sent because a later race has begun; why is a sentence."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Process the stops that race control has not accepted yet, with their send counts."""
@@ -168,9 +168,9 @@ class Client:
 
     :param commands: the commands it can give. With SROS2 it needs a permission for each of them;
         receiving the race needs none of these.
-    :param there: name of the program at which an official sits (``announce``); empty: no
-        presence is announced. Without the permission none is announced either.
-    :param hears: the listener receives the race. Otherwise only the client does, for its stops.
+    :param there: name of the program that an official is using (``announce``); if empty, or
+        without the permission, no presence is announced.
+    :param hears: whether the listener receives the race; otherwise only the client does, for stops.
     :raises RCLError: if ROS does not allow this client.
     """
 

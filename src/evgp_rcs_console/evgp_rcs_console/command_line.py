@@ -77,9 +77,9 @@ NO_STOP_SENT = 'NO STOP WAS SENT. all-kill stops every kart; USE THE MSR if that
 
 class Parser(argparse.ArgumentParser):
     """
-    Parses a command line; for a wrong one, it says that nothing was sent.
+    Parses a command line; if the line is wrong, it prints that nothing was sent.
 
-    :ivar unsent: that message; a line that may have been meant as a stop gets a stronger one.
+    :ivar unsent: that message, which is stronger for a line that may have been meant as a stop.
     """
 
     unsent = NO_STOP_SENT
@@ -115,7 +115,7 @@ def broken_off(command: Kind, waited: float, sent: int, said: str) -> str:
 
     :param waited: time since the command was given, in seconds.
     :param sent: number of times it was sent, if known; 0 otherwise.
-    :param said: race control's words about it; empty if none.
+    :param said: what race control said about it; empty if nothing.
     """
     entry = CATALOGUE[command]
     often = f'sent {sent} times, ' if sent else ''
@@ -143,7 +143,7 @@ def parser() -> argparse.ArgumentParser:
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control was not found '
-        'or did not answer, 4 a stop was too old because another race had begun. Put ROS '
+        'or did not answer, 4 the stop was too old because another race had begun. Put ROS '
         'arguments after --ros-args.',
     )
     waiting = Parser(add_help=False)

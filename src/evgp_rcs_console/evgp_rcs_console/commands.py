@@ -65,7 +65,7 @@ class Given:
     waited: float = 0.0
 
     def followed_by(self) -> Given | None:
-        """Return the command to give once this one is accepted; None if there is none."""
+        """Return the command to give once this one is accepted, if any."""
         if not self.then:
             return None
         first, *rest = self.then
@@ -76,7 +76,7 @@ def request(
     given: Given, at: float
 ) -> dict[str, float | bool | str | list[int] | RaceState | None]:
     """
-    Return the fields of the request of a command.
+    Return the fields of a command's request.
 
     :param at: when it is sent, in seconds. Every repeat of a stop carries its current age, so a
         request that DDS delivers late is older than it says by that delay, and never younger.
@@ -107,7 +107,7 @@ def request(
 @dataclass(frozen=True)
 class Effects:
     """
-    The effects of a command; each kart of the roster is in one of these groups.
+    The effects of a command; each kart on the roster is in one of these groups.
 
     :param now: karts that get the state at once.
     :param later: karts without a connection, which get the state when they connect.
@@ -227,7 +227,7 @@ PRESS_AGAIN = 0.5
 LOOSENS_RACE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
 )
-"""Commands whose acceptance ends the earlier stops to the race and its karts."""
+"""Commands that, once accepted, end the earlier stops to the race and its karts."""
 
 ENDED_BY_RELEASE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.stop and entry.to_one_kart
@@ -282,10 +282,10 @@ class Standing:
     A stop that is sent again until race control accepts it.
 
     :param given: the official's newest press of this stop.
-    :param since: when the official first pressed it without its being accepted, in seconds.
+    :param since: when the official first pressed it, with no acceptance since, in seconds.
     :param said: race control's reason for not accepting it, if it gave one.
-    :param found_since: time since when race control has been found, as of the last look, in
-        seconds; infinite: it is not found.
+    :param found_since: the time from which race control has been found, as of the last look, in
+        seconds; infinite if it is not found.
     """
 
     given: Given
@@ -411,7 +411,7 @@ def _ends(later: Given, stop: Given) -> bool:
 
 
 LATE = 0.3
-"""Time without an answer after which the window shows this, in seconds."""
+"""Time without an answer after which the window says so, in seconds."""
 
 
 class Unanswered:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ROS part of `rcs_ctl`: it returns the text to print, and prints only a `watch` itself."""
+"""The ROS part of `rcs_ctl`, which returns the text to print and prints only a `watch` itself."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Hearing:
             self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Keep which stop is no longer sent, and why."""
+        """Keep the stop that is no longer sent, and the reason."""
         self._keep(dropped=(given, why))
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
@@ -267,7 +267,7 @@ def _next_step(
 
 
 def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | None) -> Told:
-    """Return which karts a command would start or release; nothing is sent."""
+    """Return the karts that a command would start or release, without sending anything."""
     command = COMMANDS[wanted.command]
     assert isinstance(command, CommandKind)
     offered = race.offered(command)

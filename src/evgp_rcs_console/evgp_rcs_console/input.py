@@ -66,7 +66,7 @@ class CommandInput(QtCore.QObject):
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Handle that a stop is no longer sent; send ALL KILL again if its button is held."""
+        """Handle a stop that is no longer sent; if ALL KILL is held, send it again."""
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -120,7 +120,7 @@ class CommandInput(QtCore.QObject):
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Return whether a press was meant for a command no longer there, and handle it if so.
+        Handle a press meant for a command that is no longer there; return whether it was one.
 
         A stop goes to the kart whose button was there. Any other command is not sent, and the
         bottom line says so.
@@ -141,7 +141,7 @@ class CommandInput(QtCore.QObject):
         return True
 
     def refuse_changed(self, button: Button) -> None:
-        """Show that a command was not sent because its button had just changed."""
+        """Show a message that a command was not sent because its button had just changed."""
         name = texts.command_name(button.command, button.kart)
         self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
         self._chosen.clear()
@@ -196,13 +196,13 @@ class LateInput:
             self._chosen.expire(now)
 
     def age(self, event: QtGui.QInputEvent) -> float:
-        """Return the minimum time a key or click has waited, in seconds."""
+        """Return the time that a key or click has waited at least, in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
         self.waited = max(waited, self._beat.held_up(clock.now()))
         return self.waited
 
     def drop(self, name: str, age: float) -> bool:
-        """Show that a key or click was too old (s); return True, as it is used up."""
+        """Show a message that a key or click was too old (s); return True, as it is used up."""
         # It would have ended the number, so digits typed after it begin another one.
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
@@ -482,12 +482,12 @@ def _typed(event: QtGui.QKeyEvent) -> str:
 
 
 def _kart_at(screen: Screen, place: int) -> int:
-    """Return the kart at a place in the roster; 0 if there is none."""
+    """Return the kart at a position on the roster; 0 if there is none."""
     return screen.rows[place].number if place < len(screen.rows) else 0
 
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
-    """Return a screen's button for the command that a key gives to a kart (0: to none)."""
+    """Return a screen's button for the command that a key sends to a kart (0: to none)."""
     if stroke.finish is not None:
         return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)

@@ -52,7 +52,7 @@ class Words(NamedTuple):
 
 
 class KartDelegate(QtWidgets.QStyledItemDelegate):
-    """Draws a cell: its pictures itself, its texts as Qt does."""
+    """Draws a cell: it draws the pictures itself, and the texts as Qt does."""
 
     def __init__(self, table: KartTable) -> None:
         super().__init__()
@@ -241,7 +241,7 @@ class KartTable(QtWidgets.QTableWidget):
     The rows of the karts.
 
     :param scrolling: entered around each scrolling that the official did not do by hand.
-    :ivar chosen: the kart that commands by key act on; ``stale``: the rows are out of date.
+    :ivar chosen: the kart that commands by key act on; ``stale``: if the rows are out of date.
     """
 
     def __init__(self, scrolling: Scrolling) -> None:
@@ -302,7 +302,7 @@ class KartTable(QtWidgets.QTableWidget):
 
 class KartList(Panel):
     """
-    Every kart of the roster, in the order of their numbers.
+    Every kart on the roster, in the order of their numbers.
 
     The place of a row depends only on the size of the window and the number of karts.
     """

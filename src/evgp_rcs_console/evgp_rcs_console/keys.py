@@ -97,8 +97,8 @@ class Stroke:
 
     :param commands: the key sends the first of these for which the screen has a button.
     :param to_chosen: the command goes to the chosen kart.
-    :param finish: for a letter: place in the roster of the kart that has crossed the line; its row
-        says what the letter gives. None: the key is not a letter.
+    :param finish: for a letter: position on the roster of the kart that has crossed the line; its
+        row shows the action. None: the key is not a letter.
     :param digit: the digit, if the key types part of a kart's number.
     """
 
@@ -143,7 +143,7 @@ def key_help() -> list[tuple[str, str]]:
 
 class KartField:
     """
-    The kart that a command by key acts on: the one in the window's field, or none.
+    The kart that a command by key acts on: the one in the window's field, if any.
 
     A typed digit shows at once. A kart chosen in the list stays in the field until a digit is
     typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``. After that the
@@ -167,7 +167,7 @@ class KartField:
 
     @property
     def kart(self) -> int:
-        """Return the kart that a command would act on now; 0: none."""
+        """Return the kart that a command would act on now; 0 if none."""
         number = int(self.digits) if self.digits else self._chosen
         return number if number in self._teams else 0
 
@@ -208,7 +208,7 @@ class KartField:
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """
-        Return the kart for a command given at a time (s), or 0 and the reason why there is none.
+        Return the kart for a command given at a time (s), or 0 and the reason.
 
         Either way it clears the typed digits.
         """

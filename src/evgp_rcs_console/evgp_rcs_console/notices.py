@@ -32,9 +32,9 @@ class Notice:
     An alert as it is shown to the official.
 
     :param number: the alert's number; a higher one is newer.
-    :param alert: race control's alert; None: this console's own notice, which stays until seen.
+    :param alert: race control's alert; None for this console's own notice, which stays until seen.
     :param lasts: its cause still exists.
-    :param said: text shown instead of the alert's sentence; empty: the sentence itself.
+    :param said: text shown instead of the alert's sentence; if empty, the sentence is shown.
     """
 
     number: int
@@ -50,7 +50,7 @@ class Notice:
 
     @property
     def kart(self) -> int:
-        """Return the kart that it concerns; 0: no single kart."""
+        """Return the kart that it concerns; 0 if it concerns no single kart."""
         return self.alert.kart if self.alert else 0
 
     @property
@@ -161,7 +161,7 @@ class AlertBook:
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
-    """Return the number of notices, and the karts of those beyond the first places."""
+    """Return the number of notices, and the karts of those that are not shown in full."""
     if not notices:
         return '✓ No alerts'
     new = sum(not notice.seen and notice.lasts for notice in notices)
@@ -198,7 +198,7 @@ class Officials:
         return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
-        """Return a sentence of race control with each official's shown name."""
+        """Return one of race control's sentences with each official's shown name."""
         for claims in self._claims.values():
             for claim in claims:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')
@@ -228,7 +228,7 @@ class Line(NamedTuple):
 
     :param clock: race control's wall time, as hours:minutes:seconds.
     :param is_command: it shows an official's command and its answer.
-    :param karts: for a line about several karts: their numbers.
+    :param karts: the numbers of the karts, for a line about several.
     :param what: the text about them; the next event with the same text joins this line.
     """
 
@@ -263,7 +263,7 @@ class EventLog:
     """
     The newest events in order, as short texts without team names.
 
-    Consequences of a command get no line beside it, and several karts doing the same share one.
+    A command's consequences get no lines of their own. Karts that do the same share one line.
     """
 
     def __init__(self, most: int = 2000) -> None:
@@ -339,7 +339,7 @@ class EventLog:
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return the lines that concern a kart, oldest first; those of no kart concern all."""
+        """Return the lines about a kart, oldest first, with those not about a single kart."""
         return [
             each
             for each in self._lines

@@ -103,7 +103,7 @@ class ClockPanel(Panel):
 
 
 class KillBox(Panel):
-    """The ALL KILL button with its keys, or with the time it has had no answer."""
+    """The ALL KILL button with its keys, or with the time for which it has had no answer."""
 
     def __init__(self) -> None:
         super().__init__('kill_box', '')
@@ -243,7 +243,7 @@ class EventPanel(Panel):
         self._later.start()
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
-        """Update the karts of the roster; if the shown kart is gone, show all karts."""
+        """Update the karts on the roster; if the shown kart is gone, show all karts."""
         teams = {row.number: row.team for row in rows}
         if teams != self._teams:
             self._teams = teams

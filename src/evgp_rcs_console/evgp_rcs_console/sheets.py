@@ -56,7 +56,7 @@ class Sheet(Panel):
         self.add(self.title, 36)
 
     def add(self, part: QtWidgets.QWidget, height: int = 0) -> None:
-        """Add a part at the bottom; without a height, it is as high as its text."""
+        """Add a part at the bottom; without a given height, it is as high as its text."""
         fixed(part, height=height)
         self._column.addWidget(part)
         self.parts.append(part)
@@ -70,7 +70,7 @@ class Sheet(Panel):
         return widget is not None and (widget is self or self.isAncestorOf(widget))
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Fill the width of a room, as high as the texts need; use smaller type if necessary."""
+        """Fill the width of a room, as high as the texts need, in smaller type if necessary."""
         rescale(self)
         for kind in ('sheet', 'sheet tight'):
             mark(self, kind=kind)
@@ -86,7 +86,7 @@ class Sheet(Panel):
         return button
 
     def close_sheet(self) -> None:
-        """Hide it, and leave the focus on nothing that Enter could press."""
+        """Hide the sheet, and move the focus off anything that Enter could press."""
         if not self.isHidden():
             self.hide()
             self.window().setFocus()
@@ -163,7 +163,7 @@ class Question(Sheet):
 
     def update_button(self, button: Button | None) -> None:
         """
-        Update to the command as race control offers it now; None: it is no longer offered.
+        Update to the command as race control offers it now; None if it no longer does.
 
         Once it differs from the question, YES stays off, even if the difference goes away.
         """
@@ -237,14 +237,14 @@ class Choice(Sheet):
 
 
 class Heats(Choice):
-    """Offers the heats of the roster, and the buttons that read the roster again."""
+    """Offers the heats on the roster, and the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
     def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
-        """Show one button per heat, and those of the roster; reading keeps the sheet open."""
+        """Show one button per heat, and those for the roster; reading keeps the sheet open."""
         buttons = *heats, *rosters
         if len(buttons) != len(self._offered):
             chosen = [CommandButton(self._choose) for _ in buttons[1:]]

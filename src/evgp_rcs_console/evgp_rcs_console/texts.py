@@ -44,7 +44,7 @@ HOW_TO_BEGIN = (
     '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
     '3  Press GRID ACTIVE once the track is clear of humans, GREEN GREEN once all are ready.',
 )
-"""Shown in place of the karts while the roster has none."""
+"""Shown instead of the karts while the roster is empty."""
 
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
@@ -52,7 +52,7 @@ MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
 SAID_BEFORE = 'its {state} was for an earlier order: if it stays silent, let it reconnect'
-CONNECT_AGAIN = 'its {state} may be for an earlier order: let it reconnect (returns held)'
+CONNECT_AGAIN = 'its {state} may be for an earlier order: let it reconnect (comes back held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -99,7 +99,7 @@ ALERT_WAS = {
     AlertKind.PART_FAILED: 'a part of race control had failed',
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
-"""The text of an alert that has ended."""
+"""Texts of alerts that have ended."""
 
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 
@@ -235,7 +235,7 @@ def full_name(given: Given) -> str:
 def heat(
     each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
 ) -> str:
-    """Return a heat with its karts, in starting order if timing gives one."""
+    """Return a heat with its karts, in starting order if the timekeeper has set one."""
     grid = grid_of(each.name, timing)
     text = f'{each.name}: {_numbers(grid or each.karts)}'
     notes = [f'run at {time_of_day(at)[:5]}' for at in runs_of(each.name, timing)[-1:]]
@@ -245,7 +245,7 @@ def heat(
 
 
 def runs_of(heat: str, timing: Standings | None) -> list[float]:
-    """Return when the timekeeper says a heat was run, in seconds; empty if it was not."""
+    """Return the times (s) at which a heat was run, from the timekeeper; empty if it was not."""
     return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
 
 
@@ -258,7 +258,7 @@ def next_heat(race: Snapshot, timing: Standings | None) -> str:
 
 
 def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
-    """Return the starting order of a heat; empty if timing gives none."""
+    """Return the starting order of a heat; empty if the timekeeper has set none."""
     found = () if timing is None else (each.karts for each in timing.grids if each.name == heat)
     return next(iter(found), ())
 
@@ -297,12 +297,12 @@ def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statemen
 
 
 def in_doubt(race: Snapshot) -> str:
-    """Return the karts that may be moving but should not be; empty if there is none."""
+    """Return the karts that may be moving but should not be; empty if there are none."""
     return numbered([kart for kart in race.karts if kart.in_doubt])
 
 
 def against_humans(race: Snapshot) -> str:
-    """Return what keeps humans off the track in every state of the race; empty if nothing does."""
+    """Return what keeps humans off the track whatever the state of the race; empty if nothing."""
     if race.msr_alerts:
         return race.msr_alerts[0].text
     if race.track.msr_used:
@@ -312,7 +312,7 @@ def against_humans(race: Snapshot) -> str:
 
 
 def under_way(race: Snapshot) -> str:
-    """Return a warning if the race is under way or a kart is sent onto the track; else empty."""
+    """Return a warning if the race is under way or a kart is sent onto the track, or ''."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
@@ -321,7 +321,7 @@ def under_way(race: Snapshot) -> str:
 
 def warning(command: Kind, race: Snapshot) -> str:
     """
-    Return why an official should not confirm a command; empty if nothing is known against it.
+    Return why an official should not confirm a command; empty if there is no known reason.
 
     A race that is under way is normal and causes no warning.
     """
@@ -340,7 +340,7 @@ def warning(command: Kind, race: Snapshot) -> str:
 
 
 def also(following: Sequence[Given]) -> str:
-    """Return what YES also confirms with IN GARAGE: an open track, or karts made safe."""
+    """Return what the second YES of IN GARAGE confirms: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
         return ASK_AND_FIRST if following[0].stated else ASK_AND_OPEN
     return f'{numbered(each.kart for each in following)} made safe by hand'
@@ -359,7 +359,7 @@ def gave_up(given: Given, limit: str) -> str:
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command that is not a reason to refuse it.
+    Return what an official should know before a command, but that does not forbid it.
 
     :param karts: the karts that it would start or release.
     """
@@ -377,7 +377,7 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
 
 
 def can_stop(race: Snapshot) -> str:
-    """Return how many officials' programs can stop the race, and which."""
+    """Return the number of officials' programs that can stop the race, and their names."""
     count, who = race.able_to_stop, race.who_can_stop
     s = '' if count == 1 else 's'
     return f'{count} official{s} can stop: {who}' if count else NOBODY_CAN_STOP
@@ -428,14 +428,14 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 """The states of the race in which humans are always kept off the track."""
 
 FEW = 4
-"""Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
+"""Maximum number of held karts shown with reasons; beyond it, only their numbers are shown."""
 
 
 def missing(race: Snapshot, counted: bool = False) -> str:
     """
     Return the karts of the race that have not yet obeyed their order; empty if all have.
 
-    :param counted: on the grid, also say how many are ready.
+    :param counted: on the grid, also return how many are ready.
     """
     racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
@@ -468,7 +468,7 @@ def held(kart: KartSnapshot) -> str:
 
 
 def present_state(given: Given, race: Snapshot) -> str:
-    """Return the present state of what a command has changed; it replaces the command's answer."""
+    """Return the current state of what a command changed; it replaces the command's answer."""
     if CATALOGUE[given.command].result.track_open is not None:
         return 'the track is open' if race.track.open else 'the track is closed'
     kart = race.kart(given.kart)

@@ -4,9 +4,9 @@
 """
 Turns a snapshot of the race into what a screen shows: texts, tones, buttons and their reasons.
 
-This module is pure and contains no rule of the race. A button is enabled if race control says
-that its command is available; otherwise it shows race control's own reason. It uses neither Qt
-nor ROS, so the terminal client shows the same.
+This module is pure and contains none of the rules. A button is enabled if race control says
+that its command is available; otherwise it shows race control's own reason. The module uses
+neither Qt nor ROS, so the terminal client shows the same.
 """
 
 from __future__ import annotations
@@ -81,11 +81,11 @@ ANSWER_KEYS = ('Y', 'N')
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys for karts that cross the line, by place in the roster, so each kart keeps its key."""
+"""The keys for karts that cross the line, by roster position, so each kart keeps its key."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
-"""Number of bars, out of ``MOST_BARS``, for each link grade; 0: no bars are drawn."""
+"""Number of bars, out of ``MOST_BARS``, for each link grade; 0 draws no bars."""
 
 BEGINS_WITHIN = 30.0
 """Time after GREEN_GREEN within which each kart must begin to drive, in seconds (§3.A)."""
@@ -95,7 +95,7 @@ REMINDS_FOR = 30.0
 have acknowledged."""
 
 Pending = Mapping[tuple[Kind, int], float]
-"""Time each command to each kart (0: no kart) has waited for its answer, in seconds."""
+"""Time that each command to each kart (0: not to one kart) has waited for an answer, in s."""
 
 
 @dataclass(frozen=True)
@@ -106,18 +106,18 @@ class Button:
     :param enabled: pressing it sends the command, or asks for confirmation.
     :param reason: why it is not enabled; empty if it is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
-    :param consequence: what it would do to each kart of the roster.
-    :param karts: the karts that race control says it would start or release, or those of its heat.
+    :param consequence: what it would do to each kart on the roster.
+    :param karts: the karts that race control says it would start or release, or those in its heat.
     :param warning: why not to confirm it; empty if there is no known reason.
-    :param caution: what else to know before confirming; a change of it leaves the question valid.
+    :param caution: what else to know before confirming; if it changes, the question stays valid.
     :param number: the number of the last opening of the track, or of the roster reading, if the
         command names one.
     :param also: what the official can confirm with its second YES.
-    :param phrase: a few words. For a command to the race: since when its result holds, what it
-        would do, or what it waits for; for one to the track: for whom.
-    :param current: for a command to the race: the race is in the state that it leads to;
-        ``is_next``: it is the usual next step.
-    :param recedes: it is possible, but something else should be done first.
+    :param phrase: a few words. For a command to the race, it says since when its result holds,
+        what it would do, or what it waits for; for a command to the track, for whom.
+    :param current: whether the race is in the state that a command to the race leads to.
+        ``is_next``: whether it is the usual next step.
+    :param recedes: whether it is possible, but something else should be done first.
     """
 
     command: Kind
@@ -187,7 +187,7 @@ class Button:
 
     @property
     def is_instant(self) -> bool:
-        """Return whether it is a stop without confirmation, which acts on the press."""
+        """Return whether it is a stop that needs no confirmation and acts on the press."""
         return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
@@ -207,11 +207,11 @@ class Row:
     A kart as a row.
 
     :param use_msr: an alert about it asks for the Master Safety Remote.
-    :param link: the quality of its link in a word, or that it has no link.
-    :param bars: the same in bars, out of ``MOST_BARS``; 0: no bars are drawn.
+    :param link: the quality of its link in a word, or NO LINK.
+    :param bars: the same as a number of bars, out of ``MOST_BARS``; 0 draws no bars.
     :param answer: its answer in a word or two; empty if no answer is expected.
-    :param waits: it is connected and has not yet obeyed what it is sent.
-    :param finish: FINISH, whatever the row's button offers; ``letter``: what its letter gives.
+    :param waits: whether it is connected and has not yet obeyed what it is sent.
+    :param finish: FINISH, whatever the row's button offers; ``letter``: the action of its letter.
     :param place: its position and laps; without timing, its place in the order of FINISH.
     """
 
@@ -241,7 +241,7 @@ class Column:
     """
     A column of the karts, in the window and in the terminal.
 
-    :param width: width in pixels on a 1366 by 768 screen; 0: the width that the others leave.
+    :param width: width in pixels on a 1366 by 768 screen; 0 takes the remaining width.
     :param below: returns the small text below that.
     """
 
@@ -287,12 +287,12 @@ class Screen:
         what the karts do instead.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
     :param order: the starting order of its karts, and the next single-kart heat.
-    :param tally: how many karts of the race are driving, stopped and so on; empty if the race has
-        no karts.
+    :param tally: how many karts in the race are driving, stopped and so on; empty if the race has
+        none.
     :param missing: the karts of the race that have not yet obeyed what they are sent.
-    :param msr: every kart that needs the MSR, or that the MSR is in use; empty if neither.
-    :param reminder: the karts that are due FINISH, or that every kart should be driving by now;
-        empty if neither.
+    :param msr: every kart that needs the MSR, or a note that the MSR is in use; empty if neither.
+    :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
+        now; empty if neither.
     :param rosters: the buttons that read the roster file again and take what was read.
     :param places: the results of this race or the last one, or the order of FINISH if there is no
         timing; empty if there are none.
@@ -349,15 +349,15 @@ def silence(
     ended: bool,
 ) -> Danger | None:
     """
-    Return the warning about race control's silence; None while race control is heard.
+    Return the warning that race control is silent; None while it is heard.
 
-    The warning asks for the MSR if what the karts do is unknown. It does not ask before race
-    control was first heard, nor after an orderly end with no kart in doubt.
+    The warning asks for the MSR if it is unknown what the karts are doing. It does not ask for it
+    before race control is first heard, nor after a normal shutdown with no kart in doubt.
 
     :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
     :param looking: where the search looks, as part of a sentence.
-    :param ended: race control has announced an orderly end.
+    :param ended: race control has announced a normal shutdown.
     """
     if not is_gone(silent_for):
         return None
@@ -457,7 +457,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     """
     Return the commands to the race; at most one is the next step.
 
-    None is while the MSR must be used, or alone stops a kart.
+    While the MSR must be used, or only the MSR stops a kart, there is no next step.
     """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
@@ -473,7 +473,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return how long the race has been in its state, and by whom."""
+    """Return how long the race has been in its state, and who caused it."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = f'{since} · {race.state_cause}'
@@ -504,7 +504,7 @@ def _reminder(buttons: _Buttons) -> str:
 
 
 def _msr(race: Snapshot) -> Cell:
-    """Return every kart that needs the MSR, or that the MSR is in use."""
+    """Return every kart that needs the MSR, or a note that the MSR is in use."""
     if race.msr_alerts:
         karts = numbered(sorted({alert.kart for alert in race.msr_alerts if alert.kart}))
         return Cell(f'USE THE MSR: {karts}' if karts else texts.USE_MSR, Tone.BAD)
@@ -520,8 +520,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     Return whether humans are allowed on the track, and why.
 
     They are not allowed while anything else on the screen contradicts it, and never before an
-    official has opened the track. Without better knowledge, race control starts with an open
-    track, so an open track does not prove that an official opened it.
+    official has opened the track. If race control knows nothing better, it starts with the track
+    open, so an open track does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -557,14 +557,14 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return the karts that are due FINISH, by the letter in their rows."""
+    """Return the karts that are due FINISH, which the letters in their rows send."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return f'FINISH {", ".join(done)}: last lap done' if done else ''
 
 
 def _places(buttons: _Buttons) -> str:
-    """Return the results, or without timing the order of FINISH, first place first."""
+    """Return the results, first place first; without timing, the order of FINISH."""
     name, placed = texts.ORDER_OF_FINISH, [(each.place, each.number) for each in buttons.finished]
     if buttons.shown is not None:
         name, placed = texts.RESULTS, [(each.place, each.kart) for each in buttons.shown.karts]
@@ -687,8 +687,8 @@ class _Buttons:
     """
     The buttons of one snapshot.
 
-    :param results: the results that are not out of date; ``timing``: the same if they belong to
-        the race of the snapshot, else None.
+    :param results: the results, unless they are out of date; ``timing``: the same if they belong to
+        the race in the snapshot, otherwise None.
     """
 
     snapshot: Snapshot
@@ -741,7 +741,7 @@ class _Buttons:
         """
         Return the action of a kart's letter: count a lap, or send FINISH on its last lap.
 
-        In a heat without timing, there is no way to tell which applies, so the letter does nothing.
+        In a heat without timing, it is unknown which one applies, so the letter does nothing.
         """
         timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
         if not self._races(kart) or (timing is None and not self.snapshot.heat):

@@ -277,7 +277,7 @@ class Push(QtWidgets.QPushButton):
         )
 
     def bar(self, barred: bool) -> None:
-        """Set whether it is barred: it looks disabled and does nothing."""
+        """Set whether it is barred, so that it looks disabled and does nothing."""
         mark(self, barred='true' if barred else 'false')
 
     def show_words(self, text: str, key: str = '', phrase: str = '') -> None:

@@ -495,7 +495,7 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
 
     assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to an earlier order')
     assert (over.answer.text, over.says) == ('… not yet', 'perhaps to an earlier order')
-    assert over.note.text.startswith('its GRID ACTIVE may answer an earlier order: let')
+    assert over.note.text.startswith('its GRID ACTIVE may be for an earlier order: let')
     said = with_kart(sent_since=34.0, **says).rows[0]
     assert said.note.text.startswith('its GRID ACTIVE was for an earlier order: if it')
     assert 'was for an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
