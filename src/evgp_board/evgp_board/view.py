@@ -202,7 +202,7 @@ def line_of(stamped: StampedEvent) -> Line | None:
 
 
 def green_for(race: Snapshot | None) -> float | None:
-    """Return how long the race had been in GREEN GREEN at its snapshot, in s; None if it was not."""
+    """Return how long the race had been in GREEN GREEN at its snapshot, s; None if it was not."""
     if race is None or race.state is not RaceState.GREEN_GREEN:
         return None
     return max(0.0, race.stamp - race.state_since)

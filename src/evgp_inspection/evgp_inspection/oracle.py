@@ -10,8 +10,8 @@ in every other it must stand, or brake and then stand. Every speed, reply and an
 inspector is judged by the spell in which it comes. Each finding names a sentence of
 `evgp_inspection.kart_sentences`. Three rules apply:
 
-1. A kart fails only for something in the trace. What was not seen does not count against it.
-2. What was not seen does not count as passed: a kart whose reports are right may still drive.
+1. A kart fails only for something in the trace. What was not seen is not judged.
+2. What was not seen is not passed either: a kart that reports nothing wrong may still drive.
 3. Only the first breach of a spell counts; later ones in the same spell are the same fault.
 """
 

@@ -170,7 +170,7 @@ class Client:
         receiving the race needs none of these.
     :param there: name of the program that an official is using (``announce``); if empty, or
         without the permission, no presence is announced.
-    :param hears: whether the listener receives the race; otherwise only the client does, for stops.
+    :param hears: the listener receives the race; otherwise only the client does, for its stops.
     :raises RCLError: if ROS does not allow this client.
     """
 

@@ -48,7 +48,7 @@ class Given:
         soon enough; each counts as pressed together with this one.
     :param at: when it was given, by the clock that includes suspends, in seconds.
     :param waited: time the press had already waited by then, as far as known, in seconds. Race
-        control receives it, but no stop ends because of it: it may be too large.
+        control receives it, but it never ends a stop, because it may be an overestimate.
     """
 
     command: Kind

@@ -237,7 +237,7 @@ class Choice(Sheet):
 
 
 class Heats(Choice):
-    """Offers the heats on the roster, and the buttons that read the roster again."""
+    """Offers the heats in the roster, and the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)

@@ -93,7 +93,7 @@ ALERT_WAS = {
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: 'two programs were connecting as {kart}',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs connecting',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
     AlertKind.PART_FAILED: 'a part of race control had failed',

@@ -687,7 +687,7 @@ class _Buttons:
     """
     The buttons of one snapshot.
 
-    :param results: the results, unless they are out of date; ``timing``: the same if they belong to
+    :param results: the results, unless out of date; ``timing``: the same if they belong to
         the race in the snapshot, otherwise None.
     """
 

@@ -59,7 +59,7 @@ AWAY = 1.0
 """Time from the death of race control to its restart, in seconds."""
 
 HEAT = 'rehearsal'
-"""The heat on the roster, with the plan's laps."""
+"""The roster's heat, with the plan's laps."""
 
 STEWARD = 'rehearsal'
 """Name of the rehearsal itself as an official."""
