@@ -76,7 +76,7 @@ class Now:
     The data to show at one moment.
 
     :param heard: the same object until something changes.
-    :param age: time since race control was last heard, in seconds; None: it never was.
+    :param age: time since race control was last heard, in seconds; None if it never was.
     """
 
     heard: Heard

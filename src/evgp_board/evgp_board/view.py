@@ -67,8 +67,8 @@ class Heard:
     """
     The last messages of race control and the timekeeper.
 
-    :param gone: race control is silent.
-    :param no_timing: the timekeeper is silent.
+    :param gone: whether race control is silent.
+    :param no_timing: whether the timekeeper is silent.
     :param log: the events of each kart, newest last.
     """
 

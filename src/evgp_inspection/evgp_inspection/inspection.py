@@ -77,12 +77,12 @@ async def inspect(
 
     :param clauses: the clauses for the report.
     :param stopping: ends the inspection when it is set; the kart is stopped first.
-    :param port: the port for the kart; 0: the system chooses.
+    :param port: the port for the kart; 0 lets the system choose.
     :param kart_address: see `KartWire`.
-    :param odometry: starts to deliver speeds; None: there is no odometry.
+    :param odometry: starts to deliver speeds; None if there is no odometry.
     :param kills: see `KartScript`.
     :param listening: called with the port once the kart may connect.
-    :param steps: the steps to do; empty: those that the clauses need.
+    :param steps: the steps to do; if empty, those that the clauses need.
     :raises OSError: if the port or the odometry cannot be used.
     """
 

@@ -4,9 +4,9 @@
 """
 The script of `inspect_kart`: it plays race control for one kart and records everything.
 
-The script judges nothing; `evgp_inspection.oracle` does that meanwhile. The script only watches
-the oracle to continue as soon as there is nothing more to see, and to stop the kart at once when
-it does something forbidden.
+The script judges nothing; `evgp_inspection.oracle` does that meanwhile. The script watches the
+oracle only to continue once there is nothing more to see, and to stop the kart at once when it
+does something forbidden.
 
 The kart is never left driving. Whatever ends the inspection, the script first sends RED_RED for
 some seconds, and tells the inspector whether the kart has reported that it stands. A kart that
@@ -51,7 +51,7 @@ ODOMETRY_COMES = 5.0
 """Maximum time to wait for the first odometry after the kart has connected, in seconds."""
 
 SLOW_RATE, LONG_RATE, FAST_RATE = 10.0, 20.0, 100.0
-"""Frame rates when slow, in the long drive, and when fast, in Hz."""
+"""Slow frame rate, frame rate in the long drive, and fast frame rate, in Hz."""
 
 BURST = 400
 """Number of frames sent at once before a stop that the kart must see in time."""

@@ -173,8 +173,8 @@ class Spell:
     :ivar stops: the sentence broken by braking too late.
     :ivar true: the sentence broken by reporting a standstill too early; empty: no report is due.
     :ivar grace: time in which the kart need not know the requirement yet, s.
-    :ivar rolled: the kart could still roll when the spell began.
-    :ivar moved: its wheels turned then, or it had reported that it drives.
+    :ivar rolled: whether the kart could still roll when the spell began.
+    :ivar moved: whether its wheels turned then, or it had reported that it was driving.
     :ivar until: when it must stand, s.
     :ivar said: when it first reported its standstill, s.
     :ivar answer: the inspector's answer whether the wheels stand; NaN: none.

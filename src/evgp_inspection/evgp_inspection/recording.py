@@ -89,9 +89,9 @@ class Link(asyncio.BufferedProtocol):
     A connection; everything on it is recorded.
 
     :param made: called with the link once it is connected.
-    :ivar number: the connection's number in the trace; 0: it is in none.
-    :ivar open: neither end has closed it.
-    :ivar mute: nothing more is sent on it.
+    :ivar number: the connection's number in the trace; 0 if it is in none.
+    :ivar open: whether it is still open at both ends.
+    :ivar mute: whether nothing more is sent on it.
     """
 
     transport: asyncio.Transport

@@ -28,7 +28,7 @@ class Header:
 
     :ivar subject: what was inspected, such as ``kart 7``.
     :ivar team: the team of the subject.
-    :ivar inspector: the inspector's name; empty: unattended.
+    :ivar inspector: the inspector's name; empty if unattended.
     :ivar began: date and time of the start, ISO 8601.
     :ivar seconds: duration, s.
     :ivar limits: the limits used, by name.

@@ -130,7 +130,7 @@ class Surveyor:
         return clock_now() - self._began
 
     def mark(self, name: str) -> None:
-        """Mark the kart's present place with a name."""
+        """Mark the kart's current place with a name."""
         self.marks.append(Mark(self.now, name or f'mark {len(self.marks) + 1}'))
         self._tell(f'Marked: {self.marks[-1].name}')
 

@@ -52,7 +52,7 @@ class Event:
     An observed event.
 
     :ivar at: time since the inspection began, in seconds.
-    :ivar link: the number of the connection, from 1; 0: none.
+    :ivar link: the number of the connection, from 1; 0 if there is none.
     :ivar data: the bytes, for SENT and SAID.
     :ivar text: see `Kind`.
     :ivar value: see `Kind`.
@@ -80,14 +80,14 @@ class SentState:
 @dataclasses.dataclass(frozen=True)
 class Said:
     """
-    A frame, or bytes that are no frame, from the kart.
+    A frame from the kart, or bytes that do not form one.
 
-    :ivar state: the state; None: the bytes are no frame.
+    :ivar state: the state; None if the bytes do not form a frame.
     :ivar sent: the state being sent on that connection when the frame was complete, or None.
     :ivar answers: the order that it acknowledges, by race control's rules
         (`evgp_protocol.hearing`); None: none. It may be an earlier order, if the kart said it
-        before it read the present one.
-    :ivar reason: why the bytes are no frame.
+        before it read the current one.
+    :ivar reason: why the bytes do not form a frame.
     """
 
     at: float

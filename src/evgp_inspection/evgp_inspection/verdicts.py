@@ -30,7 +30,7 @@ class Finding:
     The finding of an inspection about a clause.
 
     :ivar why: a sentence: what was seen, or why nothing could be seen.
-    :ivar measured: the measured time, in seconds; None: this clause measures none.
+    :ivar measured: the measured time, in seconds; None if this clause measures none.
     :ivar evidence: the events that led to it.
     """
 
@@ -52,8 +52,8 @@ class Clause:
     :ivar name: K, the § of the proposal, and a number, such as ``K-3A-07``.
     :ivar title: what a good kart does, in a few words.
     :ivar sentence: the sentence, as in the source.
-    :ivar steps: the steps that show it; empty: the whole inspection does.
-    :ivar limit: the name of its limit; empty: it has none.
+    :ivar steps: the steps that show it; empty if the whole inspection does.
+    :ivar limit: the name of its limit; empty if it has none.
     :ivar starred: it concerns whether the wheels turn or stand, and is not judged if neither eyes
         nor odometry see them. Without it, no inspection is passed.
     """
@@ -95,7 +95,7 @@ class Result:
     """
     A clause and its finding.
 
-    :ivar limit: the limit used, in seconds; None: the clause has none.
+    :ivar limit: the limit used, in seconds; None if the clause has none.
     """
 
     clause: Clause

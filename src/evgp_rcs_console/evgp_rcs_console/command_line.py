@@ -50,7 +50,7 @@ TAKEN: dict[str, tuple[type, str]] = {
     'source': (str, 'source of the passing, as `results` shows it'),
     'session': (str, 'session of that source'),
     'number': (int, 'number of the passing in that session'),
-    'transponder': (str, 'number or name of the transponder, as the timing device gives it'),
+    'transponder': (str, 'number or name of the transponder, as the timing device reports it'),
     'race': (int, 'number of the race in this event (default: the newest race)'),
     'seconds': (int, "seconds to add to the kart's time"),
     'laps': (int, 'laps to take from the kart'),
@@ -173,7 +173,7 @@ def parser() -> argparse.ArgumentParser:
         each.unsent = NO_STOP_SENT if entry.stop else NOTHING_SENT
         each.set_defaults(parser=each)
         if entry.to_one_kart:
-            each.add_argument('kart', type=_kart_number, help='its number in the roster')
+            each.add_argument('kart', type=_kart_number, help='number of the kart in the roster')
         if entry.names_heat:
             each.add_argument('heat', help='name of the heat in the roster')
         if entry.names_karts:

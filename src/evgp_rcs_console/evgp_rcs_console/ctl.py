@@ -5,7 +5,7 @@
 """
 The officials' terminal client as a process: it keeps the deadline and prints the answer.
 
-It contains no rule of the race. ROS code may hang inside DDS while it holds the interpreter's
+It contains none of the rules. ROS code may hang inside DDS while it holds the interpreter's
 lock; in that case the C library prints that there is no answer and ends the process
 (`end_within`). ROS is imported only to give a command, so that Tab completion stays fast.
 """

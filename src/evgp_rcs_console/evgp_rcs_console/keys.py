@@ -147,7 +147,7 @@ class KartField:
 
     A typed digit shows at once. A kart chosen in the list stays in the field until a digit is
     typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``. After that the
-    field is empty and a command acts on no kart.
+    field is empty and a command does not act on any kart.
     """
 
     def __init__(self) -> None:
@@ -223,7 +223,7 @@ class KartField:
         elif before:
             why = f'{command} WAS NOT SENT: {before} was typed too long ago. Type it again.'
         else:
-            why = f'{command} WAS NOT SENT: no kart is chosen. Type its number first.'
+            why = f'{command} WAS NOT SENT: no kart is chosen. Type a number first.'
         self._refusal = texts.FIELD_NO_KART.format(number=self.digits or before or '?')
         self._refused_at = at
         self.digits = ''

@@ -19,7 +19,7 @@ EVENT = struct.Struct('@llHHi')
 """Layout of an input event (linux/input.h): two parts of its time, type, code, value."""
 
 HELD = 2.0
-"""Time after which a key that stays down is reported, in seconds: something may lie on it."""
+"""Time after which a key that stays down is reported, in seconds: something may be lying on it."""
 
 _SYN, _DROPPED = 0, 3
 _KEY = 1
@@ -55,7 +55,7 @@ class PressCounter:
         """
         Process the keys that are down when the device is opened; return whether one is a press.
 
-        A key that is down at the first look is no press: something may lie on it since yesterday.
+        A key that is down at the first look is not a press: something may have been lying on it.
         At a later look it is one: someone may have pressed it while the device was gone.
         """
         known, self._known = self._known, True

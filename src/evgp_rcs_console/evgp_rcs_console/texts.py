@@ -156,7 +156,7 @@ ASK_WARNING = 'Warning: {warning}.'
 ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = (
-    'Puts the karts of the heat into the race and takes all others out. '
+    'Puts the karts in the heat into the race and takes all others out. '
     'Type its number, then press Enter.'
 )
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
@@ -239,7 +239,7 @@ def heat(
     grid = grid_of(each.name, timing)
     text = f'{each.name}: {_numbers(grid or each.karts)}'
     notes = [f'run at {time_of_day(at)[:5]}' for at in runs_of(each.name, timing)[-1:]]
-    notes += ['in the order of the grid'] * (len(grid) > 1)
+    notes += ['in grid order'] * (len(grid) > 1)
     notes += ['next'] * is_next + ['in the race'] * in_race
     return f'{text}  ({", ".join(notes)})' if notes else text
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The officials' window: its parts and their connections.
+The officials' window, with its parts and their connections.
 
 Everything here runs in the Qt thread. News from ROS arrives through the signals of ``Inbox``,
 which Qt queues. Commands go out through ``give``, which returns at once.

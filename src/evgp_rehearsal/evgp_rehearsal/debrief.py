@@ -39,7 +39,7 @@ class Occurrence:
     """
     An incident that took place.
 
-    :param kart: the kart concerned; 0: no single kart.
+    :param kart: the kart concerned; 0 if it is not a single kart.
     :param began: the first tick; ``ended``: the last tick that its debrief covers.
     """
 

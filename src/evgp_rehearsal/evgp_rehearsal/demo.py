@@ -90,7 +90,7 @@ class Show:
     The show waits for everything that must happen in a race. ``found`` lists what happened and
     what did not.
 
-    :param mute: the kart that never acknowledges; 0: none.
+    :param mute: the kart that never acknowledges; 0 if there is none.
     """
 
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
@@ -339,7 +339,7 @@ def judge_events(heard: Sequence[int], recorded: Sequence[StampedEvent]) -> Find
 
 
 def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:
-    """Return whether every process ended in order and none is left."""
+    """Return whether every process ended normally and none is left."""
     wrong = [f'{name} ended with {code}' for name, code in codes.items() if code]
     wrong += [f'process {pid} is still there' for pid in left]
     if wrong:

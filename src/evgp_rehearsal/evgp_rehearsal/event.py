@@ -6,7 +6,7 @@ A rehearsal with the real race control and timekeeper: simulated karts, incident
 
 It cannot reach a real kart or race. Race control listens on loopback, with a roster of loopback
 addresses written here. The ROS domain is its own, on this machine only. The rehearsal commands
-only a race whose karts are those of this roster.
+only a race whose karts are those on this roster.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Rehearsal(Part):
 
     Read and change ``field`` only inside ``with rehearsal.lock:``. ``links`` are the connections
     of the simulated karts. ``domains`` are the ROS domains of the karts with a bridge, and race
-    control's at number 0. ``present`` is the incident under way. ``dead`` is set once race
+    control's at number 0. ``present`` is the current incident. ``dead`` is set once race
     control's laptop has died.
 
     :param folder: the folder for roster and record.
@@ -120,7 +120,7 @@ class Rehearsal(Part):
     :param window: whether to open the officials' window.
     :param judge: receives what the simulated karts hear and say, and every command.
     :param parameters: more parameters of race control; ``timing``: of the timekeeper.
-    :param heat: the karts of the heat; None: all.
+    :param heat: the karts in the heat; None for all.
     """
 
     def __init__(

@@ -84,7 +84,7 @@ class Crossing(NamedTuple):
     A real or apparent crossing of the timing line.
 
     :param at: time since the field began, in seconds.
-    :param seen: the line sees it; ``real``: it really happens.
+    :param seen: whether the line sees it; ``real``: whether it really happens.
     """
 
     at: float
@@ -100,7 +100,7 @@ class SimulatedKart:
 
     :param distance: distance driven from the line, in metres; negative before the line.
     :param speed: speed, in m/s.
-    :param told: the last state sent on this connection; None: none was.
+    :param told: the last state sent on this connection; None if there is none.
     :param obeys: the state that it carries out: ``told`` after its reaction time.
     :param cut: the MSR has cut its motor's power.
     """

@@ -87,7 +87,7 @@ class Cue:
     A line of the script.
 
     :param at: time since the first GREEN_GREEN (GRID_ACTIVE for an incident of the grid), s.
-    :param kart: the kart concerned; 0: the seed decides.
+    :param kart: the kart concerned; 0 lets the seed decide.
     """
 
     incident: str

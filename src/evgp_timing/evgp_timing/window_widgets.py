@@ -30,7 +30,7 @@ QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
 NO_ANSWER = 5.0
-"""Time without an answer to a correction after which the window shows this, in seconds."""
+"""Time without an answer to a correction after which the window says so, in seconds."""
 
 STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button.'
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
@@ -146,7 +146,7 @@ class TimekeeperWindow:
     # ----- what is heard ------------------------------------------------------------------
 
     def on_results(self, results: Standings) -> None:
-        """Show the present results and crossings."""
+        """Show the current results and crossings."""
         self._results, self._heard = results, clock.now()
         self._show_results()
         self._show_crossings(view.crossings(results))
@@ -166,7 +166,7 @@ class TimekeeperWindow:
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Process the news, and show how old everything is and what has no answer."""
+        """Process the news, and show how old everything is and what is still unanswered."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
@@ -267,7 +267,7 @@ class TimekeeperWindow:
         Open a dialog for a correction, and send the correction once the official confirms it.
 
         :param act: the kind of correction.
-        :param text: what the correction is about; empty for the meaning of the correction.
+        :param text: what the correction is about; if empty, the meaning of the correction is shown.
         :param given: the fields of the request that are known already.
         """
         entry = CORRECTIONS[act]
