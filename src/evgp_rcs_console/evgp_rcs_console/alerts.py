@@ -136,7 +136,7 @@ class AlertsArea(Panel):
 
         :param at: race control's time now.
         :param own: the official has just marked some as seen, so they expect the change.
-        :param known: whether race control is heard; if not, an empty list does not mean all is well.
+        :param known: race control is heard; if not, an empty list does not mean that all is well.
         """
         before = self._unseen
         self._notices = list(notices)

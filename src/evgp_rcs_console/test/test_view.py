@@ -385,7 +385,7 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
 
     assert screen.order == 'Grid: 7, 3 · Next: kart 3 (TT 3)'
     assert [button.label for button in screen.heats] == [
-        'Final: 7, 3  (in the order of the grid, in the race)',
+        'Final: 7, 3  (in grid order, in the race)',
         'TT 3: 3  (next)',
         'Next: 3, 9',
     ]

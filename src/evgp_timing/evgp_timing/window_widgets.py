@@ -267,7 +267,7 @@ class TimekeeperWindow:
         Open a dialog for a correction, and send the correction once the official confirms it.
 
         :param act: the kind of correction.
-        :param text: what the correction is about; if empty, the meaning of the correction is shown.
+        :param text: what the correction is about; if empty, the correction's meaning is shown.
         :param given: the fields of the request that are known already.
         """
         entry = CORRECTIONS[act]
