@@ -844,16 +844,18 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opene
     console = opened()
     inside = race_of(8, RaceState.IN_GARAGE)
     outside = replace(inside, karts=tuple(replace(kart, in_race=False) for kart in inside.karts))
-    console.tell(outside)
-    console.press('4')
-    console.tell(inside)
-
     control = QtCore.Qt.KeyboardModifier.ControlModifier
-    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_J, control)
-    console.settle()
+    said = 'while the window hung'
+    while 'while the window hung' in said:  # on a busy machine; then nothing is sent either
+        console.tell(outside)
+        console.press('4')
+        console.tell(inside)
+        QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_J, control)
+        console.settle()
+        said = console.find('status').whole
 
     assert not console.sent
-    assert 'LEAVE kart 4 WAS NOT SENT' in console.find('status').whole
+    assert 'LEAVE kart 4 WAS NOT SENT' in said
 
 
 def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
