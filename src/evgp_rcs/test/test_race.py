@@ -160,6 +160,10 @@ def kinds(outcome: Outcome) -> list[EventKind]:
     return [event.kind for event in outcome.events]
 
 
+def texts(outcome: Outcome, kind: EventKind) -> list[str]:
+    return [event.text for event in outcome.events if event.kind is kind]
+
+
 # ----- a whole race -----------------------------------------------------------------------
 
 
@@ -488,11 +492,7 @@ def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Off
     officials.says(1, RED_RED)
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(0.05))
     officials.says(2, RED_RED)
-    news = [
-        event.text
-        for event in officials.wait(0.05).events
-        if event.kind is EventKind.ALL_ACKNOWLEDGED
-    ]
+    news = texts(officials.wait(0.05), EventKind.ALL_ACKNOWLEDGED)
     assert news == ['Every kart of the race acknowledged RED_RED']
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
 
@@ -639,12 +639,8 @@ def test_of_a_kart_that_is_away_nobody_says_that_it_acknowledged(officials: Offi
     officials.to_green().drop(1)
     officials.does('RECORD_MSR')
     officials.says(2, RED_RED)
-    told = [
-        event.text
-        for event in officials.wait(5.0).events
-        if event.kind is EventKind.ALL_ACKNOWLEDGED
-    ]
-    assert told == ['Every kart that the race waits for acknowledged RED_RED']
+    news = texts(officials.wait(5.0), EventKind.ALL_ACKNOWLEDGED)
+    assert news == ['Every kart that the race waits for acknowledged RED_RED']
 
 
 def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of_the_karts() -> (

@@ -60,7 +60,14 @@ from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import LivelinessPolicy, qos_profile_services_default, QoSProfile
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    qos_profile_services_default,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.signals import SignalHandlerOptions
 
 _Read = TypeVar('_Read')
@@ -111,16 +118,24 @@ PRESENCE_PERIOD = 0.5
 counts the program as gone."""
 
 ANNOUNCE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
     depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
     # For tools that watch DDS alone: only an announcement shows that the program is alive.
     liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
     liveliness_lease_duration=Duration(seconds=2),
 )
 """QoS of ``rcs/presence``."""
 
-STOP_QOS = QoSProfile(depth=1)
+STOP_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """
-QoS of the clients that call the stops to more than one kart; reliable, as any by default.
+QoS of the clients that call the stops to more than one kart.
 
 Fast DDS forgets a machine after 20 s of silence, with everything sent to it. After a shorter
 outage it delivers the requests sent meanwhile, oldest first. Race control acts on the first one.

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import os
 import shlex
@@ -60,24 +60,30 @@ class Hearing:
         self.ended_run: str | None = None
         self.results: Standings | None = None
 
-    def _keep(self, **heard: object) -> None:
+    @contextlib.contextmanager
+    def _hears(self) -> Iterator[None]:
+        """Change what was heard, and wake the caller that waits for it."""
         with self.news:
-            vars(self).update(heard)
+            yield
             self.news.notify_all()
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
-        self._keep(race=race, heard_at=at, two=two)
+        with self._hears():
+            self.race, self.heard_at, self.two = race, at, two
 
     def on_event(self, event: StampedEvent) -> None:
-        self.events.append(event)
-        ended = event.event.kind is EventKind.ENDED and event.event.success
-        self._keep(ended_run=self.race.run if ended and self.race else self.ended_run)
+        with self._hears():
+            self.events.append(event)
+            if event.event.kind is EventKind.ENDED and event.event.success and self.race:
+                self.ended_run = self.race.run
 
     def on_results(self, results: Standings) -> None:
-        self._keep(results=results)
+        with self._hears():
+            self.results = results
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        self._keep(answer=(given, answer))
+        with self._hears():
+            self.answer = given, answer
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep the stops that race control has not accepted, with its reasons."""
@@ -86,7 +92,8 @@ class Hearing:
 
     def on_dropped(self, given: Given, why: str) -> None:
         """Keep the stop that is no longer sent, and the reason."""
-        self._keep(dropped=(given, why))
+        with self._hears():
+            self.dropped = given, why
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
         with self.news:

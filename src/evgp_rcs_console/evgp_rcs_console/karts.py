@@ -206,6 +206,15 @@ class Tiles(QtWidgets.QWidget):
         super().__init__()
         self.setObjectName('overview')
         self._table = table
+        self._shown: object = None
+
+    def look(self) -> None:
+        """Draw the tiles again if they look different now."""
+        table = self._table
+        looks = [(row.number, row.link.tone, row.sent, row.answer.tone) for row in table.rows]
+        if self._shown != (looks, table.chosen, table.stale):
+            self._shown = looks, table.chosen, table.stale
+            self.update()
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         rows = self._table.rows
@@ -356,7 +365,7 @@ class KartList(Panel):
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         count = len(self.table.rows)
         self.table.show_rows(rows, chosen, stale)
-        self._tiles.update()
+        self._tiles.look()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
             self._buttons.append(buttons)
