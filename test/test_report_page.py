@@ -150,7 +150,7 @@ def test_the_laps_of_twenty_karts_fit_a_telephone_and_a_sheet(
 def test_an_hour_with_twenty_karts_is_a_page_that_can_be_used(
     browser: Browser, make_report: MakeReport, chance: random.Random
 ) -> None:
-    paper = long_event(3600.0, 20, chance, busy=10.0)
+    paper = long_event(3600.0, 20, chance, busy=2.0)
     page = make_report(paper)
     assert page.stat().st_size < 10_000_000
     browser.visit(page)

@@ -23,7 +23,7 @@ from evgp_node.roster import Format
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
 from evgp_rcs.record.report import wording
-from evgp_rcs.record.report.drawing import Drawing, drawing, NAMES, WIDTH
+from evgp_rcs.record.report.drawing import Drawing, drawing, WIDTH
 from evgp_rcs.record.report.model import Account, Alert, Part, STOPS
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, Runs, UnreadableError
@@ -121,7 +121,6 @@ def page(
         on_paper=on_paper,
         drawings=_drawings(account, part, clock),
         WIDTH=WIDTH,
-        NAMES=NAMES,
         MOST=MOST,
         PAPER_ROWS=PAPER_ROWS,
     )
