@@ -15,7 +15,7 @@ from evgp_rcs.record.report.model import Account, Lane, NO_GRADE, Part
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.rules.race import EventKind, StampedEvent
 
-WIDTH, NAMES, LETTER = 1200.0, 110.0, 7.0
+WIDTH, NAMES, LETTER = 1200.0, 120.0, 8.0
 """Widths of a timeline, of the names of its lines, and of a letter, in pixels."""
 
 HEAD, ROW, LANE = 20.0, 14.0, 30.0
