@@ -433,14 +433,19 @@ def _stricter(one: RaceState, other: RaceState | None) -> RaceState:
     return one if other is None or _strictness(one) >= _strictness(other) else other
 
 
-def _humans_allowed(view: View) -> tuple[bool, list[int]]:
+def _humans_allowed(view: View) -> tuple[bool, tuple[int, ...]]:
     """§3.A's three conditions, per kart, and none of them known after a restart."""
     if view.msr_used:
-        return True, []
+        return True, ()
     if view.state in (GRID_ACTIVE, GREEN_GREEN):
-        return False, []
-    unsafe = [k.number for k in view.karts if not (_is_safe(k) or _is_covered(view, k))]
+        return False, ()
+    unsafe = _as_named(k for k in view.karts if not (_is_safe(k) or _is_covered(view, k)))
     return not (unsafe or view.past_unknown), unsafe
+
+
+def _as_named(karts: Iterable[KartView]) -> tuple[int, ...]:
+    """Return the numbers of dangerous karts as a sentence names them: those out of reach first."""
+    return tuple(kart.number for kart in sorted(karts, key=lambda kart: kart.connected))
 
 
 def _is_safe(kart: KartView) -> bool:
@@ -473,7 +478,7 @@ def _is_unanswered(view: View, kart: KartView) -> bool:
 
 def _unfit(view: View) -> tuple[int, ...]:
     """Return who must not be near a race that starts, whatever karts answer."""
-    return tuple(k.number for k in view.karts if k.moving or (k.doubt and not k.in_race))
+    return _as_named(k for k in view.karts if k.moving or (k.doubt and not k.in_race))
 
 
 def _red(kart: KartView) -> bool:
@@ -542,13 +547,13 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
                 )
             )
         elif state is GRID_ACTIVE:
-            silent = tuple(k.number for k in racing if k.moving or (k.doubt and not k.connected))
+            silent = _as_named(k for k in racing if k.moving or (k.doubt and not k.connected))
         else:
             return Judgement(False)
         return Judgement(not silent, True, silent, () if silent else _sent_home(view))
     if kind == 'OPEN_TRACK':
         allowed, unsafe = _humans_allowed(view)
-        return Judgement(allowed, view.unstated, tuple(unsafe))
+        return Judgement(allowed, view.unstated, unsafe)
     if kind == 'CLOSE_TRACK':
         return Judgement(True)
     if kind == 'SET_HEAT':
