@@ -361,7 +361,6 @@ def changes_for_all(race: msg.Race) -> dict[str, Any]:
         for kart in race.karts
     )
     for kart in (own, *others):
-        del kart['sent_since']  # from another clock with each message
         for measured in ('link', 'poor_lately', 'delivered_after', 'acknowledged_after'):
             del kart[measured]  # anew each second
     follows = ('commands', 'may_be_moving', 'stands', 'settles_at')

@@ -19,6 +19,7 @@ import time
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
+from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
@@ -482,7 +483,7 @@ class Display(QtCore.QObject):
             self.bottom.take_race(self._race, self._heard_at)
             changed = changed or self._news != self._drawn
         if changed:
-            self.refresh()  # else only ages change, which need not be shown twice a second
+            self.refresh()  # else only numbers change, which need not be shown twice a second
 
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event, except a delivery in time, which would only hide others."""
@@ -515,9 +516,13 @@ class Display(QtCore.QObject):
 
     @property
     def _news(self) -> object:
-        """Return what was heard, without its time."""
+        """Return what was heard, without times and what a link's grade says in short."""
+        race = self._race or NOTHING
         results = None if self._results is None else self._results._replace(stamp=0.0)
-        return (self._race or NOTHING)._replace(stamp=0.0), results, self._two
+        karts = [
+            each._replace(link=NOT_MEASURED._replace(grade=each.link.grade)) for each in race.karts
+        ]
+        return race._replace(stamp=0.0, karts=()), karts, results, self._two
 
     def look(self, now: float) -> None:
         """Show what has changed because time (s) has passed, and sound the alarm if needed."""

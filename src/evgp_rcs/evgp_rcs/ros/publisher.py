@@ -221,11 +221,14 @@ class RacePublisher:
             banner=self._banner,
             officials=self._officials,
         )
-        if race[1:] != self._shown[1:] or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
-            self._published, self._clock_ns = message_of(race, msg.Race, clock_ns), clock_ns
+        # The same moment keeps the same wall time, so that readers see it as unchanged.
+        stepped = abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS
+        self._clock_ns = clock_ns if stepped else self._clock_ns
         # If only the stamp has changed, reuse the message, because building it takes longer than
         # publishing it.
-        self._published.stamp = stamp_of(clock_ns + round(race.stamp * 1e9))
+        if stepped or race[1:] != self._shown[1:]:
+            self._published = message_of(race, msg.Race, self._clock_ns)
+        self._published.stamp = stamp_of(self._clock_ns + round(race.stamp * 1e9))
         self._shown = race
         self._race.publish(self._published)
         if race.stamp - self._diagnosed_at >= 1.0:
