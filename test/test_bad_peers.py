@@ -173,7 +173,7 @@ def test_a_kart_that_reconnects_too_often_is_refused_and_told_of_seldom(
             ),
             'refused',
         )
-    assert event.text.startswith(f'A connection of kart {BAD} (Team {BAD}) was refused')
+    assert event.text.startswith(f'A connection from kart {BAD} (Team {BAD}) was refused')
     # It is let in again soon: until then the connection ends without a frame.
     frames = 0
     while not frames:

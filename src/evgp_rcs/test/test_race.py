@@ -516,7 +516,7 @@ def test_what_a_kart_says_unasked_is_reported_and_is_no_acknowledgement(
     officials.to_ready().does('GREEN_GREEN')
     outcome = officials.says(1, RED_RED)
     assert kinds(outcome) == [EventKind.REPORTED]
-    assert outcome.events[0].text == 'Kart 1 (Ohm) reports RED_RED while it is sent GREEN_GREEN'
+    assert outcome.events[0].text == 'Kart 1 (Ohm) reports RED_RED while being sent GREEN_GREEN'
     officials.does('KART_RED_RED', 1)
     assert not officials.race.karts[1].acknowledged
 
@@ -787,7 +787,7 @@ def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
     officials.says(1, RED_RED)
     officials.wait(30.0)
     alert = officials.alerts()[AlertKind.GREEN_UNACKNOWLEDGED]
-    assert alert == 'Kart 1 (Ohm) stopped itself while it is sent GREEN_GREEN'
+    assert alert == 'Kart 1 (Ohm) stopped itself while being sent GREEN_GREEN'
     officials.does('ALL_KILL')
     assert officials.race.karts[1].may_be_moving
 

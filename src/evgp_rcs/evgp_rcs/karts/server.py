@@ -2,16 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server, which owns the race and communicates with the karts over TCP (§4.A, §4.C, §4.D).
+The kart server owns the race, and communicates with the karts over TCP (§4.A, §4.C, §4.D).
 
 The code in this file follows these rules:
 
 - The server has one thread with one asyncio loop, in a process without ROS (``karts.process``).
-  Only that thread touches the race, the sockets and everything defined below.
+  Only that thread touches the race, the sockets or anything defined below.
 - The server never uses the disk or a log file. It sends data to the ROS half and the record
   through two socket pairs (``channel``), which never block.
 - The server judges a command and writes its frames to every socket without an await in between, so
-  nothing else can run between an official's stop and its bytes.
+  nothing else can run between judging an official's stop and writing its frames.
 - Every input reaches the rules through ``KartServer._take``, which logs the input so that a replay
   can repeat it.
 - The server limits how many bytes it reads from a peer in each beat, how many bytes wait to be
@@ -61,14 +61,14 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import snapshot_of
 
 STALL = 1.0
-"""Maximum delay of a beat, in seconds. If a beat is later than this, race control has stalled."""
+"""How late a beat may be, in seconds. If a beat is later than this, race control has stalled."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit on each kart's connections: the size of a burst, and the rate per second after that."""
+"""Limit on each kart's new connections: how many in a burst, and how many per second after that."""
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers: the number of times, and the period in seconds. If new connections replace a
-kart's live connection this many times within the period, two programs contest the kart. The
+kart's live connection this many times within the period, two programs are contesting the kart. The
 contest ends after one such period without a takeover."""
 
 CONNECTION_QUEUE = 4096
@@ -79,28 +79,28 @@ CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections that the server accepts before it handles a stop or a beat."""
 
 GATHER = 0.005
-"""Time for which the server gathers events before it forwards them, in seconds. If a hundred karts
-acknowledge at once, sending each event separately would keep all processes busy and delay the
-answer to the stop that caused the events."""
+"""How long the server gathers events before it forwards them, in seconds. If a hundred karts
+acknowledge at the same time, sending each event separately would keep all processes busy and delay
+the answer to the stop that caused the events."""
 
 SHOW_AFTER = 0.01
 """Minimum delay before a snapshot shows an event, in seconds. As with `GATHER`, one snapshot then
 covers many events."""
 
 MOST_GATHERED = 100
-"""Maximum number of gathered events. The server forwards them before it gathers more, which takes
-about 0.4 ms and can delay a stop by that much."""
+"""Maximum number of gathered events. The server forwards them before it gathers more. Forwarding
+takes about 0.4 ms and can delay a stop by that much."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it checks for commands again."""
 
 TO_ROS_HALF_BYTES = 64 * 2**20
-"""Maximum backlog to the ROS half, in bytes. If exceeded, the server abandons the ROS half."""
+"""Maximum backlog to the ROS half, in bytes. If it is larger, the server abandons the ROS half."""
 
 ROS_HALF_SILENCE = 1.0
-"""Time after which the server abandons a silent ROS half, in seconds."""
+"""How long the ROS half may be silent before the server abandons it, in seconds."""
 
-_ENDING = Answer(False, 'Race control is ending. If a kart still moves, use the MSR.')
+_ENDING = Answer(False, 'Race control is ending. If a kart is still moving, use the MSR.')
 
 
 class KartServerError(RuntimeError):
@@ -109,7 +109,7 @@ class KartServerError(RuntimeError):
 
 class RosHalfGoneError(RuntimeError):
     """
-    The ROS half has failed, has gone, or was silent for longer than `ROS_HALF_SILENCE`.
+    The ROS half has failed, is gone, or has been silent for longer than `ROS_HALF_SILENCE`.
 
     :param how: what happened to the ROS half. Officials do not know the term "ROS half", so the
         text calls it the part that hears officials.
@@ -126,7 +126,7 @@ class Waiting:
 
     :param command: the command.
     :param answered: called with the answer once the server has written every frame.
-    :param came: when the command arrived, on the clock of the rules, in seconds.
+    :param came: when the command arrived, in seconds by the rules' clock.
     """
 
     command: Command
@@ -135,7 +135,7 @@ class Waiting:
 
     def is_late(self, now: float) -> bool:
         """
-        Return whether the command has expired, which stops and RACE_OVER never do.
+        Return whether the command has expired. Stops and RACE_OVER never expire.
 
         The sender of an expired command has already been told that there is no answer.
         """
@@ -162,7 +162,7 @@ class _Allowance:
         return True
 
     def mention(self) -> str:
-        """Return a sentence ending that says how many were withheld since the last call."""
+        """Return the end of a sentence: how many events were withheld since the last call."""
         withheld, self.withheld = self.withheld, 0
         return f' ({withheld} more not reported)' if withheld else ''
 
@@ -171,7 +171,7 @@ class KartServer:
     """
     The race and the karts' sockets, in one asyncio loop.
 
-    :param race: the race. From ``serve`` on, only this server may use it.
+    :param race: the race. Once ``serve`` is called, only this server may use it.
     :param settings: how to listen and send.
     :param ros_half: this process's end of the socket pair to the ROS half.
     :param record: the record's process.
@@ -222,12 +222,12 @@ class KartServer:
 
     async def serve(self, listening: Callable[[tuple[str, int]], None]) -> LastRun:
         """
-        Serve karts until ``end`` is called, and send every kart RED_RED as its last frame.
+        Serve karts until ``end`` is called, and then send every kart RED_RED as its last frame.
 
         :param listening: called with the address and port once karts can connect.
         :returns: how this run ended, for the next run.
         :raises KartServerError: if the server cannot listen at its address.
-        :raises BaseException: the failure that ended the server, after it sent every kart RED_RED.
+        :raises BaseException: the failure that ended the server, once every kart was sent RED_RED.
         """
         self._loop = loop = asyncio.get_running_loop()
         self._closing = asyncio.Event()
@@ -279,11 +279,11 @@ class KartServer:
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
     ) -> None:
         """
-        Queue an official's command until ``take_commands`` judges it, with all stops first.
+        Queue an official's command until ``take_commands`` judges it. All stops are judged first.
 
         :param command: the command.
         :param answered: called with the answer once the server has written every frame.
-        :param came: when the command arrived, on the clock of the rules, in seconds. ``None``
+        :param came: when the command arrived, in seconds by the rules' clock. ``None``
             means now.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
@@ -310,7 +310,7 @@ class KartServer:
             self._closing.set()
 
     def now(self) -> float:
-        """Return the time on the clock of the rules, in seconds."""
+        """Return the time, in seconds by the rules' clock."""
         assert self._loop is not None, 'there is no time before serve'
         return self._loop.time()
 
@@ -369,7 +369,7 @@ class KartServer:
         """End if the ROS half is silent, because no official could then stop a kart."""
         if self._ros_half_heard_at is None:
             return
-        # While race control itself stalled, it could not hear the ROS half.
+        # While race control itself was stalled, it could not hear the ROS half.
         silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
         if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
@@ -422,7 +422,7 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Tell the rules whether the memory of a start has been saved to disk."""
+        """Tell the rules whether what must be saved before a start is on the disk."""
         if self._is_ending():
             return  # _refuse_the_rest answers the start
         self.take_commands()
@@ -447,7 +447,7 @@ class KartServer:
             self._ask_to_show()
 
     def _feed(self, given: inputs.Input) -> Outcome:
-        """Log an input, and feed it to the rules. No other code may do so."""
+        """Log an input, then feed it to the rules. No other code may do this."""
         self._log.add(given)
         return inputs.feed(given, self._race)
 
@@ -491,7 +491,7 @@ class KartServer:
 
         :param at: time of the input, in seconds. The events get the same time, so that a replay
             can compare them.
-        :param entries: number of log entries that belong to the input.
+        :param entries: how many of the latest log entries belong to the input.
         """
         published = [each for each in events if not each.chatter or self._may_publish(each, at)]
         if published:
@@ -513,8 +513,8 @@ class KartServer:
         """
         Gather events, so that the server can forward them together.
 
-        :param of_stamped: number of the latest log entries that caused the events. These entries
-            stay together with their events.
+        :param of_stamped: how many of the latest log entries caused the events. These entries stay
+            together with their events.
         """
         if len(self._gathered) >= MOST_GATHERED:
             self._flush(of_stamped)
@@ -526,7 +526,7 @@ class KartServer:
         self._ask_to_show()
 
     def _flush(self, but: int = 0) -> None:
-        """Forward the gathered events, and all log entries but the last `but`."""
+        """Forward the gathered events, and all log entries except the last `but`."""
         gathered, self._gathered = self._gathered, []
         happened = pack(Happened(gathered)) if gathered else b''
         self._ros_half.send(happened)
@@ -579,7 +579,7 @@ class KartServer:
             link.drop('its address is not in the roster')
             if self._refusals.take(now):
                 text = (
-                    f'A connection from {address} was refused: no kart of the roster has that '
+                    f'A connection from {address} was refused: no kart in the roster has that '
                     f'address{self._refusals.mention()}'
                 )
                 self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
@@ -589,7 +589,7 @@ class KartServer:
             allowance = self._too_often[number]
             if allowance.take(now):
                 text = (
-                    f'A connection of {self._race.karts[number]} was refused: it connects too '
+                    f'A connection from {self._race.karts[number]} was refused: it connects too '
                     f'often{allowance.mention()}'
                 )
                 event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
@@ -610,7 +610,7 @@ class KartServer:
             self._check_contest(number, now)
 
     def _check_contest(self, number: int, now: float) -> None:
-        """Report to the rules when two programs begin or cease to contest a kart."""
+        """Report to the rules when two programs begin or stop contesting a kart."""
         most, within = TAKEOVERS
         before, at = self._race.karts[number].contested, self._takeovers[number]
         contested = len(at) == most and now - at[-1 if before else 0] <= within
@@ -632,7 +632,7 @@ class KartServer:
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Report to the rules that the kart's kernel answered an order by this time (s)."""
+        """Report that a kart's kernel had answered an order by the time `answered`, in seconds."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 
@@ -650,7 +650,7 @@ class KartServer:
 
 
 def _ended(failure: BaseException | None) -> Event:
-    """Return the event that says that race control is shutting down, and why."""
+    """Return the event saying that race control is shutting down, and why."""
     follows = 'It sends RED_RED to every connected kart, and closes the connections'
     if failure is None:
         text = f'Race control ends because of Ctrl-C or a signal. {follows}'

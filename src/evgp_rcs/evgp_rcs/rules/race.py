@@ -10,8 +10,8 @@ Rules for the code in this file:
   time, in seconds on one monotonic clock.
 - A ``Race`` has one owner: only one thread uses it, so it needs no lock.
 - One table (``COMMANDS``, at the end) says when each command is refused and why, what the official
-  must state, and what the command does. Availability is derived from the same table, so it cannot
-  differ from what happens.
+  must state, and what the command does. Availability is derived from the same table, so it always
+  matches what happens.
 
 Theory of operation. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
 RED_RED). Together they decide what the kart is sent (``_commanded``): in the race, the stricter of
@@ -25,15 +25,16 @@ A hold can become stricter, but only an official's explicit act ends it (``_race
 ``_release_kart``). Only ``_green_green`` sets GREEN_GREEN.
 
 Commands can cross in transit. After every stop, and after every stall of race control, there is a
-*pause*. Race control refuses a command that loosens or starts anything if the command arrived
-before the end of the pause, because its sender may not have seen the stop. Race control lets karts
-move only once their permission to move is saved on disk: a GREEN_GREEN that would be accepted is a
-*start* that waits (``Start``). Inputs that arrive meanwhile are judged first, and the start is
-judged again when the disk has answered.
+*pause*. Some commands *loosen*: they start or release karts, let humans near them, or change the
+roster. Race control refuses such a command if it arrived before the end of the pause, because its
+sender may not have seen the stop. Race control lets karts move only once their permission to move
+is saved on disk. Until then, a GREEN_GREEN that would be accepted is a *start* that is waiting
+(``Start``). Inputs that arrive meanwhile are judged first, and the start is judged again when its
+wait is over.
 
 Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart that was sent
 GREEN_GREEN, was seen to move, or left a stop unanswered *may be moving*; a kart that was sent
-GRID_ACTIVE is *on the grid*. Either doubt ends when the kart acknowledges a red and keeps
+GRID_ACTIVE is *on the grid*. Either doubt ends when the kart acknowledges a red state and keeps
 reporting it for ``settle`` seconds on the same connection, or when an official states that it was
 made safe by hand. Losing the connection never ends a doubt.
 
@@ -72,7 +73,7 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Age from which race control mentions that a press was old, in seconds."""
+"""Age above which race control mentions how old a press was, in seconds."""
 
 
 class EventKind(enum.Enum):
@@ -98,7 +99,7 @@ class EventKind(enum.Enum):
 
 
 class AlertKind(enum.Enum):
-    """What an official must act on."""
+    """The kinds of condition that an official must act on."""
 
     NOT_READY = 'NOT_READY'
     GREEN_UNACKNOWLEDGED = 'GREEN_UNACKNOWLEDGED'
@@ -135,8 +136,8 @@ class Doubt(enum.IntEnum):
     What a kart may be doing, from harmless to worst.
 
     ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since then on its current
-    connection. ``MOVING``: it was sent GREEN_GREEN or a red; or it was seen to move, because it
-    reported GREEN_GREEN unasked or withdrew its acknowledgement of a red.
+    connection. ``MOVING``: it was sent GREEN_GREEN or a red state; or it was seen to move, because
+    it reported GREEN_GREEN while not being sent it, or withdrew its acknowledgement of a red state.
     """
 
     NONE = 0
@@ -177,16 +178,16 @@ class Command(NamedTuple):
     :param statement: whether the official makes the statement that the command requires.
     :param karts: for a command that starts or releases karts: those karts, as the official saw
         them.
-    :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
+    :param hold: for the release of one kart: its hold, as the official saw it; ``None`` if none.
     :param heat: for SET_HEAT: the name of the heat.
-    :param opening: for GRID_ACTIVE, which closes the track: the number of its last opening, as the
-        official saw it (``TrackAccess.opening``).
+    :param opening: for GRID_ACTIVE, which closes the track: the number of the track's last opening,
+        as the official saw it (``TrackAccess.opening``).
     :param roster: for READ_ROSTER and TAKE_ROSTER: the roster that the file contains now.
     :param reading: for TAKE_ROSTER: the number of the reading that the official saw
         (``Race.reading``).
     :param official: name of the sender, as the sender gives it. No rule depends on it.
-    :param run: for the timekeeper's FINISH: id of the run of race control that it is for; empty
-        for the race under way.
+    :param run: for a FINISH from the timekeeper: id of the run of race control that the FINISH is
+        for; empty for the race under way.
     :param race: with ``run``: number of the race.
     :param attempt: with ``run``: number of times that the kart's finish was undone in that race.
     :param age: for a stop: time since the official pressed, as the sender measures it, in seconds.
@@ -254,17 +255,17 @@ class Event(NamedTuple):
     Something that happened, in one sentence.
 
     :param kart: number of the kart that it happened to; 0 if it concerns no single kart.
-    :param chatter: whether a kart alone can cause any number of these events; the server may
+    :param chatter: whether a kart can cause any number of these events by itself; the server may
         publish only some of them.
-    :param command: the command, or the command that caused the change of state; None for none.
+    :param command: the command, or the command that caused the change of state; None if none.
     :param official: name of the command's sender, as the sender gave it.
     :param alert: for an alert that was raised or has ended: its kind.
     :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
         COMMAND: age of an old press, 0 if it was recent; in seconds.
     :param grade: for LINK_GRADE: the new grade of the link.
-    :param place: the place of this kart in the order of FINISH at that time; 0 for none.
-    :param race: the number of the race under way; 0 for none.
-    :param heat: the name of the heat in the race; empty for none.
+    :param place: the place of this kart in the order of FINISH at that time; 0 if it has none.
+    :param race: the number of the race under way; 0 if there is none.
+    :param heat: the name of the heat in the race; empty if there is none.
     """
 
     kind: EventKind
@@ -289,7 +290,7 @@ class StampedEvent(NamedTuple):
 
     :param sequence: number of the event in this run of race control, from 1 without gaps.
     :param wall_ns: wall time, in ns since the epoch.
-    :param monotonic: time on the clock of the rules, in seconds.
+    :param monotonic: time in seconds by the rules' clock.
     """
 
     sequence: int
@@ -303,7 +304,7 @@ class Outcome(NamedTuple):
     The result of one input: the orders to send and the events that happened.
 
     :param answer: the answer to the command, or to a start whose wait is over.
-    :param start: the start that waits from now on, if the command is one.
+    :param start: the start that is waiting from now on, if the command is a start.
     """
 
     orders: tuple[Order, ...]
@@ -357,9 +358,9 @@ class TrackAccess:
     """
     Whether officials have opened the track, and whether humans may be on it (§3.A).
 
-    :param opening: number of the last opening in this run, even if closed since; 0 for none.
-    :param settled_by: the command whose statement is all that is missing before humans are
-        allowed; None if they are allowed, or if more is missing.
+    :param opening: number of the last opening in this run, even if closed since; 0 if none.
+    :param settled_by: if only one statement is missing before humans are allowed, the command that
+        makes this statement; None if they are allowed, or if more is missing.
     """
 
     open: bool  # noqa: A003 - the message's name
@@ -382,23 +383,23 @@ class RaceTimes:
     :param finish_delays: time from FINISH to RED_FLAG for place 1, 2, … (§4.B FINISH); the last
         one applies to all later places. The longest comes first, so that karts that finish later
         find the line clear.
-    :param finish_stop: time that a finished kart has to acknowledge its RED_FLAG before the race
-        is over without it (§3.A: 10-15 s to come to a stop).
+    :param finish_stop: how long a finished kart has to acknowledge its RED_FLAG; after that, the
+        race is over even without this acknowledgement (§3.A: 10-15 s to come to a stop).
     :param auto_race_over: whether race control ends the race after the last finish (§3.C).
     :param ready_alert: time until the alert that GRID_ACTIVE is not acknowledged (§3.A: 2 min).
     :param green_alert: the same for GREEN_GREEN (§3.A: 30 s).
     :param flag_alert: the same for RED_FLAG (§3.A: 10-15 s).
     :param red_alert: the same for RED_RED (§3.A: "a reasonable time").
-    :param pause: time after a stop during which commands that loosen or start anything are
-        refused; at least ``LEAST_PAUSE``.
+    :param pause: how long after a stop commands that loosen are refused; at least
+        ``LEAST_PAUSE``.
     :param pause_after_stall: the same after a stall of race control, because commands sent during
-        the stall arrive late (DDS delivered some 3 s late); if ``pause`` is longer, it applies.
+        the stall arrive late (DDS delivered some 3 s late); a longer ``pause`` applies instead.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
-    :param settle: time for which a kart must keep reporting its acknowledged red before humans may
-        rely on it.
+    :param settle: how long a kart must keep reporting the red state that it acknowledged before
+        humans may rely on its stop.
     :param require_inspection: whether a kart needs an inspection to race.
-    :param nobody_there: time without any program that can stop the race until a race that had one
-        goes to RED_FLAG; 0 for never.
+    :param nobody_there: how long a race that had a program that can stop it may be without one
+        before it goes to RED_FLAG; 0 for never.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -438,14 +439,14 @@ class Kart:
     :param serial: number of its current order.
     :param acknowledged: whether it has acknowledged its current order and not withdrawn that
         since.
-    :param reported: state that it last reported on this connection, asked or unasked.
-    :param doubt: what it may be doing, until it has kept reporting a red for long enough, or an
-        official states that it was made safe by hand.
-    :param settles_at: when its acknowledged red ends its doubt, if it keeps reporting that red
+    :param reported: state that it last reported on this connection, whether or not it is sent it.
+    :param doubt: what it may be doing, until it has kept reporting a red state for long enough, or
+        an official states that it was made safe by hand.
+    :param settles_at: when its doubt ends, if it keeps reporting the red state that it acknowledged
         until then, in seconds; ``None`` if nothing is pending.
     :param lost_since: when it lost its connection in a race under way or while it may have been
         moving; if it may have been moving, the value stays until its doubt ends.
-    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 for none.
+    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 if none.
     :param attempt: number of times that its finish was undone in this race; the timekeeper's
         FINISH names it.
     :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
@@ -454,8 +455,8 @@ class Kart:
     :param counts_at: if it reports the state that it is being sent, but may be answering an
         earlier order: latest time at which that report becomes valid, in seconds; a past time if
         that is unknown; None if there is no such report.
-    :param counts_in: the same as time from its last report, in seconds; 0 if unknown or over.
-    :param inspected: date of its inspection according to the roster; empty for none.
+    :param counts_in: the same, as a time from its last report, in seconds; 0 if unknown or over.
+    :param inspected: date of its inspection according to the roster; empty if there was none.
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
     :param ordered_at: when its current order was given, in seconds.
     :param delivered_at: when its kernel had answered that order, in seconds; None if it has not.
@@ -510,7 +511,7 @@ class Kart:
 
     @property
     def stopped(self) -> bool:
-        """Return whether it has acknowledged, on its current connection, the red it is sent."""
+        """Return whether it is sent a red state, and has acknowledged it on this connection."""
         return self.acknowledged and self.sent.is_red
 
     @property
@@ -541,7 +542,7 @@ class Kart:
         """
         Return whether the kart last reported RED_RED while being sent GRID_ACTIVE or GREEN_GREEN.
 
-        Its team, the MSR's contact or the kart itself caused the stop. Nobody may rely on it.
+        Its team, the MSR's contact or the kart itself caused the stop. Do not rely on this stop.
         """
         return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
 
@@ -586,7 +587,7 @@ class RaceMemory:
     :param karts: each kart in the roster, by its number.
     :param track_open: whether officials have opened the track.
     :param unstated: whether no official has yet stated that no race is under way anywhere.
-    :param heat: the heat that was last put into the race; empty for none.
+    :param heat: the heat that was last put into the race; empty if there was none.
     """
 
     state: RaceState
@@ -614,7 +615,7 @@ class RaceMemory:
 
 class Start(NamedTuple):
     """
-    A GREEN_GREEN that would be accepted, and waits until the disk has saved that karts may move.
+    A GREEN_GREEN that would be accepted, but waits until the permission to move is saved on disk.
 
     :param number: number of the start, from 1.
     :param came: when the command arrived, in seconds.
@@ -636,10 +637,10 @@ class Race:
     The state of one race and of every kart in the roster (§3, §4.B).
 
     Each input is a method: ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``;
-    what became of a waiting start (``start_saved``); who can stop the race (``attended``); and
-    troubles around the race (``stalled``, ``cut_off``, ``contested``, ``rival``,
-    ``record_trouble``). Each returns the orders to send and the events that happened. Times are in
-    seconds on one monotonic clock and never go backwards.
+    ``start_saved`` for what became of a waiting start; ``attended`` for who can stop the race; and
+    ``stalled``, ``cut_off``, ``contested``, ``rival`` and ``record_trouble`` for problems around
+    the race. Each returns the orders to send and the events that happened. Times are in seconds by
+    one monotonic clock, and never go backwards.
 
     :param karts: every kart in the roster, each number once.
     :param now: current time, in seconds.
@@ -667,7 +668,7 @@ class Race:
             kart.sent_since = now
         self.heats = tuple(heats)
         self.reading = 0
-        """Number of the roster that was read but not taken yet; 0 for none."""
+        """Number of the roster that was read but not taken yet; 0 if there is none."""
         self._readings = 0
         self._read = Roster(())
         self.state = IN_GARAGE
@@ -682,7 +683,7 @@ class Race:
         self.grids = 0
         """Number of times that GRID_ACTIVE was accepted."""
         self.number = 0
-        """Number of the race under way, from GRID_ACTIVE to IN_GARAGE; 0 for none."""
+        """Number of the race under way, from GRID_ACTIVE to IN_GARAGE; 0 if there is none."""
         self.race_since: float | None = None
         """When the last race of this run began, in seconds; None if no race did."""
         racing = {each.number for each in self.racing()}
@@ -690,14 +691,14 @@ class Race:
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
         self.opening = 0
-        """Number of the last opening of the track in this run; 0 for none."""
+        """Number of the last opening of the track in this run; 0 if there was none."""
         self._opened = '', now  # by whom or why, in a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
         """True until IN_GARAGE if race control does not know what happened before it started, or
         while it was cut off."""
         self.unstated = False
-        """No official has yet stated that no race is under way anywhere."""
+        """Whether an official must still state that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
         """Why race control is cut off from the karts' network, in a phrase; empty if it is not."""
@@ -713,7 +714,7 @@ class Race:
         """The GREEN_GREEN that is waiting for the record."""
         self.starts = 0
         self._reported_all_answered = False
-        self._by: Command | None = None  # the command that is being put in force
+        self._by: Command | None = None  # the command that is taking effect
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
         self._events: list[Event] = []
@@ -813,12 +814,12 @@ class Race:
 
     def command(self, command: Command, now: float, came: float | None = None) -> Outcome:
         """
-        Judge an official's command and, if it is allowed, put it in force (§4.B).
+        Judge an official's command and, if it is allowed, put it into effect (§4.B).
 
-        An allowed GREEN_GREEN is not in force yet: the outcome contains the start that waits.
+        An allowed GREEN_GREEN does not take effect yet: the outcome contains it as a waiting start.
 
         :param came: when the command arrived, if earlier than now, in seconds.
-        :returns: an outcome with an answer, unless the command is a start that waits. A refused
+        :returns: an outcome with an answer, unless the command is a waiting start. A refused
             command changes nothing, but even a stop for a kart that is not in the roster begins a
             pause.
         """
@@ -843,7 +844,7 @@ class Race:
 
     def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
-        Record whether the memory of a start has been saved to disk; its wait is then over.
+        Record whether what must be saved before a start is on the disk, and end the wait.
 
         :param saved: whether it has been saved; if not, the start is refused.
         :param number: number of the start; if it is no longer waiting, nothing happens.
@@ -865,10 +866,10 @@ class Race:
 
     def stalled(self, seconds: float, now: float) -> Outcome:
         """
-        Record that race control stalled: commands that arrive now may have been sent long ago.
+        Record that race control stalled, so commands that arrive now may have been sent long ago.
 
         Race control has not yet read what karts reported during the stall, or noticed which karts
-        are gone, so the time for which each kart must report its stop starts again.
+        are gone, so each ``settle`` time that has not ended starts again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
@@ -878,10 +879,10 @@ class Race:
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
-        Record that race control has lost the karts' network, which is treated like a crash.
+        Record that race control has lost the karts' network. This is treated like a crash.
 
         Until the network is back, another race control may command the karts, so this one refuses
-        commands that loosen anything.
+        commands that loosen.
 
         :param reason: what is lost, in a phrase; empty once the network is back.
         """
@@ -930,7 +931,7 @@ class Race:
         return self._misnamed(command, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
-        """Put a command in force or refuse it, and add its event."""
+        """Put a command into effect or refuse it, and add its event."""
         cause = len(self._events)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
@@ -984,7 +985,7 @@ class Race:
         Record that a kart's connection is gone (§3.E, §4.D).
 
         :param reason: why, for the officials.
-        :param silent: whether its link stopped answering; neither side closed the connection.
+        :param silent: whether its link stopped answering, and neither side closed the connection.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1062,7 +1063,7 @@ class Race:
         elif state is not kart.sent:
             kart.counts_at = None
             if state is not kart.reported:
-                text = f'{_capital(kart)} reports {state.value} while it is sent {kart.sent.value}'
+                text = f'{_capital(kart)} reports {state.value} while being sent {kart.sent.value}'
                 self._add_event(EventKind.REPORTED, text, number, state, chatter=True)
         elif not kart.acknowledged and state is not IN_GARAGE:
             is_new = kart.counts_at is None
@@ -1121,7 +1122,7 @@ class Race:
         return self._outcome()
 
     def attended(self, there: Attendance, now: float) -> Outcome:
-        """Record who can stop the race from now on."""
+        """Record from which programs officials can stop the race, as of now."""
         if there.able:
             self.nobody_since = None
         elif self.there.able:
@@ -1131,7 +1132,7 @@ class Race:
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
-        """Record why the record is failing, as a sentence for officials; empty if it works."""
+        """Note why the record is failing, as a sentence for officials; empty if it works."""
         self.record_fails = text
         self._report_alerts(now)
         return self._outcome()
@@ -1141,8 +1142,8 @@ class Race:
         Let time pass.
 
         This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
-        finished, stops a race that nobody can stop any longer, and refuses a start that has waited
-        too long for the disk. It also reports alerts, which by themselves change nothing.
+        finished, stops a race that officials can no longer stop, and refuses a start that has
+        waited too long for the disk. It also reports alerts, which by themselves change nothing.
         """
         for kart in self.karts.values():
             self._settle(kart, now)
@@ -1223,7 +1224,7 @@ class Race:
         return own if kart.hold is None else stricter(own, kart.hold)
 
     def _redirect(self, kart: Kart, now: float, resend: bool = False) -> None:
-        """Send a kart the state that its race and hold require; end its old acknowledgement."""
+        """Send a kart the state that its race and hold require, and end its old acknowledgement."""
         state = self._commanded(kart)
         changed = state is not kart.sent
         if not (changed or resend):
@@ -1262,7 +1263,7 @@ class Race:
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """Treat a connected kart that an official stops as moving if its stop is unconfirmed."""
+        """When an official stops a connected kart whose stop is unconfirmed, treat it as moving."""
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING
 
@@ -1273,7 +1274,7 @@ class Race:
         kart.finish_due = None
 
     def _settle(self, kart: Kart, now: float) -> None:
-        """End the doubt about a kart that has kept reporting its acknowledged red long enough."""
+        """End the doubt about a kart that has kept reporting its red state for long enough."""
         if kart.settles_at is not None and now >= kart.settles_at:
             self._end_doubt(kart)
 
@@ -1283,7 +1284,7 @@ class Race:
         kart.lost_since = None
 
     def _cause(self) -> str:
-        """Return the command that is being put in force, and who sent it."""
+        """Return the command that is taking effect, and who sent it."""
         assert self._by is not None
         official = f' by {self._by.official}' if self._by.official else ''
         return ', '.join(filter(None, (f'{self._by.kind.value}{official}', self._by.pressed)))
@@ -1399,7 +1400,7 @@ class Race:
         return 'The track is closed to humans'
 
     def _record_msr(self, command: Command, now: float) -> str:
-        # The MSR's relay may restore power later; by then every kart must be under RED_RED.
+        # The MSR's relay may restore power later; by then every kart must be held in RED_RED.
         self._all_kill(command, now)
         self.msr_used = True
         return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
@@ -1437,7 +1438,7 @@ class Race:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} no longer has a place'
-        # This loosens no state that was sent; it only cancels a RED_FLAG that is not sent yet.
+        # This loosens no state that was sent; it only cancels a RED_FLAG that was not sent yet.
         kart.finish_due = None
         if kart.sent is GREEN_GREEN:
             text += ' and drives on; its RED_FLAG had not been sent yet'
@@ -1494,7 +1495,7 @@ class Race:
         self.reading, self._read = self._readings, command.roster
         return (
             f'The roster file was read (reading {self.reading}): {self._changes(command)}. '
-            f'Nothing has changed yet; TAKE_ROSTER {self.reading} puts it in force'
+            f'Nothing has changed yet; TAKE_ROSTER {self.reading} puts it into effect'
         )
 
     def _take_roster(self, command: Command, now: float) -> str:
@@ -1506,10 +1507,10 @@ class Race:
             )
             kart.team, kart.inspected, kart.address = each.team, each.inspected, each.address
             self.karts[each.number] = kart
-        # The new roster contains every bound kart, except those missing from the old one too.
+        # The new roster contains every bound kart that the old one contained.
         self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
         self.heats = self._read.heats
-        return f'The roster that was read is in force: {changes}'
+        return f'The roster that was read is in effect: {changes}'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -1562,7 +1563,7 @@ class Race:
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
 
     def _no_record(self) -> str:
-        """Return why no race can start if the record fails, and what to do; empty if it works."""
+        """Return why a failing record prevents a race, and what to do; empty if it works."""
         if not self.record_fails:
             return ''
         return (
@@ -1858,7 +1859,7 @@ class Race:
     @property
     def heat(self) -> str:
         """
-        Return the name of the heat in the race; empty for none.
+        Return the name of the heat in the race; empty if there is none.
 
         This is the heat that was last put into the race. At first, it is the heat that consists of
         exactly the karts in the race, if there is only one such heat. Karts of the heat may leave
@@ -1970,7 +1971,7 @@ class Race:
         ]
 
     def _unattended_since(self) -> float | None:
-        """Return the time (s) from which nobody could stop the race; None if somebody can."""
+        """Return since when (s) nobody can stop a race on the grid or in green; otherwise None."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
@@ -2032,7 +2033,7 @@ class Race:
                     text = f'{_capital(kart)} lost its connection'
                     yield AlertKind.KART_LOST, number, kart.lost_since, text
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
-                text = f'it reported GREEN_GREEN while it is sent {kart.sent.value}'
+                text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 late_by = f'answers {kart.link.worst_answer:.1f} s late, so a stop may be late'
@@ -2057,7 +2058,7 @@ class Race:
                     continue  # its program may still be booting, and nobody has seen the kart move
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if kart.stopped_itself:
-                    text = f'{kart} stopped itself while it is sent {kart.sent.value}'
+                    text = f'{kart} stopped itself while being sent {kart.sent.value}'
                 if alert not in MSR_ALERTS and not kart.connected:
                     text += ' because it is not connected'
                 yield alert, number, due, _capital(text)
@@ -2077,7 +2078,7 @@ class Race:
         if since is not None:
             text = 'Open a window: race control hears no screen or button that can stop the race'
             if self.times.nobody_there:
-                text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s of that'
+                text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s without one'
             yield AlertKind.NOBODY_THERE, 0, since, text
         if self.there.button_fault:
             text = f'Check the stop button: {self.there.button_fault}'
@@ -2218,9 +2219,9 @@ Guard = Callable[[Race, Command], str]
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B); ``CATALOGUE`` has what is independent of the race.
+    One row of the table of commands (§4.B). ``CATALOGUE`` has what does not depend on the race.
 
-    :param effect: puts the command in force and returns the message to the official.
+    :param effect: puts the command into effect and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if it is not.
     :param statement: returns what the official must state; empty if nothing.
     :param karts: returns the karts that the command starts or releases.
