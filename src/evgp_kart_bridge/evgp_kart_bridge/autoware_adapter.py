@@ -6,7 +6,7 @@ An adapter that lets Autoware drive only in GREEN_GREEN (docs/autoware.md).
 
 The adapter requests stops from Autoware's command gate. It requests a gentle stop in every state
 but GREEN_GREEN. It requests an emergency stop in RED_RED, or if Autoware does not grant the gentle
-stop. The gate also stops the kart when this node's heartbeat is not ready or ends.
+stop. The gate also stops the kart if this node's heartbeat stops, or says that it is not ready.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ HEARTBEAT_INTERVAL = 0.05
 """Time between two heartbeats, in seconds."""
 
 REQUEST_AGAIN = 0.2
-"""Time after which the adapter repeats a request, in seconds, in case the gate has restarted."""
+"""Time before the adapter repeats a request, in seconds. The gate may have restarted."""
 
 GRANTED_FOR = 1.0
-"""Time for which the adapter relies on a granted stop, in seconds. It waits just as long for
-Autoware to grant a new stop."""
+"""How long the adapter relies on a granted stop, in seconds. It waits just as long for Autoware to
+grant a new stop."""
 
 HEARTBEAT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -50,10 +50,10 @@ HEARTBEAT_QOS = QoSProfile(
 
 class StopRequest:
     """
-    A request to Autoware for one kind of stop, or for its end, which is repeated.
+    A repeated request to Autoware to begin, or to end, one kind of stop.
 
     :param client: the client of the service.
-    :param request: a function that makes the request for a stop (True) or its end (False).
+    :param request: a function that makes the request to begin (True) or end (False) the stop.
     :ivar stop: whether the last request was for a stop.
     :ivar granted: whether Autoware has granted this stop.
     """
@@ -66,11 +66,11 @@ class StopRequest:
         self._held_at = clock.now()  # when the stop was last granted, or first requested
 
     def is_refused(self) -> bool:
-        """Return whether the adapter requests a stop that was not granted for `GRANTED_FOR`."""
+        """Return whether a stop has been requested, but not granted, for over `GRANTED_FOR`."""
         return self.stop and clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
-        """Request a stop (True) or its end. Repeat the same request only after `REQUEST_AGAIN`."""
+        """Begin (True) or end the stop. Repeat the same request only after `REQUEST_AGAIN`."""
         now = clock.now()
         if stop is self.stop and now < self._again_at:
             return
@@ -78,13 +78,13 @@ class StopRequest:
             self.stop, self.granted, self._held_at = stop, False, now
         self._again_at = now + REQUEST_AGAIN
         if self._asking is not None:
-            self._client.remove_pending_request(self._asking)  # the gate may have died before
+            self._client.remove_pending_request(self._asking)  # the gate may have died
         self._asking = self._client.call_async(self._request(stop))
         self._asking.add_done_callback(lambda answered: self._hear(stop, answered))
 
     def _hear(self, stop: bool, answered: Future) -> None:
         status = getattr(answered.result(), 'status', None)
-        success = getattr(status, 'success', False)  # SetEmergency has only a code
+        success = getattr(status, 'success', False)  # the status of SetEmergency has no such field
         self.granted = stop and self.stop and success
         if self.granted:
             self._held_at = clock.now()
@@ -117,7 +117,7 @@ class AutowareAdapter(StrictNode):
         self.create_timer(HEARTBEAT_INTERVAL, self._step, clock=steady)
 
     def close(self) -> None:
-        """Request the emergency stop, which the end of the heartbeat also causes."""
+        """Request the emergency stop. The end of the heartbeat causes it as well."""
         self._request(RaceState.RED_RED)
 
     def _step(self) -> None:
@@ -139,7 +139,7 @@ class AutowareAdapter(StrictNode):
         self._emergency.ask(emergency)
 
     def _has_reached(self, state: RaceState) -> bool:
-        """Return whether the kart is ready or drives. The bridge itself sees a standstill."""
+        """Return whether the kart is ready or driving. The bridge itself detects a standstill."""
         if state is RaceState.GRID_ACTIVE:
             # The mode is latched, so Autoware may have died since. A granted stop shows that
             # Autoware is alive.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A stack to copy, which obeys the race state, drives at a simulated speed, and acknowledges.
+An example stack to copy. It obeys the race state, drives at a simulated speed, and acknowledges.
 
 With the parameter ``command``, the stack commands real motors. It then publishes no speed and
 acknowledges only GRID_ACTIVE, because it simulates its speed and does not measure it.
@@ -41,7 +41,7 @@ STEP = 0.02  # s
 COMMAND_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
 )
-"""QoS of the motors' topic, with which motors receive only the newest command."""
+"""QoS of the motors' topic. With it, the motors receive only the newest command."""
 
 # The target speed (m/s) and the acceleration (m/s²) in each state.
 DRIVING = {
@@ -162,7 +162,7 @@ class ExampleStack(StrictNode):
         return odometry
 
     def _acknowledge(self, order: Order) -> None:
-        """Acknowledge GRID_ACTIVE once ready, GREEN_GREEN once driving, a red at standstill."""
+        """Acknowledge GRID_ACTIVE once ready, GREEN_GREEN once driving, reds at standstill."""
         if not self._simulates and order.state is not RaceState.GRID_ACTIVE:
             return  # the stack does not measure the real kart's speed
         moves = self._speed > 0.0

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The lamp on a kart, which shows people nearby what to expect.
+The lamp on a kart shows people nearby what to expect from the kart.
 
 The lamp uses the colours of Formula Student. This module is pure: the caller gives the time.
 """
@@ -12,8 +12,8 @@ from __future__ import annotations
 from evgp_protocol.states import RaceState
 
 PHASE = 0.2
-"""Time for which a flashing lamp is lit, and then dark, in seconds. It flashes 2.5 times a
-second."""
+"""How long a flashing lamp is lit, and then how long it is dark, in seconds. It flashes 2.5 times
+a second."""
 
 Colour = tuple[float, float, float]
 YELLOW: Colour = (1.0, 1.0, 0.0)

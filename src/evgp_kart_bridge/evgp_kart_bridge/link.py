@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The link, which is the kart's end of the TCP connection to race control (§4.A, §4.D).
+The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
 One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` in this
-thread. The inputs are frames, the loss of the connection, deadlines, and what the node gives
-(``give``). In the same turn, the link carries out the arbiter's reaction, which means that it
-sends acknowledgements, closes the socket, or publishes a verdict.
+thread. The inputs are frames, the loss of the connection, deadlines, and what the node passes in
+(``give``). In the same turn, the link carries out the arbiter's reaction: it sends an
+acknowledgement, closes the socket, or publishes a verdict.
 
 The same thread publishes the verdict again `REPEAT` times a second. If the thread hangs, it falls
 silent, and the kart's nodes stop (§3.E).
 
-The time is that of `evgp_protocol.clock`, which cannot be set and which includes suspend. After a
-computer wakes up, the link checks the time within ``1 / REPEAT``, or before it judges the first
-frame that arrives. The connection has then been silent for too long.
+The time comes from `evgp_protocol.clock`, a clock that cannot be set and that also counts time in
+suspend. After a computer wakes up, the link checks the time within ``1 / REPEAT``, or before it
+judges the first frame that arrives. It then finds that the connection was silent for too long.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ CONNECT_TIMEOUT = 2.0
 
 FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
-"""Maximum time between two attempts, in seconds. The time begins at `FIRST_WAIT` and doubles."""
+"""Maximum time between two attempts, in seconds. It is `FIRST_WAIT` at first, and then doubles."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""
@@ -55,8 +55,8 @@ SEND_BYTES = 4096
 when race control does not read the kart's replies."""
 
 MOST_UNSENT = 256
-"""Maximum number of bytes that wait because the kernel's buffer is full. Beyond it, the link
-assumes that race control does not read the kart's replies."""
+"""Maximum number of bytes that may wait because the kernel's buffer is full. If more wait, the
+link assumes that race control does not read the kart's replies."""
 
 Publish = Callable[[Verdict, 'LinkStatus'], None]
 Input = Callable[[Arbiter, float], Reaction]
@@ -83,7 +83,7 @@ class LinkStatus:
     The link's figures for diagnostics. Only the link's thread uses them.
 
     :ivar connections: number of connections so far.
-    :ivar failures: number of connections that failed and of attempts that failed so far.
+    :ivar failures: number of connections and of attempts to connect that have failed so far.
     :ivar heard_anything: whether race control has sent a race state to this process.
     :ivar malformed: number of malformed frames so far (§4.C).
     :ivar last_malformed: what was wrong with the last malformed frame; empty if there was none.
@@ -102,7 +102,7 @@ class LinkClosedError(RuntimeError):
 
 class RaceControlLink:
     """
-    The owner of an arbiter, which keeps it connected to race control in a thread of its own.
+    Owns an arbiter, and keeps it connected to race control in a thread of its own.
 
     :param arbiter: the arbiter. From now on, only the link may change it.
     :param settings: where to connect.
@@ -151,9 +151,9 @@ class RaceControlLink:
         """
         Give the arbiter an input. Any thread may call this.
 
-        :param take: a function that gets the arbiter and the present time (in seconds), and
+        :param take: a function that gets the arbiter and the current time (in seconds), and
             returns the reaction.
-        :return: the future reaction. It raises LinkClosedError if the link has ended.
+        :return: a future for the reaction. It raises LinkClosedError if the link has ended.
         """
         future: concurrent.futures.Future[Reaction] = concurrent.futures.Future()
 
@@ -302,7 +302,7 @@ class RaceControlLink:
         """Process everything that has arrived, and publish only the last verdict."""
         for event in events:
             if connection is not self._connection:
-                break  # the link has given up this connection, so the rest is too late
+                break  # the link has given up on this connection, so the rest is too late
             self._hear(connection, event)
         self._publish_news()
 
@@ -355,7 +355,7 @@ class _Connection(asyncio.BufferedProtocol):
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def send(self, state: RaceState) -> None:
-        """Send the reply that the kart has reached a state."""
+        """Reply that the kart has reached a state."""
         assert self._transport is not None
         self._transport.write(encode(state))
         if self._transport.get_write_buffer_size() > MOST_UNSENT:

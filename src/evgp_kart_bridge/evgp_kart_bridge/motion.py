@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart's motion according to odometry, whose twist is compared with its pose.
+The kart's motion according to odometry, with its twist checked against its pose.
 
 If the twist of odometry is not filled in, or is stuck, it reads 0.00 m/s at any speed, and the
 bridge would acknowledge a stop while the kart rolls. This module therefore compares the distance
@@ -17,13 +17,13 @@ from collections import deque
 import math
 
 WINDOW = 1.0
-"""Time over which this module compares pose and twist, in seconds."""
+"""Period over which this module compares pose and twist, in seconds."""
 
 POSE_NOISE = 0.1
-"""Maximum distance that the pose of a kart at a standstill moves within `WINDOW`, in metres."""
+"""Maximum distance that the pose of a kart at standstill moves within `WINDOW`, in metres."""
 
 NEVER_MOVED = 5.0
-"""Time in GREEN_GREEN at 0.00 m/s after which the bridge warns, in seconds."""
+"""How long odometry may read 0.00 m/s in GREEN_GREEN before the bridge warns, in seconds."""
 
 
 class Motion:
@@ -42,7 +42,7 @@ class Motion:
 
     def speed(self, twist: float, x: float, y: float, now: float) -> float:
         """
-        Return the speed to rely on, in m/s, which is the pose's if the twist does not explain it.
+        Return the speed to rely on, in m/s: the pose's if the twist does not explain the pose.
 
         :param twist: the speed of the twist, in m/s.
         :param x: the x of the pose, in m. A pose that is not finite is ignored.
@@ -78,11 +78,11 @@ class Motion:
 
     def never_moves(self, green: bool, speed: float, now: float) -> bool:
         """
-        Return True, once each time, when odometry reads 0.00 m/s in GREEN_GREEN for too long.
+        Return True once for each time that odometry has read 0.00 m/s in GREEN_GREEN too long.
 
         :param green: whether the kart obeys GREEN_GREEN.
         :param speed: the speed, in m/s.
-        :param now: the time, in seconds. Too long means `NEVER_MOVED`.
+        :param now: the time, in seconds. Too long means for `NEVER_MOVED`.
         """
         if not green or not speed < 0.005:
             self._zero_since, self._warned = None, False

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``kart_bridge`` node, which publishes the state that a kart must obey as ROS topics.
+The ``kart_bridge`` node publishes the state that a kart must obey, as ROS topics.
 
-The node has two threads, which share no state. The link's thread (``link``) owns the arbiter and
+The node has two threads that share no state. The link's thread (``link``) owns the arbiter and
 publishes. Only this thread keeps the kart's topics alive. The executor's thread receives the
-messages and calls of the team's nodes, and passes them to the link.
+messages and calls from the team's nodes, and passes them to the link.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
 
 LINK_ANSWER_TIMEOUT = 1.0
-"""Maximum time that a service call of the team waits for the link, in seconds."""
+"""Maximum time that a service call from the team waits for the link, in seconds."""
 
 REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
 """The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True is a
@@ -68,28 +68,28 @@ REMOTE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of `REMOTES`, with which no stop is lost. The bridge treats a publisher that does not
-guarantee this as a stop."""
+"""QoS of `REMOTES`. It ensures that no stop is lost. The bridge treats a publisher that does not
+ensure this as a stop."""
 
 LATCHED_REMOTE_QOS = latched(1)
-"""QoS of a second subscription to each remote, which also receives the earlier messages of a
+"""QoS of a second subscription to each remote. It also receives the earlier messages from a
 latched remote."""
 
 LOOK_AROUND = 0.3
 """Time between two checks for a second node where only one node is allowed, in seconds."""
 
 UNREAD = 5.0
-"""Time after which the bridge logs that no node reads the race state, in seconds."""
+"""How long the race state may have no reader before the bridge logs this, in seconds."""
 
 UNACKNOWLEDGED = 5.0
-"""Time after which the bridge logs that an acknowledgement is missing although nothing prevents
-it, in seconds."""
+"""How long an acknowledgement may be missing, although nothing prevents it, before the bridge logs
+this, in seconds."""
 
 ODOMETRY_DUE = 2.0
-"""Time after which the bridge logs that odometry is missing, in seconds."""
+"""How long odometry may be missing before the bridge logs this, in seconds."""
 
 TEAM_TIMEOUT = 1.0
-"""Time without a check after which the bridge assumes that it does not hear its team, in
+"""How long the bridge may go without a check before it assumes that it does not hear its team, in
 seconds."""
 
 ODOMETRY_QOS = QoSProfile(
@@ -98,12 +98,12 @@ ODOMETRY_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``~/odom``, with which the bridge receives the newest odometry from a publisher of any
+"""QoS of ``~/odom``. With it, the bridge receives the newest odometry from a publisher of any
 reliability."""
 
 MOST_FIRST_ORDER = 2**52
-"""Maximum number of a bridge's first order. JSON and JavaScript keep integers exact only below
-2**53, which leaves room for the orders that follow."""
+"""Highest number that a bridge's first order can have. JSON and JavaScript keep integers exact
+only below 2**53. This maximum leaves room for the orders that follow."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -138,7 +138,7 @@ class KartBridge(StrictNode):
     The bridge's node.
 
     :param on_failure: called with the error, in another thread, when the bridge cannot go on.
-    :param node_options: further arguments for the node of rclpy.
+    :param node_options: further arguments for rclpy's node.
     :raises ParameterError: if a parameter is wrong.
     """
 
@@ -169,11 +169,11 @@ class KartBridge(StrictNode):
         self._odometry_was_missed = False
         self._awaited: tuple[int, float] | None = None  # the order, and since when
         self._read = False
-        self._unread_at: float | None = clock.now()  # None: it is read, or the log says so
+        self._unread_at: float | None = clock.now()  # None: read, or the log says it is not
         self._until_diagnostics = 0
         self._until_look = 0
         # The link's thread triggers this condition. If the executor runs the callback, it also
-        # receives the team's messages. A timer would not do, because some middlewares wait for
+        # receives the team's messages. A timer would not work, because some middlewares wait for
         # timers by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
@@ -193,9 +193,9 @@ class KartBridge(StrictNode):
         if not hasattr(self, 'count_services'):  # missing in ROS 2 Humble
             self._one_server = {}
         self._seen_double: dict[StopSource, str] = {}  # with the names of the nodes, if known
-        # The number is random, so that a number of an earlier bridge does not fit an order of this
-        # one. The time would not do, because the clock of a computer without a battery reads the
-        # same time at each boot.
+        # The number is random, so that a number from an earlier bridge does not match an order
+        # from this one. The time would not work, because the clock of a computer without a battery
+        # reads the same time at each boot.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
         self._identity = first_order  # which no other bridge has
         names = Names(self._peer, self._odometry_topic, self._graph)
@@ -203,9 +203,9 @@ class KartBridge(StrictNode):
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
-                f'Until odometry comes on {self._odometry_topic}, this bridge believes the stack '
-                'that the kart stands still. Give it odometry: make bridge ODOM=/odom, or odom:='
-                '/odom for the launch file'
+                f'Until odometry arrives on {self._odometry_topic}, this bridge believes the '
+                'stack that the kart stands still. Give it odometry: make bridge ODOM=/odom, or '
+                'odom:=/odom for the launch file'
             )
         self._link = RaceControlLink(arbiter, link_settings, self._on_verdict, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
@@ -461,8 +461,8 @@ class KartBridge(StrictNode):
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()
-            # The last line of the log must be true, so a reason that was left out and lasts is
-            # logged later.
+            # The last line of the log must be true, so a reason that was left out and still
+            # applies is logged later.
             if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
                 self._logged = {
                     each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
@@ -471,7 +471,7 @@ class KartBridge(StrictNode):
                 self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
-        """Log once each time that odometry is missing, and once that it is back."""
+        """Each time odometry goes missing, log that once, and log once that it is back."""
         missing = self._arbiter.missing_odometry
         now = clock.now()
         if not missing:
@@ -545,17 +545,17 @@ class KartBridge(StrictNode):
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'frame_timeout',
-        'Time without a frame after which the kart stops because the link is lost, s (§3.E).',
+        'How long frames may be missing before the link is lost and the kart stops, s (§3.E).',
         (0.2, 1.0),
     ),
     (
         'tsr_timeout',
-        'Time without ~/tsr after which the kart stops, s. 0 means that no remote is required.',
+        'How long ~/tsr may be missing before the kart stops, s. 0 means that it is not required.',
         (0.0, 10.0),
     ),
     (
         'msr_timeout',
-        "Time without ~/msr (the MSR's contact) after which the kart stops, s. 0 if not wired.",
+        "How long ~/msr (the MSR's contact) may be missing before the kart stops, s. 0: no wire.",
         (0.0, 1.0),
     ),
     (
@@ -566,11 +566,11 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
         'auto_acknowledge_stop',
         'Acknowledge RED_FLAG and RED_RED automatically once ~/odom shows a standstill.',
     ),
-    ('standstill_speed', 'Maximum speed of a kart at a standstill, m/s.', (0.0, 0.5)),
-    ('standstill_time', 'Time at a standstill after which a kart has stopped, s.', (0.1, 10.0)),
+    ('standstill_speed', 'Maximum speed of a kart at standstill, m/s.', (0.0, 0.5)),
+    ('standstill_time', 'Time at standstill before a kart counts as stopped, s.', (0.1, 10.0)),
     (
         'red_flag_drive_time',
-        'Time for which ~/stop lets a driving kart slow down in RED_FLAG, s (§3.A).',
+        'How long ~/stop lets a driving kart slow down in RED_FLAG, s (§3.A).',
         (0.0, 30.0),
     ),
     ('drive_in_garage', 'Let the team drive its kart in IN_GARAGE, by ~/stop (§3.A).'),
@@ -596,7 +596,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     lease = declare(
         'liveliness_lease',
         LEASE,
-        "Time of the bridge's silence after which a subscriber must stop the kart, s.",
+        'How long the bridge may be silent before a subscriber must stop the kart, s.',
         (0.2, 2.0),
     )
     rules: dict[str, Any] = {

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of `RaceStateWatch`, which decide what a stack must do.
+The rules of `RaceStateWatch`. They decide what a stack must do.
 
 The inputs are the bridge's messages and their times. This module is pure: it uses no ROS, clock or
 thread. ``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++, and
@@ -22,17 +22,16 @@ FORGIVEN = 1.0
 GRID_ACTIVE, in seconds."""
 
 NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
-"""Reason for not obeying GREEN_GREEN if the stack was started too late."""
+"""Why the stack does not obey GREEN_GREEN if it was started too late."""
 
 TOO_LATE = (
     f'this node was too busy, or the bridge silent, for more than {FORGIVEN:g} s since '
     'GRID_ACTIVE; the kart waits for the next one'
 )
-"""Reason for not obeying GREEN_GREEN if the stack heard GRID_ACTIVE before."""
+"""Why the stack does not obey GREEN_GREEN although it heard GRID_ACTIVE before."""
 
 ASK_AGAIN = 0.2
-"""Time after which the stack repeats an acknowledgement that the bridge has not accepted, in
-seconds."""
+"""Time before the stack repeats an acknowledgement that the bridge did not accept, in seconds."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +70,7 @@ class Orders:
     The orders of one stack. All times are in seconds, by one clock that never goes back.
 
     :ivar said: the bridge's last message; None if there was none.
-    :param lease: time of silence after which the kart obeys RED_RED, in seconds.
+    :param lease: how long the bridge may be silent before the kart obeys RED_RED, in seconds.
     :param forgiven: the same as `FORGIVEN`, in seconds.
     """
 
@@ -130,7 +129,7 @@ class Orders:
 
         :param heard: the messages, oldest first.
         :param since: a time after which all of them were sent.
-        :param now: the present time.
+        :param now: the current time.
         """
         # A doubt or another state ends the previous order, even if the same state follows it.
         self.order(now)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A node to copy that obeys the topic `~/state`, without any of our messages or packages.
+An example node to copy. It obeys the topic `~/state`, without any of our messages or packages.
 
 This node does not acknowledge. Another node of the kart must do so.
 """

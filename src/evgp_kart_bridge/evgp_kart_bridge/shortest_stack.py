@@ -66,7 +66,7 @@ class Stack(Node):
         self.motors.publish(command)
 
     def hear_odometry(self, odometry: Odometry) -> None:
-        """Update the speed, and the time since which the kart certainly stands still."""
+        """Update the speed, and the time since which the kart has certainly stood still."""
         now = time.monotonic()
         self.speed = abs(odometry.twist.twist.linear.x)
         if self.driving or not self.speed < 0.05:  # also NaN

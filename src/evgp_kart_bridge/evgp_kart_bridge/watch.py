@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Tells a team's stack what to do now, and acknowledges it.
+Tells a team's stack what to do now, and acknowledges what the kart has done.
 
-A subscription alone is not enough. A bridge that has died or hangs cannot report this, and its
+A subscription alone is not enough. A bridge that has died or hung cannot report this, and its
 last message may have been GREEN_GREEN. Also, a stack that compares the state it has reached with
 the newest command may report a standstill at full speed, because it had reached the previous
 command.
@@ -50,7 +50,7 @@ LEASE = 0.5
 """The bridge's default `liveliness_lease`, in seconds."""
 
 UNHEARD = 2.0
-"""Time after the start at which the node logs that it has not heard a bridge, in seconds."""
+"""Time from the start until the node logs that it has not heard a bridge, in seconds."""
 
 LOG_AGAIN = 10.0
 """Minimum time before the node logs the same reason again, in seconds."""
@@ -102,7 +102,7 @@ def watch_qos(lease: float) -> QoSProfile:
 
 class RaceStateWatch:
     """
-    The watch of the bridge, which says what the kart must do now.
+    Watches the bridge, and says what the kart must do now.
 
     Use it in a node of your stack, in a timer of the steady clock, about 20 times a second::
 
@@ -158,7 +158,7 @@ class RaceStateWatch:
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
         )
         # The middleware reports when the bridge is gone. In case it does not, the alarm lets the
-        # watch check the clock. A timer would not do, because simulated time may stop, and some
+        # watch check the clock. A timer would not work, because simulated time may stop, and some
         # middlewares wait for timers by the wall clock, which may be set back.
         self._alarm = node.create_guard_condition(self._pass, callback_group=group)
         threading.Thread(
@@ -202,11 +202,11 @@ class RaceStateWatch:
         The watch sends `Order.reached`. This is RED_FLAG from a kart that stands still in RED_RED
         because of a team stop, and RED_RED from a kart that stopped itself in GREEN_GREEN.
 
-        Call this in every step in which the kart has reached the state. If the answer is lost or a
-        refusal, the watch tries again after 0.2 s. It does nothing if the order is acknowledged or
-        over, or has no number. It never waits. If the bridge refuses, the node logs why.
+        Call this in every step in which the kart has reached the state. If the answer is lost or
+        a refusal, the watch tries again after 0.2 s. If it is a refusal, the node logs why. This
+        method does nothing if the order is acknowledged or over, or has no number. It never waits.
 
-        :param order: the same object, from `order`, that the kart has carried out.
+        :param order: the order that the kart has carried out, as the same object from `order`.
         """
         with self._ordering:
             if not self._orders.asks(order, clock.now()):
@@ -214,7 +214,7 @@ class RaceStateWatch:
             unanswered, self._asking = self._asking, None
         # Release the lock first, because readers of the state would wait for it.
         if unanswered is not None:
-            self._bridge.remove_pending_request(unanswered)  # the bridge may have died before
+            self._bridge.remove_pending_request(unanswered)  # the bridge may have died
         asking = self._bridge.call_async(
             Acknowledge.Request(order=order.number, reached=state_message(order.reached))
         )
@@ -233,13 +233,13 @@ class RaceStateWatch:
             )
 
     def _hear(self, message: KartRaceState) -> None:
-        # Take all messages that wait, because a stop must not wait behind earlier messages.
+        # Take all messages that are waiting, because a stop must not wait behind earlier messages.
         heard = [message]
         if self._subscription is not None:
             heard += take_waiting(self._subscription, BACKLOG)
         # A stack that was busy may find an old GREEN_GREEN here. The messages are newer than the
-        # second last call of `_pass`, because otherwise the watch would have taken them then. The
-        # last call proves nothing, because it may belong to the same turn of the executor. The
+        # second-to-last call of `_pass`, because otherwise the watch would have taken them then.
+        # The last call proves nothing, because it may belong to the same turn of the executor. The
         # stamp would help only if the clocks of bridge and stack agreed.
         with self._ordering:
             said = [_said(each) for each in heard]

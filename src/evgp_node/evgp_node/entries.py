@@ -26,7 +26,7 @@ OF_TIMEKEEPER = 'timekeeper/'
 @dataclass(frozen=True)
 class Result:
     """
-    What a screen shows once a command is in force. Empty fields do not matter.
+    What a screen shows once a command has taken effect. Empty fields do not matter.
 
     :param race: the race is in one of these states.
     :param hold: the kart's hold is one of these. ``None`` among them means no hold.
@@ -45,7 +45,7 @@ class Result:
 @dataclass(frozen=True)
 class Entry:
     """
-    One row of the catalogue, which describes one command.
+    One row of the catalogue. It describes one command.
 
     :param label: text of the command's button. RED RED for one kart and for all karts have the
         same text, because their places differ.
@@ -54,20 +54,20 @@ class Entry:
         `OF_TIMEKEEPER`, below the timekeeper's. Two commands may share a service. Every request
         has `official`, the name of the sender as the sender gives it.
     :param fixed: fields of the request that select this command if two commands share a service.
-    :param result: what is true once the command is in force.
+    :param result: what is true once the command has taken effect.
     :param undoes: the command that this one undoes. The two share a button, which offers this
         command while the result of the other is true.
     :param note: a sentence that the confirmation adds after which karts are sent what.
-    :param statement: the field of the request for the official's statement; empty for none.
+    :param statement: the field of the request for the official's statement; empty if none.
     :param call_is_statement: whether calling the service is itself the statement.
     :param to_one_kart: whether the request names a kart (`kart`).
     :param names_karts: whether the request names the karts that the official saw (`karts`).
     :param names_hold: whether the request names the hold that the official saw (`hold`).
     :param names_heat: whether the request names a heat (`heat`).
-    :param names_number: the field of the request with a number that the official saw, which is
-        `opening` for the track or `reading` for the roster; empty for none.
+    :param names_number: the field of the request with a number that the official saw: `opening`
+        for the track, `reading` for the roster; empty if there is none.
     :param takes: further fields of the request, with the same names as in ``Command``.
-    :param flag: the option of `rcs_ctl` for a statement, and what it states; None for none.
+    :param flag: the option of `rcs_ctl` for a statement, and what it states; None if none.
     :param word: the command's name in `rcs_ctl`, if it differs from that of the kind.
     :param short: text of the button where there is little room, if it differs from `label`.
     :param place: position of the button from the left, in the line of the race or, for a command
@@ -85,8 +85,8 @@ class Entry:
         last button pressed.
     :param stop: whether the command stops karts. A stop is never refused for a kart of the roster,
         and never waits behind another command.
-    :param loosens: whether the command starts or releases karts, or lets humans near them. It is
-        refused whenever officials may not see the present race.
+    :param loosens: whether the command starts or releases karts, lets humans near them, or changes
+        the roster. It is refused whenever officials perhaps do not see the current race.
     """
 
     label: str
@@ -144,7 +144,7 @@ class Entry:
 
     @property
     def is_seen(self) -> bool:
-        """Return whether the race shows that it is in force. Otherwise, only its answer does."""
+        """Return whether the race shows that it took effect. Otherwise, only its answer does."""
         return self.result != Result() or self.names_heat
 
     @property

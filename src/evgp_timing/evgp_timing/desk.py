@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's desk, which knows all races of the event, their laps and their results.
+The timekeeper's desk. It knows all the races of the event, their laps and their results.
 
-Inputs (`Input`) change what the desk knows, in the order in which they come. They are events of
-race control (`Told`, `Heard`, `Missed`), passings of the timing line (`Passed`), and officials'
-corrections (`Corrected`). The timekeeper writes every input into its own stream. After a restart,
-it feeds them in again, and the desk knows everything again.
+Inputs (`Input`) change what the desk knows, in the order in which they arrive. They are events
+from race control (`Told`, `Heard`, `Missed`), passings at the timing line (`Passed`), and
+officials' corrections (`Corrected`). The timekeeper writes every input to a stream of its own.
+After a restart, it feeds the inputs in again, and the desk then knows everything again.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
-the node asks race control for FINISH.
+the node requests FINISH from race control.
 
 Times are in seconds since the machine started, by the clock of race control's events.
 
@@ -43,10 +43,10 @@ from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
-"""Maximum number of passings that the desk remembers to recognise repeated ones."""
+"""Maximum number of passings that the desk keeps so that it can recognise repeated ones."""
 
 MOST_GIVEN = 100
-"""Maximum number of transponders that officials can assign, and of penalties in a race."""
+"""Maximum number of transponders that officials can assign, and of penalties in each race."""
 
 MOST_PASSINGS = 200
 """Maximum number of passings in the results."""
@@ -83,12 +83,12 @@ class What(enum.Enum):
 
 class Told(NamedTuple):
     """
-    A report of race control.
+    A report from race control.
 
     :param at: when it happened, in seconds.
     :param run: id of the run of race control.
     :param race: number of the race in that run.
-    :param heat: name of the heat in the race; empty for none.
+    :param heat: name of the heat in the race; empty if there is none.
     :param kart: number of the kart; 0 if the report is not about a kart.
     :param sequence: number of the event.
     """
@@ -103,7 +103,7 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """The report that all events of a run of race control up to this number have arrived."""
+    """A report that all events up to this number, in one run of race control, have arrived."""
 
     at: float
     run: str
@@ -111,7 +111,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """The report that this number of events did not arrive, so their content is unknown."""
+    """A report that this many events did not arrive, so their content is unknown."""
 
     at: float
     run: str
@@ -123,10 +123,10 @@ class Passed(NamedTuple):
     """
     Passings that sources saw.
 
-    :param at: when they came, in seconds.
+    :param at: when they arrived, in seconds.
     :param dropped: number of further passings that were dropped because there were too many.
-    :param away: time for which the timekeeper was away before, in seconds. Passings may come this
-        late.
+    :param away: how long the timekeeper had been away before this, in seconds. Passings may arrive
+        this late.
     """
 
     at: float
@@ -139,7 +139,7 @@ Input = Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
-    """The answer to a correction, which says whether it was accepted, with a sentence."""
+    """The answer to a correction: whether it was accepted, and a sentence."""
 
     success: bool
     text: str
@@ -147,7 +147,7 @@ class Answer(NamedTuple):
 
 class Finish(NamedTuple):
     """
-    A FINISH for which the node asks race control.
+    A FINISH that the node requests from race control.
 
     :param run: id of the run of race control.
     :param race: number of the race in that run.
@@ -174,8 +174,8 @@ class Race:
     :param began: when the grid formed, in seconds.
     :param laps: the laps of the race.
     :param started: whether race control has sent GREEN_GREEN.
-    :param published: whether an official has published the present results.
-    :param missed: number of events of race control that did not arrive.
+    :param published: whether an official has published the current results.
+    :param missed: number of events from race control that did not arrive.
     :param by_finish: for each kart whose FINISH counted as a crossing, the passing for it.
     :param undone: number of times that officials have undone each kart's finish.
     """
@@ -198,7 +198,7 @@ class Race:
 
 class Desk:
     """
-    The timekeeper's desk. `feed` changes what it knows, and the other methods return it.
+    The timekeeper's desk. `feed` changes what the desk knows. The other methods return it.
 
     :param roster: the karts and heats.
     :param settings: the settings for counting laps.
@@ -267,7 +267,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that begins, with the sources' clocks as in the last race."""
+        """Return the laps of a race that begins now, with the sources' clocks of the last race."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -315,7 +315,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Replace the crossing of a FINISH by the one that a source saw, if that would count."""
+        """Replace a FINISH's crossing with the one that a source saw, if that would count."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)
@@ -327,7 +327,7 @@ class Desk:
         return 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
 
     def finishes(self) -> Iterator[Finish]:
-        """Yield the karts of the newest race that have all their laps but no FINISH yet."""
+        """Yield a FINISH for each kart of the newest race that has all its laps but no FINISH."""
         race = self.races[-1] if self.races else None
         if race is None or not self._heat(race.heat).auto_finish or race.laps.ended < math.inf:
             return
@@ -365,7 +365,7 @@ class Desk:
         if kart not in self.roster.karts:
             return Answer(False, f'there is no kart {kart}')
         if name not in self._given and len(self._given) >= MOST_GIVEN:
-            return Answer(False, f'{MOST_GIVEN} transponders were given. Put them into the roster')
+            return Answer(False, f'{MOST_GIVEN} transponders are assigned. Put them in the roster')
         self._given[name] = kart
         for race in self.races[-1:]:
             race.laps = race.laps.again(transponders={**race.laps.transponders, name: kart})
@@ -406,7 +406,7 @@ class Desk:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
                 race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
-                became = taken[0].mark.value if taken else 'not accepted, too many passings come'
+                became = taken[0].mark.value if taken else 'not accepted, too many passings arrive'
                 return f'kart {kart} crossed the line: {became}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
@@ -438,7 +438,7 @@ class Desk:
         """
         Return the race that counts for each heat.
 
-        This is the race that an official chose or, without a choice, the last race with a lap.
+        This is the race that an official chose or, if none was chosen, the last one with a lap.
         """
         last = {each.heat: each for each in self.races if each.laps.is_result}
         return {heat: self._chosen.get(heat, race) for heat, race in last.items()}
@@ -472,7 +472,7 @@ class Desk:
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
     def standings(self, now: float = 0.0) -> Standings:
-        """Return the present results for publication, at this time, in seconds."""
+        """Return the current results for publication, as of `now`, in seconds."""
         grids = self.grids()
         seen = Standings(
             stamp=now,
@@ -506,7 +506,7 @@ class Desk:
             yield RaceOfEvent(number, race.heat, race.began, classified, counts)
 
     def _next_heat(self, grids: Mapping[str, tuple[int, ...]]) -> str:
-        """Return the next heat of a single kart that has no result and is not in the race."""
+        """Return the next single-kart heat that has no result and is not in the race."""
         raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
         turns = [
             (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
@@ -520,7 +520,7 @@ class Desk:
         if not self.races:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed
-        asked = [f'{missed} events of race control were lost: check the laps'] if missed else []
+        asked = [f'{missed} events from race control were lost: check the laps'] if missed else []
         others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
         others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
         if others:

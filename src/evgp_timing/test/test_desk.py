@@ -242,7 +242,7 @@ def test_what_was_missed_is_asked_of_the_run_that_it_was_missed_in(event: Event)
     assert event.desk.questions() == []
     event.desk.feed(Missed(event.now, event.run, 1, 5))
     (asked,) = event.desk.questions()
-    assert asked.startswith('5 events of race control were lost')
+    assert asked.startswith('5 events from race control were lost')
 
 
 KARTS = st.sampled_from((1, 2, 3))

@@ -64,7 +64,7 @@ STALL = 1.0
 """How late a beat may be, in seconds. If a beat is later than this, race control has stalled."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit on each kart's new connections: how many in a burst, and how many per second after that."""
+"""Limit on each kart's new connections: how many in a burst, and then how many per second."""
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers: the number of times, and the period in seconds. If new connections replace a

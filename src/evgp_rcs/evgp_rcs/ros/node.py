@@ -147,13 +147,13 @@ class RcsNode(StrictNode):
             'banner',
             '',
             'Text at the top of every screen and at the beginning of every answer, such as '
-            'REHEARSAL. Empty for none. People take the text to mean that no race is under way, '
+            'REHEARSAL. Empty means none. People take the text to mean that no race is under way, '
             'so never set it for a race.',
         )
         officials = parameters.declare(
             'officials',
             [''],
-            "Names of the event's officials. A window offers them to the person who commands "
+            "Names of the event's officials. A window offers them to whoever sends commands "
             'from it.',
         )
         begin = read_settings(parameters)

@@ -22,28 +22,28 @@ OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
     ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus a reserve).', (11, 100)),
     (
         'send_timeout',
-        'Time after which race control drops a kart that leaves bytes unanswered, s.',
+        'How long a kart may leave bytes unanswered before race control drops it, s.',
         (0.2, 10),
     ),
 )
 """Name, meaning and range of the kart server's parameters. `ServerSettings` has the defaults."""
 
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
-    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('finish_stop', 'How long a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
     ('auto_race_over', 'Race control ends the race automatically once every kart has finished.'),
-    ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
-    ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
-    ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
-    ('red_alert', 'Time until the alert that RED_RED is not acknowledged, s.', _SECONDS),
+    ('ready_alert', 'How long GRID_ACTIVE may be unacknowledged before an alert, s.', _SECONDS),
+    ('green_alert', 'How long GREEN_GREEN may be unacknowledged before an alert, s.', _SECONDS),
+    ('flag_alert', 'How long RED_FLAG may be unacknowledged before an alert, s.', _SECONDS),
+    ('red_alert', 'How long RED_RED may be unacknowledged before an alert, s.', _SECONDS),
     ('require_inspection', 'Karts without an inspection in the roster cannot race.'),
     (
         'nobody_there',
-        'Time after which a race that no official can stop goes to RED_FLAG, s. 0 means never.',
+        'Time until a race that no official can stop any longer goes to RED_FLAG, s. 0: never.',
         (0, 3600),
     ),
     (
         'pause',
-        'Time after a stop for which commands that loosen or start anything are refused, s.',
+        'How long after a stop commands that lift a restriction or start anything are refused, s.',
         (LEAST_PAUSE, 10),
     ),
 )
@@ -99,7 +99,7 @@ def read_settings(parameters: Parameters) -> Begin:
     settle = declare(
         'settle_time',
         RaceTimes.settle,
-        'Time for which a kart must keep reporting its stop before humans may rely on it, s.',
+        'How long a kart must keep reporting its stop before humans may rely on it, s.',
         (0.5, 60),
     )
     rules: dict[str, Any] = {

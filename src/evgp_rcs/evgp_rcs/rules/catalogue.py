@@ -235,7 +235,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.TAKE_ROSTER: Entry(
         'TAKE ROSTER',
-        'put the roster that was read in force: karts and heats',
+        'bring into effect the roster that was read: karts and heats',
         'reload_roster',
         fixed={'take': True},
         names_number='reading',

@@ -137,7 +137,7 @@ class Doubt(enum.IntEnum):
 
     ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since then on its current
     connection. ``MOVING``: it was sent GREEN_GREEN or a red state; or it was seen to move, because
-    it reported GREEN_GREEN while not being sent it, or withdrew its acknowledgement of a red state.
+    it withdrew its acknowledgement of a red state, or reported GREEN_GREEN without being sent it.
     """
 
     NONE = 0
@@ -180,8 +180,8 @@ class Command(NamedTuple):
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` if none.
     :param heat: for SET_HEAT: the name of the heat.
-    :param opening: for GRID_ACTIVE, which closes the track: the number of the track's last opening,
-        as the official saw it (``TrackAccess.opening``).
+    :param opening: for GRID_ACTIVE, which closes the track: the number of the track's last
+        opening, as the official saw it (``TrackAccess.opening``).
     :param roster: for READ_ROSTER and TAKE_ROSTER: the roster that the file contains now.
     :param reading: for TAKE_ROSTER: the number of the reading that the official saw
         (``Race.reading``).
@@ -383,8 +383,8 @@ class RaceTimes:
     :param finish_delays: time from FINISH to RED_FLAG for place 1, 2, … (§4.B FINISH); the last
         one applies to all later places. The longest comes first, so that karts that finish later
         find the line clear.
-    :param finish_stop: how long a finished kart has to acknowledge its RED_FLAG; after that, the
-        race is over even without this acknowledgement (§3.A: 10-15 s to come to a stop).
+    :param finish_stop: how long the automatic end of the race waits for a finished kart to
+        acknowledge its RED_FLAG (§3.A: 10-15 s to come to a stop).
     :param auto_race_over: whether race control ends the race after the last finish (§3.C).
     :param ready_alert: time until the alert that GRID_ACTIVE is not acknowledged (§3.A: 2 min).
     :param green_alert: the same for GREEN_GREEN (§3.A: 30 s).
@@ -442,8 +442,8 @@ class Kart:
     :param reported: state that it last reported on this connection, whether or not it is sent it.
     :param doubt: what it may be doing, until it has kept reporting a red state for long enough, or
         an official states that it was made safe by hand.
-    :param settles_at: when its doubt ends, if it keeps reporting the red state that it acknowledged
-        until then, in seconds; ``None`` if nothing is pending.
+    :param settles_at: when its doubt ends, if until then it keeps reporting the red state that it
+        acknowledged, in seconds; ``None`` if nothing is pending.
     :param lost_since: when it lost its connection in a race under way or while it may have been
         moving; if it may have been moving, the value stays until its doubt ends.
     :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 if none.
@@ -816,7 +816,7 @@ class Race:
         """
         Judge an official's command and, if it is allowed, put it into effect (§4.B).
 
-        An allowed GREEN_GREEN does not take effect yet: the outcome contains it as a waiting start.
+        An allowed GREEN_GREEN does not take effect yet: the outcome contains the waiting start.
 
         :param came: when the command arrived, if earlier than now, in seconds.
         :returns: an outcome with an answer, unless the command is a waiting start. A refused
@@ -1224,7 +1224,7 @@ class Race:
         return own if kart.hold is None else stricter(own, kart.hold)
 
     def _redirect(self, kart: Kart, now: float, resend: bool = False) -> None:
-        """Send a kart the state that its race and hold require, and end its old acknowledgement."""
+        """Send a kart what its race and hold require, and end its old acknowledgement."""
         state = self._commanded(kart)
         changed = state is not kart.sent
         if not (changed or resend):
@@ -1263,7 +1263,7 @@ class Race:
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """When an official stops a connected kart whose stop is unconfirmed, treat it as moving."""
+        """When an official stops a connected kart with an unconfirmed stop, treat it as moving."""
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING
 
