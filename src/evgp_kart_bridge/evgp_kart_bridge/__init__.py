@@ -1,4 +1,4 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The kart's side of EVGP race control, which publishes the state that the kart must obey."""
+"""The kart's side of EVGP race control. It publishes the state that the kart must obey."""

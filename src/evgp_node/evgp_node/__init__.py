@@ -5,8 +5,8 @@
 The code that race control's node, the bridge and our other ROS processes share.
 
 Every one of these processes imports this package before rclpy. If the middleware in
-RMW_IMPLEMENTATION is not installed, this package ends the process with a clear sentence and the
-exit code 2, which rclpy would not do.
+RMW_IMPLEMENTATION is not installed, this package ends the process with a clear sentence and
+exit code 2. rclpy would not do this.
 """
 
 import os

@@ -31,7 +31,7 @@ def end_within(seconds: float, code: int, said: str = '') -> None:
     """
     Make the C library end this process after a time. A later call replaces an earlier one.
 
-    `faulthandler` would not do, because it always exits with code 1, and some versions of Python
+    `faulthandler` would not work, because it always exits with code 1, and some versions of Python
     measure its time by the wall clock.
 
     :param seconds: time until the end, in seconds. 0 cancels the end.

@@ -13,4 +13,4 @@ DIAGNOSTICS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``/diagnostics``, which is the one that diagnostic aggregators expect."""
+"""QoS of ``/diagnostics``, as diagnostic aggregators expect it."""

@@ -22,7 +22,7 @@ import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 MOST_SECONDS = 1e10
-"""Limit of a time on the clock of the rules, in seconds. A time from here on is damaged."""
+"""Limit of a time by the rules' clock, in seconds. A time from here on is damaged."""
 
 MOST_NUMBER = 2**63
 """Limit of a whole number. A number from here on is damaged."""

@@ -428,7 +428,7 @@ def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
     """
     Return the profile for Fast DDS.
 
-    :param interface: address of the interface besides loopback; empty for none.
+    :param interface: address of the interface besides loopback; empty if there is none.
     :param intraprocess: whether messages within a process bypass the sockets.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
@@ -450,7 +450,7 @@ def cyclone_dds_configuration(interface: str) -> str:
     """
     Return the configuration for Cyclone DDS.
 
-    :param interface: address of the interface besides loopback; empty for none.
+    :param interface: address of the interface besides loopback; empty if there is none.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
     return _CYCLONE_DDS.format(

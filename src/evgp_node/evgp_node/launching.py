@@ -4,7 +4,7 @@
 """
 Decides for launch files when not to restart a node.
 
-Only launch files import this module, because only an installed ROS has the `launch` package.
+Only launch files import this module, because the package `launch` exists only in ROS.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 Declares a node's parameters, with meaning and range, and refuses wrong ones in one sentence.
 
 ``rclpy`` ignores undeclared parameters, so a misspelt key in a file would silently leave the
-default in force. Our nodes refuse such a key when they start, and suggest the right name.
+default in effect. Our nodes refuse such a key when they start, and suggest the right name.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class StrictNode(Node):
 
 
 class Parameters:
-    """The parameters of one node, which declares each of them through this object."""
+    """The parameters of one node. The node declares each of them through this object."""
 
     def __init__(self, node: StrictNode) -> None:
         self._node = node

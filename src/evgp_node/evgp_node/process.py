@@ -36,8 +36,8 @@ LOOK_INTERVAL = 1.0
 """Time between two signs of life of the main thread, in seconds."""
 
 HANGS = 10.0
-"""Time without a sign of life after which the process ends with exit code 1, in seconds. Something
-such as DDS then holds the interpreter's lock, and only a restart helps."""
+"""How long signs of life may be missing before the process ends with exit code 1, in seconds.
+Something such as DDS then holds the interpreter's lock, and only a restart helps."""
 
 CLOSE_TIMEOUT = 8.0
 """Maximum time for a node to close, in seconds. After this time, the process ends with exit code

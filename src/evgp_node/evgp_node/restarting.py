@@ -29,7 +29,7 @@ DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 further restarts."""
 
 HEALTHY = 30.0
-"""Time for which a program must run so that the next delay is the first again, in seconds."""
+"""How long a program must run before the next delay is the first again, in seconds."""
 
 FIRST_TRIES = 10.0
 """Maximum time for retrying a program that was never up because something is in the way, in

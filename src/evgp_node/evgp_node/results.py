@@ -36,8 +36,8 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
 
 
 TIMING_GONE = 3.0
-"""Time without results after which screens say that there is no timing, in seconds. The timekeeper
-sends results once a second."""
+"""How long results may be missing before screens say that there is no timing, in seconds. The
+timekeeper sends results once a second."""
 
 BY_HAND = 'official'
 """The source of passings that officials enter (COUNT_PASSING)."""
@@ -134,7 +134,7 @@ class KartResult(NamedTuple):
     """
     The result of one kart.
 
-    :param place: place from 1, which karts with equal results share; 0 for none.
+    :param place: place from 1; 0 if it has none. Karts with equal results share a place.
     :param laps: number of laps that count, after penalties.
     :param total: total time with the seconds of penalties, in seconds. In a race, it is the time
         from GREEN_GREEN to the last crossing. Otherwise, it is the sum of the laps. None if the
@@ -225,7 +225,7 @@ class Corrected(NamedTuple):
     """
     A correction that the timekeeper has accepted.
 
-    :param at: when the correction came, in seconds.
+    :param at: when the correction arrived, in seconds.
     :param run: id of the run of race control to which the corrected race belongs; empty if no race
         was known.
     :param race: number of the corrected race in that run.
@@ -253,7 +253,7 @@ class RaceOfEvent(NamedTuple):
     A race of this event, as the timekeeper recorded it.
 
     :param number: number of the race in the event, from 1.
-    :param heat: name of the heat in the race; empty for none.
+    :param heat: name of the heat in the race; empty if there is none.
     :param stamp: wall time of the race's GRID_ACTIVE, in seconds.
     :param classified: number of karts that are classified.
     :param counts: whether the results of this race are the results of its heat.

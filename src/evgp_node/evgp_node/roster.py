@@ -76,7 +76,7 @@ class RosterEntry:
     :ivar team: name of the team.
     :ivar address: IPv4 address of the kart.
     :ivar in_race: whether the kart is in the first race.
-    :ivar inspected: date of the kart's inspection, YYYY-MM-DD; empty for none.
+    :ivar inspected: date of the kart's inspection, YYYY-MM-DD; empty if there was none.
     :ivar transponders: the kart's transponders. No other kart has them.
     """
 
@@ -89,7 +89,7 @@ class RosterEntry:
 
 
 class Format(enum.Enum):
-    """The format of a race, which decides how karts get their places."""
+    """The format of a race. It decides how karts get their places."""
 
     RACE = 'race'
     TIME_TRIAL = 'time_trial'
@@ -99,11 +99,11 @@ class Format(enum.Enum):
 @dataclasses.dataclass(frozen=True)
 class Heat:
     """
-    A heat, which is a group of karts that race together.
+    A heat: a group of karts that race together.
 
     :ivar karts: numbers of the karts, in ascending order.
     :ivar laps: number of laps that each kart drives; 0 if the roster does not set it.
-    :ivar grid_from: heat or format whose results give the starting order; empty for none.
+    :ivar grid_from: heat or format whose results give the starting order; empty if none.
     :ivar auto_finish: whether the timekeeper sends FINISH for a kart at its last lap.
     """
 
@@ -188,7 +188,7 @@ class _FaultError(Exception):
 
 
 class _Parser:
-    """A parser of one text, which collects the faults so that it can report them at once."""
+    """A parser of one text. It collects the faults, so that it can report them together."""
 
     def __init__(self, source: str) -> None:
         self._source = source

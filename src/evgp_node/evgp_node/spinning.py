@@ -46,7 +46,7 @@ class Spinning:
 
     def stop(self, timeout: float | None = None) -> bool:
         """
-        End the thread once the present callback has returned.
+        End the thread once the current callback has returned.
 
         After that, the caller may destroy the node and its context. `rclpy` would also shut down
         an executor that still spins, but would then destroy what the executor uses.

@@ -23,11 +23,11 @@ from evgp_node.encoding import DAMAGED, reader, written
 _Entry = TypeVar('_Entry')
 
 SCHEMA_VERSION = 11
-"""Version of the files that contain such streams, which is their ``user_version``."""
+"""Version of the files that contain such streams: their ``user_version``."""
 
 
 BOOK = 'timing.sqlite3'
-"""File name of the timekeeper's book, which is in the same folder as the record."""
+"""File name of the timekeeper's book. It is in the same folder as the record."""
 
 
 class DamagedError(ValueError):

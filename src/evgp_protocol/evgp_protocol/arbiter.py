@@ -16,9 +16,9 @@ Theory of operation. Every input first lets time pass: whatever was due happens 
 is judged, so a frame that arrives after the timeout is too late. The verdict follows from a few
 facts:
 
-* *commanded*: the last frame on the present connection; none without a connection or before its
+* *commanded*: the last frame on the current connection; none without a connection or before its
   first frame. A connection without a frame for ``frame_timeout`` is lost.
-* *order*: the number of the present command. Every new command gets a number that no earlier
+* *order*: the number of the current command. Every new command gets a number that no earlier
   command had, on this connection or another, even if it asks for the same state again. The same
   command gets a new number when a team stop takes the kart out, and when a team stop ends. A stack
   acknowledges this number, so an earlier acknowledgement never counts for a later command, nor
@@ -115,22 +115,21 @@ class Settings:
     """
     The parameters of the rules. Times are in seconds, speeds in m/s.
 
-    :ivar frame_timeout: time without a frame after which the connection is lost; above 0.
-    :ivar tsr_timeout: time without a message from the team's safety remote that counts as a team
-        stop; 0: no remote is required.
-    :ivar msr_timeout: time without a message about the MSR's contact that counts as a team stop;
-        0: no contact is wired.
-    :ivar team_timeout: time without a sign that the bridge receives its team's messages that
-        counts as a team stop; 0: no sign is required.
+    :ivar frame_timeout: how long frames may be missing before the connection is lost; above 0.
+    :ivar tsr_timeout: how long messages from the team's safety remote may be missing before this
+        counts as a team stop; 0: no remote is required.
+    :ivar msr_timeout: how long messages about the MSR's contact may be missing before this counts
+        as a team stop; 0: no contact is wired.
+    :ivar team_timeout: how long the sign that the bridge receives its team's messages may be
+        missing before this counts as a team stop; 0: no sign is required.
     :ivar odometry_required: refuse a red state unless odometry shows a standstill, and GREEN_GREEN
         unless odometry shows motion (§3.A). Once any odometry was heard, and with
-        `auto_acknowledge_stop`, this applies in any case.
+        `auto_acknowledge_stop`, this always applies.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped;
         from 0.
-    :ivar red_flag_drive_time: time for which RED_FLAG lets a kart that was driving continue;
-        from 0.
+    :ivar red_flag_drive_time: how long RED_FLAG lets a kart that was driving continue; from 0.
     :ivar drive_in_garage: the kart may drive in IN_GARAGE, where its team has it (§3.A).
     :raises ValueError: if a value is outside its range or not finite.
     """
@@ -177,7 +176,7 @@ class Verdict:
     What the kart must do now.
 
     :ivar state: the state to obey.
-    :ivar commanded: what race control commands on the present connection; None: nothing.
+    :ivar commanded: what race control commands on the current connection; None: nothing.
     :ivar order: the number of that command, a new one after a team stop; 0 without a command.
     :ivar connected: race control is being heard.
     :ivar team_stop: the kart stops itself: the team's stop (§2.C), the MSR's contact (§2.B), or a
@@ -223,8 +222,8 @@ class Reaction:
     :ivar send: the state to send to race control, if any.
     :ivar give_up: why the socket must be closed; None: keep it.
     :ivar answer: the answer, if the input was an acknowledgement.
-    :ivar hindrance: why this speed keeps a red from being acknowledged, a sentence; empty if it
-        does not.
+    :ivar hindrance: why this speed keeps a red state from being acknowledged, as a sentence; empty
+        if it does not.
     """
 
     verdict: Verdict
@@ -282,7 +281,7 @@ class Arbiter:
         self._speed = math.nan
         self._speed_at = -math.inf
         self._odometry_expected = settings.odometry_required or settings.auto_acknowledge_stop
-        self._still_since: float | None = None  # only while a red waits to be acknowledged
+        self._still_since: float | None = None  # only while a red state is unacknowledged
 
     @property
     def verdict(self) -> Verdict:
@@ -318,7 +317,7 @@ class Arbiter:
 
     @property
     def deadline(self) -> float | None:
-        """Time at which `tick` changes something if no input comes first; None for never."""
+        """Time at which `tick` changes something if no input arrives first; None for never."""
         due = []
         if self._open:
             due.append(self._heard_at + self._settings.frame_timeout)
@@ -528,7 +527,7 @@ class Arbiter:
             self._not_armed = _NOT_ACKNOWLEDGED
 
     def _number(self) -> None:
-        """Give the present command, if any, a new number."""
+        """Give the current command, if any, a new number."""
         if self._commanded is not None:
             self._order, self._next_order = self._next_order, self._next_order + 1
 

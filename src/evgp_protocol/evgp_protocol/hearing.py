@@ -83,7 +83,7 @@ DEAF = 1.0
 counts as the same flood."""
 
 QUIET = 2.0
-"""Time of silence after which a kart has read what its TCP had answered, in seconds. A kart reads
+"""Silence after which a kart has read what its TCP had answered, in seconds. A kart reads
 something every second, or drops its connection; its replies have another second to arrive."""
 
 ONCE = 1.5
@@ -115,8 +115,8 @@ _TOO_OLD = -1
 """Start of a frame from a flood."""
 
 BUSY = 0.3
-"""Time without a reply after which a kart that echoes every frame was busy or had nothing to
-report, rather than slow, in seconds."""
+"""How long a reply from a kart that echoes every frame may be missing, in seconds, before the kart
+counts as busy, or as having nothing to report, rather than as slow."""
 
 Heard = StateFrame | MalformedFrame
 
@@ -256,7 +256,7 @@ class Hearing:
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
         # Places in the stream from the kart: read and decoded up to here; and the earliest place
-        # at which the decoder's present frame can have begun.
+        # at which the decoder's current frame can have begun.
         self._read = 0
         self._decoded = 0
         self._began = 0

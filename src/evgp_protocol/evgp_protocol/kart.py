@@ -41,7 +41,7 @@ class Kart:
     def __init__(self, settings: Settings | None = None) -> None:
         self.malformed = 0
         self._arbiter = Arbiter(settings or Settings(), first_order=1)
-        self._decoder: FrameDecoder | None = None  # of the present connection, if any
+        self._decoder: FrameDecoder | None = None  # of the current connection, if any
         self._said_order = 0
         self._heard_since_said = False
         # IN_GARAGE was not acknowledged: it goes before the next acknowledgement.
@@ -73,7 +73,7 @@ class Kart:
 
     def received(self, data: bytes, now: float) -> None:
         """
-        Handle what arrived on the present connection: any number of bytes, split anywhere.
+        Handle what arrived on the current connection: any number of bytes, split anywhere.
 
         Read everything before you look at the verdict, so that the kart obeys the last frame.
         """

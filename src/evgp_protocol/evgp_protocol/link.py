@@ -31,7 +31,7 @@ second; if one beat is skipped, 11 remain. At a higher rate, a kart that reads o
 turn of a slower loop would fall further behind every second (docs/wire.md)."""
 
 GRADE_WINDOW = 10.0
-"""Time for which the worst round trip counts for the grade, in seconds."""
+"""How long the worst round trip counts for the grade, in seconds."""
 
 ANSWER_STEP = 0.2
 """Delay of an answer, compared with the link's quickest, that skips one beat, in seconds. After

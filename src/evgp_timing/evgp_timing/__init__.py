@@ -1,4 +1,4 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Timing, which turns the reports of devices at the line into laps and results."""
+"""Timing turns the reports from devices at the line into laps and results."""

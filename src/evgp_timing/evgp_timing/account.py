@@ -18,7 +18,7 @@ CLOCK_TOLERANCE = 0.5
 """Maximum drift of the device's clock against this computer's between two passings, in seconds."""
 
 RECENT = 60.0
-"""Time for which the program reports a fault, in seconds."""
+"""How long the program reports a fault, in seconds."""
 
 REMEMBERED = 1000
 """Number of passings that the program remembers to recognise repeated ones."""
@@ -42,14 +42,14 @@ class Account:
     """
     The passings of one device since this program started.
 
-    :param now: the present time, in seconds.
+    :param now: the current time, in seconds.
     :param gates: numbers and labels of transponders that belong to gates instead of karts. Their
         passings are left out.
-    :ivar session: a random value, which is new each time the device restarts its count.
+    :ivar session: a random value, new each time the device restarts its count.
     :ivar counts: number of times that each trouble has occurred.
     :ivar taken: number of passings accepted.
-    :ivar heard_at: when the last complete message came, in seconds.
-    :ivar last_refusal: why the last message that could not be read was refused; empty for none.
+    :ivar heard_at: when the last complete message arrived, in seconds.
+    :ivar last_refusal: why the last unreadable message was refused; empty if there was none.
     """
 
     def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:

@@ -117,7 +117,7 @@ class Book:
         """
         Yield the inputs and gaps of this event's streams, oldest first.
 
-        The times of inputs are by the present clock, even if the machine has restarted since.
+        The times of inputs are by the current clock, even if the machine has restarted since.
 
         :raises BookError: if SQLite finds the file damaged.
         """

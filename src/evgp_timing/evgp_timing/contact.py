@@ -1,19 +1,19 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A light beam or a switch at the line, which sees that a kart crosses, but not which kart."""
+"""A light beam or a switch at the line. It sees that a kart crosses, but not which kart."""
 
 from __future__ import annotations
 
 STUCK = 10.0
-"""Time after which a beam that stays broken is stuck, and not broken by a kart, in seconds."""
+"""How long a kart may break the beam, in seconds. A beam broken for longer is stuck."""
 
 
 class Contact:
     """
-    A contact, which turns all interruptions of the beam by one kart into one crossing.
+    A contact. It turns all interruptions of the beam by one kart into one crossing.
 
-    :param debounce: time for which the beam must have been free before a crossing, in seconds.
+    :param debounce: how long the beam must have been free before a crossing, in seconds.
         With it, the wheels and gaps of one kart do not count as several crossings.
     """
 
@@ -24,10 +24,10 @@ class Contact:
 
     def look(self, broken: bool, now: float) -> bool:
         """
-        Process the present state of the beam, and return whether a kart crosses now.
+        Process the current state of the beam, and return whether a kart is crossing now.
 
         :param broken: whether the beam is broken.
-        :param now: the time, in seconds, which never decreases.
+        :param now: the time, in seconds. It never decreases.
         """
         if self._broken_at is None:
             self._broken_at = self._free_at = now

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of the timekeeper's corrections, which are never sent to karts.
+The catalogue of the timekeeper's corrections. They are never sent to karts.
 
 This module is pure.
 """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The text format of I-Lap and AMBrc, which has one line for each passing.
+The text format of I-Lap and AMBrc, with one line for each passing.
 
     SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
 

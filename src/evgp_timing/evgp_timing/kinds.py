@@ -11,7 +11,7 @@ from evgp_timing import ilap, laprf, lines, p3
 from evgp_timing.passings import Decoder
 
 CONTACT = 'contact'
-"""The only kind without a decoder, which is a control line of a serial port."""
+"""The only kind without a decoder: a control line of a serial port."""
 
 DECODERS: dict[str, Callable[[], Decoder]] = {
     'ilap': ilap.decoder,

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Turns the passings of the timing line into laps, results and places.
+Turns the passings at the timing line into laps, results and places.
 
-A passing is evidence. This module keeps each passing as it came, and judges it by the rules below
+A passing is evidence. This module keeps each passing as it arrived, and judges it by these rules
 (``Mark``). Officials may strike out a passing, restore it, or give a transponder to a kart. Each
 time, this module judges all passings again. The laps do not depend on what a kart is sent.
 
@@ -92,10 +92,10 @@ class Crossing(NamedTuple):
 
 class Taken(NamedTuple):
     """
-    What became of a passing when it came.
+    What became of a passing when it arrived.
 
     :param kart: number of the kart that crossed; 0 if it is unknown.
-    :param lap: number of the lap that the passing completed; 0 for none.
+    :param lap: number of the lap that the passing completed; 0 if none.
     :param seconds: the time of that lap, in seconds.
     """
 
@@ -112,7 +112,7 @@ class LapSettings:
     The settings for counting laps.
 
     :param min_lap_time: minimum time between two passings of a kart that count, in seconds. A
-        passing that comes sooner is doubtful.
+        passing that follows sooner is doubtful.
     :param first_crossing: whether the first crossing of a kart `starts` lap 1 or `ends` it.
     :param clock_tolerance: maximum difference between a source's clock and the times of arrival,
         in seconds.
@@ -127,7 +127,7 @@ class _Rate(NamedTuple):
     """
     The passings accepted from a source.
 
-    :param since: start of the present second, in seconds since GREEN_GREEN.
+    :param since: start of the current second, in seconds since GREEN_GREEN.
     :param lately: number of passings since then.
     :param taken: number of passings in this race.
     """
@@ -143,7 +143,7 @@ class Laps:
     The laps of one race.
 
     :param wanted: number of laps that each kart drives; 0 if no number is set.
-    :param green: when race control sent GREEN_GREEN, by the clock of the rules, in seconds.
+    :param green: when race control sent GREEN_GREEN, in seconds by the rules' clock.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
     :param heat: name of the race's heat; empty if it had none.
@@ -151,7 +151,7 @@ class Laps:
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
-    :param crossings: every accepted passing, in the order in which they came.
+    :param crossings: every accepted passing, in the order of arrival.
     :param struck: the passings that were struck out, and why.
     :param given: the karts that officials assigned to unidentified passings.
     :param penalties: the penalties, in the order in which officials gave them.
@@ -196,10 +196,10 @@ class Laps:
         Add passings that arrive now, and return the new laps and what became of each passing.
 
         :param passings: the passings, each of which arrives for the first time.
-        :param now: the time, by the clock of the rules, in seconds.
+        :param now: the time, in seconds by the rules' clock.
         :param dropped: number of further passings that were dropped, from any source.
-        :param away: time for which the timekeeper was away before, in seconds. Passings may come
-            this late.
+        :param away: how long the timekeeper had been away before this, in seconds. Passings may
+            arrive this late.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -288,7 +288,7 @@ class Laps:
         return laps, Taken(crossing.passing, kart, mark, len(times) - 1, times[-1] - times[-2])
 
     def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
-        """Judge more crossings, in the order in which they came, and add them."""
+        """Judge more crossings, in the order in which they arrived, and add them."""
         counted = dict(self.counted)
         unknown = set(self.unknown)
         taken = []

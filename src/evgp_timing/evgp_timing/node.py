@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``timing_source`` node, which publishes the passings of one timing device.
+The ``timing_source`` node publishes the passings from one timing device.
 
 One thread owns the device. This thread connects, reads, decodes and publishes. The executor's
 thread only reports the device's condition, once a second.
@@ -36,7 +36,7 @@ from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
 
 PASSINGS_QOS = latched(200)
-"""QoS of ``passings``, with which late subscribers also get the last passings. Each passing has a
+"""QoS of ``passings``. With it, late subscribers also get the last passings. Each passing has a
 number, so that a passing that arrives twice counts once."""
 
 LINES = ('cts', 'dsr', 'cd', 'ri')
@@ -178,9 +178,9 @@ class TimingSource(StrictNode):
             said = self._gone
         elif self._is_silent(now):
             after = self._settings.silent_after
-            said = f'The device has been silent for {after:g} s, so no laps come from it'
+            said = f'The device has been silent for {after:g} s, so no laps arrive from it'
         elif self._stuck:
-            said = f'The beam has been broken for {STUCK:g} s, so no laps come from it'
+            said = f'The beam has been broken for {STUCK:g} s, so no laps arrive from it'
         elif trouble is not None:
             level, said = DiagnosticStatus.WARN, trouble.value
         else:
@@ -234,7 +234,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'Time after which silence is reported, s. 0 if the device may be silent.',
+            'How long the device may be silent before this is reported, s. 0 means never.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
@@ -242,7 +242,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         debounce=declare(
             'debounce',
             default.debounce,
-            'Time for which the contact must have been free before a crossing, s.',
+            'How long the contact must have been free before a crossing, s.',
             (0.01, 10.0),
         ),
         gates=declare(

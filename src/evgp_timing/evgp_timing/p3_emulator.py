@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An emulator of a MYLAPS P3 decoder, which simulates karts on laps for rehearsals and tests.
+An emulator of a MYLAPS P3 decoder. It simulates karts on laps for rehearsals and tests.
 
 The emulator follows the public descriptions, so it cannot prove that they are right.
 """

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The events of a timing device, which are passings, signs of life, and unreadable data."""
+"""The events from a timing device: passings, signs of life, and unreadable data."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Refused:
 
 @dataclasses.dataclass(frozen=True)
 class Sign:
-    """A complete message other than a passing, which shows that the device is alive."""
+    """A complete message other than a passing. It shows that the device is alive."""
 
 
 Event: TypeAlias = Passing | Refused | Sign
 
 
 class Decoder(Protocol):
-    """A decoder of the bytes of one connection, which never raises an exception."""
+    """A decoder of the bytes from one connection. It never raises an exception."""
 
     def feed(self, data: bytes) -> list[Event]:
         """Return the events that these bytes complete, however the bytes are split."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``timekeeper`` node, which counts laps and publishes results.
+The ``timekeeper`` node counts laps and publishes results.
 
 The timekeeper's inputs are race control's events and the passings of the timing line. It runs on
 race control's machine, because both use that machine's clock. Karts do not depend on it. If it
@@ -52,29 +52,29 @@ from rclpy.task import Future
 _P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
-"""QoS of ``~/results``, with which a late subscriber gets the present results at once."""
+"""QoS of ``~/results``. With it, a late subscriber gets the current results at once."""
 
 EVENTS_QOS = latched(200)
-"""QoS of race control's events, which is that of their publisher."""
+"""QoS of race control's events, the same as their publisher's."""
 
 ARRIVING_QOS = latched(1000)
-"""QoS of ``passings``, with which passings also arrive that a source published before it was
-found."""
+"""QoS of ``passings``. With it, passings that a source published before it was found also
+arrive."""
 
 DUE_EVERY = 0.2
 """Time between two checks whether anything is due, in seconds."""
 
 GATHERED = 0.05
-"""Time for which passings wait so that they can be processed together, in seconds."""
+"""How long passings wait so that they can be processed together, in seconds."""
 
 MOST_WAITING = 1000
-"""Maximum number of passings that wait. The timekeeper only counts further ones."""
+"""Maximum number of passings that may wait. The timekeeper only counts further ones."""
 
 HANG = 1.0
-"""Time without activity after which the timekeeper considers that it was away, in seconds."""
+"""How long the timekeeper may be inactive before it considers that it was away, in seconds."""
 
 CATCH_UP = 3.0
-"""Time after an absence within which missed messages may still arrive, in seconds."""
+"""How long after an absence missed messages may still arrive, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
@@ -84,8 +84,7 @@ KEPT_EVERY = 10.0
 seconds."""
 
 FINISH_EVERY = 2.0
-"""Time after which the timekeeper asks for FINISH again if the kart has not finished, in
-seconds."""
+"""Time until the timekeeper requests FINISH again if the kart has not finished, in seconds."""
 
 MOST_STRENGTH = 1e9
 """Upper limit for the strength of a passing, in the device's own unit."""
@@ -214,7 +213,7 @@ class Timekeeper(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """Write the present results into the book, and close it."""
+        """Write the current results into the book, and close it."""
         with self._turn:
             self._ended = True
             self._keep(clock.now(), at_once=True)
@@ -297,7 +296,7 @@ class Timekeeper(StrictNode):
         return self._awake - self._back < CATCH_UP
 
     def _take_waiting(self) -> None:
-        """Process the passings that wait, unless missed messages may still arrive."""
+        """Process the passings that are waiting, unless missed messages may still arrive."""
         if not self._waiting or self._catches_up:
             return
         waiting, self._waiting = self._waiting, []

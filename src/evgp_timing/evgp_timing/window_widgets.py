@@ -30,7 +30,7 @@ QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
 NO_ANSWER = 5.0
-"""Time without an answer to a correction after which the window says so, in seconds."""
+"""How long a correction may be unanswered before the window says so, in seconds."""
 
 STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button.'
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'

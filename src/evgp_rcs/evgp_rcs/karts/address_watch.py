@@ -302,7 +302,7 @@ class Asker:
 
 
 class _RawSocket(Asker):
-    """An asker with a raw socket, which hears every ARP packet at any interface."""
+    """An asker with a raw socket. It hears every ARP packet at any interface."""
 
     def __init__(self) -> None:
         """
@@ -349,7 +349,7 @@ class _RawSocket(Asker):
 
 
 class _Arping(Asker):
-    """An asker with the program ``arping``, which may have a right that this process lacks."""
+    """An asker with the program ``arping``. It may have a right that this process lacks."""
 
     def __init__(self) -> None:
         """
@@ -421,7 +421,7 @@ def _an_asker() -> Asker:
 
 class AddressWatch:
     """
-    The watch, which runs in its own thread from the start.
+    The watch. It runs in its own thread from the start.
 
     :param asks: a function that returns the questions to ask at the given interfaces.
     :param announces: whether this machine has the address and must announce it.

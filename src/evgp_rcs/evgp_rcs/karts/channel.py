@@ -59,7 +59,7 @@ class ServerSettings:
     :param host: IPv4 address to listen on. 0.0.0.0 means every address of the machine.
     :param port: TCP port. With 0, as in tests, the system chooses one.
     :param beat_rate: frames per second to each kart. §4.C requires at least 10 Hz.
-    :param send_timeout: time after which the server drops a kart that leaves bytes unanswered, in
+    :param send_timeout: how long a kart may leave bytes unanswered before the server drops it, in
         seconds.
     :param snapshot_interval: minimum time between two snapshots of the race, in seconds.
     :param snapshot_at_least: maximum time between two snapshots, in seconds.
@@ -76,7 +76,7 @@ class ServerSettings:
 @dataclass(frozen=True)
 class Begin:
     """
-    The first message, which contains the roster and the settings to start with.
+    The first message. It contains the roster and the settings to start with.
 
     :param record: path of the record.
     :param cannot_know: why the ROS half cannot rule out another race control at the same address,
@@ -98,7 +98,7 @@ class Request(NamedTuple):
     An official's command.
 
     :param number: number of the request, which its answer repeats.
-    :param came: when the command arrived, on the clock of the rules, in seconds.
+    :param came: when the command arrived, in seconds by the rules' clock.
     """
 
     number: int
@@ -188,7 +188,7 @@ class Remember(NamedTuple):
 @dataclass(frozen=True)
 class Ended:
     """
-    The last message, which says that the run has ended.
+    The last message. It says that the run has ended.
 
     :param ends_as: how the run ended, for the next run.
     """
@@ -202,7 +202,7 @@ class Ended:
 @dataclass(frozen=True)
 class Opened:
     """
-    The first message, which says what is known about the last run.
+    The first message. It says what is known about the last run.
 
     :param left_behind: what the record contains about the last run. None if it contains nothing.
     :param last_run: how the last run ended, according to the mark.

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One connection of one kart, which reads its bytes and sends it frames (§4.C, §4.D).
+One connection from one kart: reads its bytes and sends it frames (§4.C, §4.D).
 
 The link also watches whether the kart still answers. Everything here runs in the loop of the kart
 server, which owns the links. `LinkOwner` lists what a link needs from its owner. ``hearing``
@@ -42,7 +42,7 @@ class LinkOwner(Protocol):
     """The methods of the kart server that a link calls."""
 
     def now(self) -> float:
-        """Return the time on the clock of the rules, in seconds."""
+        """Return the time, in seconds by the rules' clock."""
 
     def take_commands(self) -> None:
         """Process the officials' commands, before the link reports what a kart sent."""
@@ -72,11 +72,11 @@ class LinkOwner(Protocol):
 
 class KartLink(asyncio.BufferedProtocol):
     """
-    One connection of one kart.
+    One connection from one kart.
 
     :param owner: the kart server.
     :param beat_rate: rate at which the owner calls ``beat``, in Hz.
-    :param send_timeout: time after which the link drops a kart that leaves a byte unanswered, in
+    :param send_timeout: how long a kart may leave a byte unanswered before the link drops it, in
         seconds.
     :ivar number: the kart's number, which the owner sets. 0 before that.
     :ivar reason: why the connection has ended or will end, as a phrase.
@@ -227,7 +227,7 @@ class KartLink(asyncio.BufferedProtocol):
         arrived = self._unread() if waits else 0
         rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
         if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
-            # The answer came before this look, and long before it if race control has stalled.
+            # The answer arrived before this look, and long before it if race control has stalled.
             info = read(self._socket)
             now -= 0.0 if info is None else max(0.0, info.since_answer - TICK)
         for took in self._answers.look(rest, now):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server's process, which holds the rules and the karts' sockets, and does not use ROS.
+The kart server's process holds the rules and the karts' sockets, and does not use ROS.
 
 The ROS half (``node``) starts this process, and a local socket pair connects the two
 (``channel``). This process in turn starts the record's process. Neither half outlives the other.

@@ -53,7 +53,7 @@ class UnreadableError(RuntimeError):
 
 
 CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
-"""Name of this program, which differs in the package for officials."""
+"""Name of this program. It differs in the package for officials."""
 
 
 def say(text: str) -> None:

@@ -42,14 +42,14 @@ from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
-"""Time after which the client kills a kart server that does not end, in seconds."""
+"""How long a kart server may take to end before the client kills it, in seconds."""
 
 START_TIMEOUT = 20.0
 """Maximum time that the kart server may take to start, in seconds. This allows for a slow disk. If
 the disk hangs, officials must get an answer nevertheless."""
 
 KART_SERVER_SILENCE = 1.5
-"""Time after which the client kills a silent kart server, in seconds. A working kart server sends
+"""How long a kart server may be silent before the client kills it, in seconds. A working one sends
 a snapshot of the race at least every 0.5 s."""
 
 LOOKS = 10
@@ -57,7 +57,7 @@ LOOKS = 10
 process, however long it was stopped, misses only one check."""
 
 SEND_TIMEOUT = 0.5
-"""Time after which the client gives up a kart server that does not read, in seconds."""
+"""How long a kart server may not read before the client gives up on it, in seconds."""
 
 FROM_KART_SERVER_BYTES = 1 << 20
 """Maximum number of bytes read from the kart server at a time. A large snapshot fits into it."""
@@ -148,9 +148,9 @@ class KartServerClient:
         other command except RACE_OVER expires.
 
         :param command: the command.
-        :param came: when the command came, on the clock of the rules, in seconds.
-        :return: the answer, which comes once the kart server has written every frame. None if it
-            does not come within `ANSWER_TIMEOUT`.
+        :param came: when the command arrived, in seconds by the rules' clock.
+        :return: the answer, once the kart server has written every frame. None if it does not
+            arrive within `ANSWER_TIMEOUT`.
         :raises KartServerError: if the kart server is gone, so that only the MSR can stop karts.
         """
         number = next(self._numbers)
@@ -215,7 +215,7 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Part of a message may have been sent, so give up the kart server, which then ends.
+            # Part of a message may have been sent, so give up on the kart server, which then ends.
             with contextlib.suppress(OSError):  # the socket is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
             raise KartServerError('race control hangs, so use the MSR') from error

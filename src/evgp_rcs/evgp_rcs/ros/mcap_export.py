@@ -93,8 +93,8 @@ def _messages(kept: Kept, replay: Replay) -> Iterator[Message]:
     """
     Yield a run as messages, including the race as far as the rules can replay it.
 
-    Readers sort messages by their times in the bag. Those times are therefore on the clock of the
-    rules, which nobody can set. The messages themselves contain the wall time.
+    Readers sort messages by their times in the bag. Those times are therefore by the rules'
+    clock, which nobody can set. The messages themselves contain the wall time.
     """
     from evgp_node.codec import message_of
     from evgp_rcs.ros.messages import diagnostics_message, events_message

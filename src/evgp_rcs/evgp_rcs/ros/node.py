@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``rcs`` node, which is the ROS half of race control and serves officials (§4.B).
+The ``rcs`` node: the ROS half of race control, which serves officials (§4.B).
 
 The kart server, with the rules and the karts' sockets, is another process (``karts.process``).
 This process starts the kart server, and neither outlives the other. This process has these

@@ -22,7 +22,7 @@ from evgp_node.official import MOST_OF_NAME, tidy, TIMEKEEPER
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
-"""Time after its last message at which race control considers a program gone, in seconds."""
+"""How long a program may be silent before race control considers it gone, in seconds."""
 
 MOST_PROGRAMS = 50
 """Maximum number of programs at once. Race control ignores further programs."""
@@ -88,10 +88,10 @@ class Presences:
 
     def hear(self, word: Word, now: float) -> bool:
         """
-        Record a program's message, which may contain anything.
+        Record a program's message. It may contain anything.
 
         :param word: the message.
-        :param now: the time at which it came, in seconds.
+        :param now: the time at which it arrived, in seconds.
         :return: False if `MOST_PROGRAMS` other programs leave no room for this one; otherwise
             True.
         """

@@ -7,7 +7,7 @@ Publishes what the kart server reports, in a thread of its own.
 The publisher publishes every event, in order. The kart server limits the events that karts can
 cause by their reports. Of several snapshots of the race, the publisher publishes only the newest.
 A snapshot waits for at most `BATCH` events and may overtake the rest, so that officials see the
-present race.
+current race.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 RACE_QOS = latched(1)
-"""QoS of ``~/race``, with which a late subscriber gets the present race at once."""
+"""QoS of ``~/race``. With it, a late subscriber gets the current race at once."""
 
 EVENTS_QOS = latched(200)
-"""QoS of ``~/events``, with which a late subscriber gets the last 200 messages."""
+"""QoS of ``~/events``. With it, a late subscriber gets the last 200 messages."""
 
 OF_EACH_KART = (
     EventKind.KART_STATE,
@@ -71,7 +71,7 @@ class RacePublisher:
 
     :param node: the node that publishes.
     :param on_failure: called with the error, in the publisher's thread, if the publisher fails.
-    :param banner: text at the top of every screen; empty for none.
+    :param banner: text at the top of every screen; empty if there is none.
     :param officials: names of the event's officials.
     :param run: id of this run of race control.
     """
@@ -127,7 +127,7 @@ class RacePublisher:
         self._thread.start()
 
     def stop(self) -> None:
-        """Publish everything that waits, and return."""
+        """Publish everything that is waiting, and return."""
         if self._thread.ident is not None:
             self._happened.put(None)
             self._thread.join()

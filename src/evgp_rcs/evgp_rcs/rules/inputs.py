@@ -49,7 +49,7 @@ class Setup:
     """
     The setup of the rules.
 
-    :param now: time of the setup, on the clock of the rules, in seconds.
+    :param now: time of the setup, in seconds by the rules' clock.
     :param run: id of this run, as in ``Began``.
     """
 
@@ -114,7 +114,7 @@ class Disconnected(NamedTuple):
 
 class Heard(NamedTuple):
     """
-    A kart reported a state, which can answer the order of this serial.
+    A kart reported a state. The report can answer the order of this serial.
 
     :param counts_in: see `Race.heard`.
     """

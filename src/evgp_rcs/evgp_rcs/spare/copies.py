@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_spare`` (``make spare``), with which a spare machine keeps a copy of race control's files.
+``rcs_spare`` (``make spare``) keeps a copy of race control's files on a spare machine.
 
 These files are the roster, the parameters, the record and the timekeeper's book. The spare machine
 fetches them repeatedly by ssh from race control's machine. It fetches the record and the book as

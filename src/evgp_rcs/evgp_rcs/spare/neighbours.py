@@ -21,7 +21,7 @@ from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, Questi
 from evgp_rcs.karts.network_cards import Card, cards
 
 ASK_FOR = 3.0
-"""Time for which this machine asks who else has an address, in seconds."""
+"""How long this machine asks who else has an address, in seconds."""
 
 ANSWER_WITHIN = 1.0
 """Maximum time for a connection to the old race control, in seconds."""

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_takeover`` (``make takeover``), with which a spare machine becomes race control.
+``rcs_takeover`` (``make takeover``) makes a spare machine race control.
 
 The spare machine takes race control's address only if nothing answers on any network of the old
 race control. It then starts race control and the timekeeper with the copy that ``rcs_spare`` has

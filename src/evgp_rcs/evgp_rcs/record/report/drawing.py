@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The timeline of the report as shapes, which the page's template writes as SVG."""
+"""The timeline of the report, as shapes that the page's template writes as SVG."""
 
 from __future__ import annotations
 

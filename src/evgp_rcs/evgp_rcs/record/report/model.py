@@ -9,8 +9,7 @@ after each step. The rules compute everything; this module parses no sentences. 
 cannot follow the stream (a gap, or a difference), what karts are sent is `NOT_KNOWN`, and the
 later events are only listed.
 
-All times are seconds since the first event of the run, on the clock of the rules, which cannot be
-set.
+All times are seconds since the first event of the run, by the rules' clock, which cannot be set.
 """
 
 from __future__ import annotations
@@ -493,7 +492,7 @@ class Account:
         left = number in race.out or number in race.finished
         if left or number not in race.starters or self._sent(number) == GREEN_GREEN:
             return
-        # The command that this step has put in force.
+        # The command that has taken effect in this step.
         commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
         cause = next((each for each in commands if each.event.success), None)
         why = Why.LOST  # or another connection replaced its own
