@@ -116,7 +116,7 @@ class ExampleStack(StrictNode):
         return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
-        """Brake to a stop without the executor, which may no longer run."""
+        """Brake to a stop without the executor. It may no longer be running."""
         with self._driving:
             self._ended = True
             while self._speed > 0.0:

@@ -67,7 +67,7 @@ def _image(value: Any, kind: type[Any], message: type[Any], wall_ns: int) -> Any
 
 def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str) -> _Value:
     """
-    Return a message as a value of this type, whose times are wall times in seconds.
+    Return a message as a value of this type. Its times are wall times in seconds.
 
     :param message: the message.
     :param kind: the type of the value.

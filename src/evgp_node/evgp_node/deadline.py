@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Makes the C library end the process, which works even if something holds Python's lock.
+Makes the C library end the process. This works even if something holds Python's lock.
 
 DDS may hang inside a call and keep the interpreter's lock. No thread or signal handler of Python
 can then run. This module does not use ROS.

@@ -79,7 +79,7 @@ KEEPS_APART = (
     *('FASTDDS_BUILTIN_TRANSPORTS', 'ROS_AUTOMATIC_DISCOVERY_RANGE=OFF'),
     'ROS_DISCOVERY_SERVER',
 )
-"""Variables of a shell with which other programs may fail to reach ours, which use UDP on
+"""Variables of a shell that may keep other programs from reaching ours, because ours use UDP on
 loopback."""
 
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
@@ -198,7 +198,7 @@ def bind_graph() -> None:
 
 def kept_apart_by() -> str:
     """
-    Return the settings with which this process may fail to reach our programs, as ``NAME=value``.
+    Return the settings that may keep this process from reaching our programs: ``NAME=value``.
 
     Several settings are separated by commas. The text is empty if there are none.
     """
@@ -569,7 +569,7 @@ def _is_read(each: socket.socket) -> bool:
 
 
 def _sends_multicast_at(each: socket.socket) -> str:
-    """Return a socket's multicast address, which Fast DDS sets on sockets that it sends with."""
+    """Return a socket's multicast address. Fast DDS sets it on sockets that it sends with."""
     return socket.inet_ntoa(each.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4))
 
 

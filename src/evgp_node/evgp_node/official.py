@@ -53,7 +53,7 @@ def heard(text: str) -> str:
 
 def claim(name: str, host: str, process: int | None = None) -> str:
     """
-    Return what our own programs send as the official, which differs for each program.
+    Return what our own programs send as the official. It differs for each program.
 
     :param name: name of the official; empty if there is none.
     :param host: name of the machine.

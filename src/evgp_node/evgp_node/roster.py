@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The roster, which lists the karts, which of them are in the first race, and the heats (§3.F, §4.A).
+The roster lists the karts, those of them in the first race, and the heats (§3.F, §4.A).
 
 This module only parses: it turns text into a ``Roster`` or one ``RosterError``. An official edits
 the file by hand minutes before a race, so the error lists every fault at once, with its line and
@@ -130,7 +130,7 @@ class Roster:
 
 def load_roster(path: pathlib.Path) -> Roster:
     """
-    Return the roster in a YAML file, which is the list that §3.F provides race control with.
+    Return the roster in a YAML file. It is the list that §3.F provides race control with.
 
     :param path: path of the file.
     :raises RosterError: if the file cannot be read or is not a roster.

@@ -84,7 +84,7 @@ class Block(NamedTuple):
         return self.data.count(b'\n')
 
     def compressed(self) -> bytes:
-        """Return the block in its compressed form, which reveals damage."""
+        """Return the block in its compressed form. This form reveals damage."""
         return zlib.compress(b'%d\n%s' % self)
 
     @staticmethod

@@ -511,7 +511,7 @@ class Arbiter:
         self._still_since = None
 
     def _command(self, state: RaceState, now: float) -> None:
-        """Record a new command of race control."""
+        """Record a new command from race control."""
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state

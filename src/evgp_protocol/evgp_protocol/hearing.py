@@ -79,7 +79,7 @@ FLOOD = 2.0
 """Maximum duration of a flood, in seconds; after it the kart is dropped."""
 
 DEAF = 1.0
-"""Time after a flood during which no reply counts, in seconds. A flood that resumes within it
+"""How long after a flood no reply counts, in seconds. A flood that resumes within it
 counts as the same flood."""
 
 QUIET = 2.0

@@ -230,7 +230,7 @@ class Answers:
         return now - self._open[0][1] if self._open else 0.0
 
     def may_beat(self, now: float) -> bool:
-        """Return whether to send the state again now, which is later on a narrow link."""
+        """Return whether it is time to send the state again. A narrow link gets more time."""
         late = self.age(now) - (self._quickest or 0.0)
         beats = int(late / ANSWER_STEP)
         return now - self.wrote_at >= (beats - 0.4) / BEAT_RATE  # beats are not exact

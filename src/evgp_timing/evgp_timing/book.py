@@ -169,6 +169,6 @@ class Book:
         self._blocks += 1
 
     def close(self) -> None:
-        """Close the file, which another timekeeper can then use."""
+        """Close the file. Another timekeeper can then use it."""
         self._database.close()
         self._claimed.close()

@@ -70,8 +70,7 @@ ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
 """Names under which surplus passings are counted that do not come from one known source."""
 
 BEAM_PRESS = 3.0
-"""Time after a crossing of a beam within which an official can say which kart crossed, in
-seconds."""
+"""How long after a crossing of a beam an official can say which kart crossed, in seconds."""
 
 MOST_SEEN = 100_000
 """Maximum number of identities of passings remembered, over all races."""

@@ -25,7 +25,7 @@ STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0
 
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
-    """Return the record of a passing, whose time is in microseconds since 1970."""
+    """Return the record of a passing. The passing's time is in microseconds since 1970."""
     fields = (
         (p3.Field.NUMBER, number, 4),
         (p3.Field.TRANSPONDER, transponder, 4),

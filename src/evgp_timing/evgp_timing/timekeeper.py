@@ -100,7 +100,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event of race control means for the laps; None if it means nothing."""
+    """Return what an event from race control means for the laps; None if it means nothing."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)

@@ -57,7 +57,7 @@ class Row(NamedTuple):
 
 class Crossing(NamedTuple):
     """
-    One passing of the timing line.
+    One passing at the timing line.
 
     :param at: time from GREEN_GREEN to the crossing, as text.
     :param kart: number of the kart; ``?`` if it is unknown.

@@ -241,7 +241,7 @@ class TimekeeperWindow:
     # ----- what is corrected --------------------------------------------------------------
 
     def _count(self) -> None:
-        """Count a crossing of the kart whose number the official has typed."""
+        """Count a crossing by the kart whose number the official has typed."""
         typed = self._lap.text().strip()
         self._lap.clear()
         self._lap.setFocus()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server's process, which stops karts, and the process that writes the record.
+Two processes: the kart server, which stops karts, and the one that writes the record.
 
 This package imports ``rules``, ``files`` and ``record``, but not ROS.
 """

@@ -494,7 +494,7 @@ class AddressWatch:
             on_news()
 
     def close(self) -> None:
-        """Make the thread end, which takes at most `ASK_EVERY` seconds."""
+        """Make the thread end. This takes at most `ASK_EVERY` seconds."""
         self._closing.set()
 
     def _run(self) -> None:

@@ -19,7 +19,7 @@ import sys
 from typing import NamedTuple
 
 LOOPBACK_CARD = 'lo'
-"""Name of the loopback interface, whose other end is always this machine."""
+"""Name of the loopback interface. Its other end is always this machine."""
 
 _DUMP = 0x0301  # NLM_F_REQUEST | NLM_F_DUMP
 _DONE, _NEW_LINK, _GET_LINK, _NEW_ADDRESS, _GONE_ADDRESS, _GET_ADDRESS = 3, 16, 18, 20, 21, 22

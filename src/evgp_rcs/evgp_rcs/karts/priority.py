@@ -15,10 +15,10 @@ import os
 import pathlib
 
 NICENESS = -10
-"""Niceness of all processes of race control, which must accept a stop even on a busy computer."""
+"""Niceness of all race control's processes. They must accept a stop even on a busy computer."""
 
 LOOP = 3
-"""Real-time priority (SCHED_RR) of the kart server's loop, which sends the karts' frames."""
+"""Real-time priority (SCHED_RR) of the kart server's loop. It sends the karts' frames."""
 
 
 def come_before_others() -> None:

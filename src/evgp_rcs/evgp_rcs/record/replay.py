@@ -233,7 +233,7 @@ class Replay:
             self._differ('an error of the rules', 'it was taken', repr(error))
 
     def _finish(self) -> Iterator[Step]:
-        """Compare the results of the last input, which are complete now."""
+        """Compare the results of the last input. They are complete now."""
         outcome = self._outcome or Outcome((), ())
         for recorded, replayed in zip_longest(self._orders, outcome.orders):
             if recorded != replayed:

@@ -170,7 +170,7 @@ class KartServerClient:
 
     def alive(self, rival: bool, there: Attendance, cut_off: str) -> None:
         """
-        Give the kart server a sign of life, which shows that the ROS half can receive a stop.
+        Give the kart server a sign of life, to show that the ROS half can receive a stop.
 
         :param rival: whether the node hears another race control in this domain.
         :param there: who can stop the race.

@@ -31,7 +31,7 @@ from evgp_rcs.rules.snapshot import snapshot_of
 NS = 1_000_000_000
 
 NODE = 'rcs'
-"""The node's name in the bag, which may differ from its name during the run."""
+"""The node's name in the bag. It may differ from its name during the run."""
 
 DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""

@@ -85,7 +85,7 @@ same datagram unread. One more ends race control, after 2 s. Race control counts
 of measuring time, because a stopped process makes no calls."""
 
 GRAPH_LOOK = 10
-"""Number of signs of life for each check of the graph, which takes the kernel up to 1 ms."""
+"""Number of signs of life for each check of the graph. A check takes the kernel up to 1 ms."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -366,7 +366,7 @@ class RcsNode(StrictNode):
             self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
-        """Return another node of this process, which only offers services in its own thread."""
+        """Return another node of this process. It only offers services, in its own thread."""
         return Node(
             f'{self.get_name()}_{what}',
             context=self.context,

@@ -23,7 +23,7 @@ MEASURE_EVERY = 1.0
 """Time between two measurements of a link that does not get worse, in seconds."""
 
 POOR_LATELY = 60.0
-"""Time after a poor link during which GRID_ACTIVE's confirmation names its kart, in seconds."""
+"""How long after a poor link GRID_ACTIVE's confirmation names its kart, in seconds."""
 
 CLOSING = 0.4
 """Share of the largest window that a kart's TCP has offered; a smaller window means that the kart

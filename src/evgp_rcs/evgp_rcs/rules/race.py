@@ -286,7 +286,7 @@ class Event(NamedTuple):
 
 class StampedEvent(NamedTuple):
     """
-    An event with its number and time, which the kart server adds.
+    An event with its number and time. The kart server adds these.
 
     :param sequence: number of the event in this run of race control, from 1 without gaps.
     :param wall_ns: wall time, in ns since the epoch.

@@ -81,7 +81,7 @@ class SpareError(RuntimeError):
 
 def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
-    Fetch the files of race control, each of them consistent, and return them as a tar file.
+    Fetch race control's files, each of them consistent, and return them as a tar file.
 
     :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine.
     :param roster: path of the roster, relative to the folder.
