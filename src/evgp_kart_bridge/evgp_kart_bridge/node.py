@@ -555,7 +555,7 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'msr_timeout',
-        "How long ~/msr (the MSR's contact) may be missing before the kart stops, s. 0: no wire.",
+        'How long ~/msr (MSR contact) may be missing before the kart stops, s. 0: not wired.',
         (0.0, 1.0),
     ),
     (
