@@ -70,7 +70,7 @@ class StopRequest:
         return self.stop and clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
-        """Begin (True) or end the stop. Repeat the same request only after `REQUEST_AGAIN`."""
+        """Request that the stop begin (True) or end, repeating it only after `REQUEST_AGAIN`."""
         now = clock.now()
         if stop is self.stop and now < self._again_at:
             return

@@ -6,8 +6,8 @@ The timekeeper's desk. It knows all the races of the event, their laps and their
 
 Inputs (`Input`) change what the desk knows, in the order in which they arrive. They are events
 from race control (`Told`, `Heard`, `Missed`), passings at the timing line (`Passed`), and
-officials' corrections (`Corrected`). The timekeeper writes every input to a stream of its own.
-After a restart, it feeds the inputs in again, and the desk then knows everything again.
+officials' corrections (`Corrected`). The timekeeper writes every input to the timekeeper's own
+stream. After a restart, it feeds the inputs in again, and the desk then knows everything again.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node requests FINISH from race control.
