@@ -37,7 +37,8 @@ from evgp_testing.ros_side import RosSide
 from evgp_testing.usage import family
 import pytest
 from rig.bare_race_control import BareRaceControl
-from rig.screen import Screen, why_no_screen
+from rig.needs import need_screen
+from rig.screen import Screen
 import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -291,8 +292,7 @@ def test_a_launch_ends_where_a_setting_of_the_bridge_is_wrong(launch: Start, dom
 def test_the_window_is_there_and_ends_in_order(
     launch: Start, domain: int, parts: contextlib.ExitStack
 ) -> None:
-    if why_not := why_no_screen():
-        pytest.skip(why_not)
+    need_screen()
     screen = parts.enter_context(Screen())
     shown = {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb'}
     launched = launch('evgp_rcs_console', 'console.launch.py', shown, domain_id=domain)
@@ -308,8 +308,7 @@ def test_the_window_is_there_and_ends_in_order(
 def test_a_launch_ends_where_a_setting_of_the_window_is_wrong(
     launch: Start, parts: contextlib.ExitStack
 ) -> None:
-    if why_not := why_no_screen():
-        pytest.skip(why_not)
+    need_screen()
     screen = parts.enter_context(Screen())
     shown = {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb'}
     launched = launch('evgp_rcs_console', 'console.launch.py', shown, domain_id=999)

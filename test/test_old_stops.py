@@ -19,9 +19,9 @@ from evgp_testing.ros_side import environment_kept
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.console import Console
-from rig.needs import cannot_run
+from rig.needs import need_screen
 from rig.networks import Machine, need_networks, RACE_CONTROL, Track
-from rig.screen import Screen, why_no_screen
+from rig.screen import Screen
 from rig.stop_button import StopButton
 from test_rcs_ctl import start as start_rcs_ctl
 
@@ -112,21 +112,15 @@ class Officials:
 @pytest.fixture
 def officials(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Officials:
     need_networks()
+    need_screen()
     return Officials(tmp_path, parts)
-
-
-@pytest.fixture
-def need_screen() -> None:
-    """Skip the test where no window can be opened."""
-    if why := why_no_screen():
-        cannot_run(why)
 
 
 @pytest.mark.early
 @pytest.mark.own_process
 @pytest.mark.timeout(240)
 def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_still_held(
-    need_screen: None, officials: Officials
+    officials: Officials,
 ) -> None:
     race, official = officials.race, officials.race.official
     console, _ = officials.window()
@@ -180,7 +174,7 @@ def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize('forgotten', [False, True], ids=['briefly', 'for long'])
 def test_an_old_stop_of_this_race_is_taken_and_race_control_says_its_age(
-    forgotten: bool, need_screen: None, officials: Officials
+    forgotten: bool, officials: Officials
 ) -> None:
     race, official = officials.race, officials.race.official
     console, desk = officials.window()

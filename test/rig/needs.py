@@ -14,6 +14,7 @@ import sys
 from typing import NoReturn
 
 import pytest
+from rig.screen import why_no_screen
 
 
 def cannot_run(why: str, *, whole_file: bool = False) -> NoReturn:
@@ -37,6 +38,13 @@ def need_program(name: str, package: str) -> None:
 def need_qt() -> None:
     """Skip the test where Qt for Python cannot be loaded."""
     if why := _why_no_qt():
+        cannot_run(why)
+
+
+def need_screen() -> None:
+    """Skip the test where no window can be opened."""
+    need_qt()
+    if why := why_no_screen():
         cannot_run(why)
 
 
