@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
+import itertools
 import os
 import pathlib
 import signal
@@ -40,8 +41,8 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from recorded_races import PaperRace
 from rig.console import Console, SLOW
-from rig.needs import cannot_run, need_qt
-from rig.screen import Screen, Screens, why_no_screen
+from rig.needs import need_qt, need_screen
+from rig.screen import Screen, Screens
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -58,14 +59,6 @@ OpenBeside = Callable[..., tuple[Console, list[WireKart], RaceControl]]
 TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
 
 
-@pytest.fixture
-def need_screen() -> None:
-    """Skip the test where no window can be opened, and fail it where none may be skipped."""
-    need_qt()
-    if why := why_no_screen():
-        cannot_run(why)
-
-
 @pytest.fixture(scope='session')
 def screens() -> Iterator[Screens]:
     """Return the screens of this test process."""
@@ -76,9 +69,10 @@ def screens() -> Iterator[Screens]:
 
 @pytest.fixture
 def open_console(
-    need_screen: None, screens: Screens, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    screens: Screens, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> OpenConsole:
     """Return a function that opens an official's window on a screen of its own."""
+    need_screen()
 
     def open_(
         control: RaceControl | Speaker, arguments: Sequence[str] = (), **environment: str
@@ -109,20 +103,6 @@ def open_beside(
         return console, karts, control
 
     return open_
-
-
-@pytest.fixture
-def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., RaceControl]:
-    """Return a function that starts a race control with kart 1, again if a domain is given."""
-
-    def start(domain: int | None = None, **parameters: object) -> RaceControl:
-        if domain is None:
-            domain = parts.enter_context(Domain()).number
-        control = RaceControl(tmp_path, domain, (1,), parameters=parameters)
-        parts.callback(control.close)
-        return control
-
-    return start
 
 
 def hold_down(console: Console, button: str) -> None:
@@ -232,30 +212,27 @@ def test_after_the_msr_one_question_releases_the_karts_that_were_made_safe(
 # ----- ALL KILL ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ('layout', 'variant'), [('fr', 'bepo'), ('ca', ''), ('de', 'neo'), ('bt', '')]
-)
+LAYOUTS = [('fr', 'bepo'), ('ca', ''), ('de', 'neo'), ('bt', '')]
+
+
 def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    join_official: JoinOfficial,
-    layout: str,
-    variant: str,
+    start_race_control: StartRaceControl, open_console: OpenConsole, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(in_race=(1,))
     official = join_official(control)
     console = open_console(control)
     console.wait_for('kart_1')
-    console.screen.lay_out(layout, variant)
     held = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr')
-
     pressed = ('space', *(f'{each}+space' for each in held), 'ctrl+altgr+F12')
-    for count, keys in enumerate(pressed, 1):
+
+    for count, (layout, keys) in enumerate(itertools.product(LAYOUTS, pressed), 1):
+        if keys == 'space':
+            console.screen.lay_out(*layout)
         console.key(keys)
 
         official.wait_until(
             lambda count=count: count_of(official, msg.CommandAvailability.ALL_KILL) >= count,
-            lambda keys=keys: f'no ALL KILL by {keys}',
+            lambda layout=layout, keys=keys: f'no ALL KILL by {keys} of {layout}',
         )
         console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
 
@@ -305,18 +282,16 @@ def test_a_name_is_chosen_once_and_goes_with_every_command_also_of_the_next_wind
     assert first != second
 
 
-@pytest.mark.parametrize('name', ['7', 'A & <b>M'])
 def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
-    start_race_control: StartRaceControl, open_console: OpenConsole, name: str
+    start_race_control: StartRaceControl, open_console: OpenConsole
 ) -> None:
-    given = name if name == '7' else f'"{name}"'
-    arguments = ('--ros-args', '-p', f'official:={given}')
+    control = start_race_control(in_race=(1,))
+    for name, given in (('7', '7'), ('A & <b>M', '"A & <b>M"')):
+        console = open_console(control, arguments=('--ros-args', '-p', f'official:={given}'))
 
-    console = open_console(start_race_control(in_race=(1,)), arguments=arguments)
-
-    console.wait_for('official', text=rf'\b{name}$')
-    console.wait_for('kart_1')
-    console.press('F12', see='log', text=rf'· {name}')
+        console.wait_for('official', text=rf'\b{name}$')
+        console.wait_for('kart_1')
+        console.press('F12', see='log', text=rf'· {name}')
 
 
 def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
@@ -341,9 +316,10 @@ def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhi
 
 
 def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_kill(
-    start_anew: Callable[..., RaceControl], open_console: OpenConsole
+    open_console: OpenConsole, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
-    control = start_anew()
+    domain = parts.enter_context(Domain()).number
+    control = RaceControl(tmp_path, domain, (1,))
     control.close()
     console = open_console(control)
     console.wait_for('danger_title', text='NO RACE CONTROL YET')
@@ -352,7 +328,7 @@ def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_k
     console.key('space')
     console.wait_for('all_kill', pressing='true')
 
-    start_anew(control.domain)
+    parts.enter_context(RaceControl(tmp_path, domain, (1,)))
 
     console.wait_for('state', text='RED RED')
     console.wait_for('all_kill', pressing='false')
@@ -373,11 +349,11 @@ def begin_to_watch_for_windows(
 def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
-    need_screen: None,
     connect_kart: ConnectKart,
     parts: contextlib.ExitStack,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    need_screen()
     control = start_race_control(in_race=(1,), nobody_there=PATIENCE)
     official = join_official(control)
     screen = begin_to_watch_for_windows(parts, monkeypatch)
@@ -400,18 +376,16 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     assert again.close() == 0
 
 
-@pytest.mark.parametrize('how', ['killed', 'frozen', 'its own thread hangs'])
+@pytest.mark.parametrize('whole', [True, False], ids=['the window', 'its own thread only'])
 def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
-    open_beside: OpenBeside, how: str
+    open_beside: OpenBeside, whole: bool
 ) -> None:
     console, (kart,), _ = open_beside(1, nobody_there=0.1)
     console.wait_for('strip', text='1 official can stop')
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
 
-    if how == 'killed':
-        console.kill()
-    elif how == 'frozen':
+    if whole:
         console.signal(signal.SIGSTOP)
     else:
         console.block(PATIENCE)
@@ -653,6 +627,10 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
     start = console.place('green_green')
     console.press_on('green_green', see='yes', barred='false')
     yes = console.place('yes')
+    with held_up(console, whole):
+        console.key('y')
+    console.wait_for('status', text=r'Y: pressed at ')
+    assert kart.state is GRID_ACTIVE
     console.press('n', see='question', visible=False)
 
     with held_up(console, whole):
@@ -662,26 +640,15 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
             console.screen.click(*start)
             console.screen.click(*yes)
 
-    console.wait_for('status', text=r'pressed at [\d:]+ while the window hung. Nothing was sent')
+    first = 'F3' if by == 'keys' else 'GREEN GREEN'
+    told = rf'{first}.*: pressed at [\d:]+ while the window hung. Nothing was sent'
+    console.wait_for('status', text=told)
     assert kart.state is GRID_ACTIVE
     console.wait_for('question', visible=False)
     # It was said to press it again, and that does.
     console.ask('F3')
     console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
-
-
-def test_a_question_is_not_answered_by_keys_that_waited(
-    ready_to_start: tuple[Console, WireKart],
-) -> None:
-    console, kart = ready_to_start
-    console.ask('F3')
-
-    with held_up(console):
-        console.key('y')
-
-    console.wait_for('status', text=r'Y: pressed at ')
-    assert kart.state is GRID_ACTIVE
 
 
 def test_a_button_that_is_let_go_too_late_does_nothing(open_beside: OpenBeside) -> None:
@@ -695,20 +662,35 @@ def test_a_button_that_is_let_go_too_late_does_nothing(open_beside: OpenBeside) 
     console.wait_for('join_race_2')
 
 
-@pytest.mark.parametrize('stop', ['space', 'all_kill', 'F4', 'kart_red_red_1', '1 ctrl+r'])
 def test_a_stop_that_was_pressed_while_the_window_hung_acts(
-    ready_to_start: tuple[Console, WireKart], stop: str
+    open_beside: OpenBeside, join_official: JoinOfficial
 ) -> None:
-    console, kart = ready_to_start
-    places = {name: console.place(name) for name in ('all_kill', 'kart_red_red_1')}
+    console, karts, control = open_beside(1, 2, 3)
+    official = join_official(control)
+    official.bring_to(GRID_ACTIVE)
+    red_red, all_kill = console.place('kart_red_red_1', barred='false'), console.place('all_kill')
 
     with held_up(console):
-        if stop in places:
-            console.screen.click(*places[stop])
-        else:
-            console.key(*stop.split())
-
-    kart.wait_for_state(RED_FLAG if stop == 'F4' else RED_RED)
+        console.screen.click(*red_red)
+    karts[0].wait_for_state(RED_RED)
+    with held_up(console):
+        console.key('2', 'ctrl+r')
+    karts[1].wait_for_state(RED_RED)
+    assert karts[2].state is GRID_ACTIVE
+    with held_up(console):
+        console.key('F4')
+    karts[2].wait_for_state(RED_FLAG)
+    with held_up(console):
+        console.screen.click(*all_kill)
+    karts[2].wait_for_state(RED_RED)
+    console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
+    kills = count_of(official, msg.CommandAvailability.ALL_KILL)
+    with held_up(console):
+        console.key('space')
+    official.wait_until(
+        lambda: count_of(official, msg.CommandAvailability.ALL_KILL) > kills,
+        lambda: 'no ALL KILL by the space bar',
+    )
 
 
 def test_the_second_press_of_a_double_click_does_not_answer_or_undo(
@@ -770,33 +752,30 @@ def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
     assert_all_kill_is_in_reach(console)
 
 
-@pytest.mark.parametrize(
-    ('key', 'name', 'state'),
-    [('F4', 'RED FLAG', RED_FLAG), ('ctrl+r', 'RED RED kart 1', RED_RED)],
-)
 def test_every_stop_is_pressed_until_race_control_is_back(
-    start_anew: Callable[..., RaceControl],
+    parts: contextlib.ExitStack,
     open_console: OpenConsole,
     connect_kart: ConnectKart,
     tmp_path: pathlib.Path,
-    key: str,
-    name: str,
-    state: RaceState,
 ) -> None:
-    control = start_anew()
+    domain = parts.enter_context(Domain()).number
+    control = parts.enter_context(RaceControl(tmp_path, domain, (1, 2)))
     console = open_console(control)
     connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
     control.kill()
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.key('1', key)
-    console.wait_for('status', text=f'{name}: sent [3-9] times in .* no answer. USE THE MSR')
+    for name, *keys in (('RED FLAG', 'F4'), ('RED RED kart 1', '1', 'ctrl+r')):
+        console.key(*keys)
+        console.wait_for('status', text=f'{name}: sent [3-9] times in .* no answer. USE THE MSR')
 
-    again = start_anew(control.domain, record=tmp_path / 'another.sqlite3')
+    new = {'record': tmp_path / 'another.sqlite3'}
+    again = parts.enter_context(RaceControl(tmp_path, domain, (1, 2), parameters=new))
 
-    connect_kart(again, 1, EACH_CHANGE).wait_for_state(state)
+    for number, state in ((1, RED_RED), (2, RED_FLAG)):
+        connect_kart(again, number, EACH_CHANGE).wait_for_state(state)
     console.wait_for('danger', visible=False)
-    console.wait_for('status', text=f'✓ .*{state.value.replace("_", " ")}')
+    console.wait_for('status', text='✓ .*RED (RED|FLAG)')
 
 
 # ----- where things are ---------------------------------------------------------------------
@@ -933,41 +912,32 @@ def test_nothing_that_opens_takes_a_stop(
     console.wait_for('all_kill', pressing='true')
 
 
-@pytest.mark.parametrize('between', ['Escape', 'ctrl+g'])
 def test_digits_typed_while_the_window_hung_are_not_joined_across_another_key(
-    speak: Callable[..., Speaker], open_console: OpenConsole, between: str
+    speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
-    console = open_console(speak(race=race_of((1, 2, 12))))
-    console.wait_for('kart_12')
+    console = open_console(speak(race=race_of((1, 2, 3, 12, 13))))
+    console.wait_for('kart_13')
 
-    with held_up(console):
-        console.key('1', between, '2', 'ctrl+r')
+    for between, last in (('Escape', '2'), ('ctrl+g', '3')):
+        with held_up(console):
+            console.key('1', between, last, 'ctrl+r')
 
-    said = console.wait_for('status', text='RED RED kart [0-9]+: sent')['text']
-    assert 'kart 2:' in said
+        console.wait_for('status', text=f'RED RED kart {last}: sent')
 
 
-@pytest.mark.parametrize(
-    ('remapped', 'keys'),
-    [
-        (('7', 'egrave', '7'), ('shift+7', 'ctrl+r')),
-        (('r', 'Cyrillic_ka', 'Cyrillic_KA'), ('7', 'ctrl+r')),
-    ],
-    ids=['digits that need shift', 'without latin letters'],
-)
 def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
-    speak: Callable[..., Speaker],
-    open_console: OpenConsole,
-    remapped: tuple[str, ...],
-    keys: tuple[str, ...],
+    speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
+    """On one whose digits need Shift, and on one without Latin letters."""
     console = open_console(speak(race=race_of((2, 7))))
     console.wait_for('kart_7')
-    console.screen.remap(*remapped)
 
-    console.key(*keys)
-
+    console.screen.remap('7', 'egrave', '7')
+    console.key('shift+7', 'ctrl+r')
     console.wait_for('status', text='RED RED kart 7: sent')
+    console.screen.remap('r', 'Cyrillic_ka', 'Cyrillic_KA')
+    console.key('2', 'ctrl+r')
+    console.wait_for('status', text='RED RED kart 2: sent')
 
 
 # ----- what is missing --------------------------------------------------------------------
