@@ -526,11 +526,6 @@ def a_second_odometry(team: Team) -> None:
     publish(Odometry, 'odom', 10)(team)
 
 
-def two_odometries(team: Team) -> None:
-    publish(Odometry, 'odom', 10)(team)
-    publish(Odometry, 'odom', 10)(team)
-
-
 def offer(kind: type, service: str) -> Callable[[Team], object]:
     return lambda team: team.node.create_service(kind, f'/kart_bridge/{service}', lambda _, a: a)
 
@@ -546,7 +541,6 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
         (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop or ~/state'),
         (publish(String, 'state', 1), 'another node publishes ~/stop or ~/state'),
         (a_second_odometry, 'more than one publisher of odometry: /team, /team'),
-        (two_odometries, 'more than one publisher of odometry: /team, /team'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
         (offer(SetBool, 'team_stop'), 'another node offers ~/team_stop'),
     ],
@@ -564,7 +558,6 @@ def test_a_remote_that_stops_or_could_get_lost_and_a_second_node_stop_the_kart(
     race.team.wait_for(lambda state: reason in state.reason, 'why')
 
 
-NOTHING_MORE = "nothing from the MSR's contact for 0.5 s"
 TWO_CONTACTS = 'more than one publisher of ~/tsr or of ~/msr'
 
 
@@ -575,9 +568,8 @@ TWO_CONTACTS = 'more than one publisher of ~/tsr or of ~/msr'
         (
             lambda contact, _: contact.signal(signal.SIGSTOP),
             lambda it: it.signal(signal.SIGCONT),
-            NOTHING_MORE,
+            "nothing from the MSR's contact for 0.5 s",
         ),
-        (lambda contact, _: contact.kill(), None, NOTHING_MORE),
         (lambda _, team: publish(Bool, 'msr', 10)(team), None, TWO_CONTACTS),
         (
             lambda _, team: publish(Float64, 'msr', 10, Float64(data=float('nan')))(team),
@@ -585,7 +577,7 @@ TWO_CONTACTS = 'more than one publisher of ~/tsr or of ~/msr'
             TWO_CONTACTS,
         ),
     ],
-    ids=['open', 'silent', 'dead', 'a second says closed', 'a second is no Bool'],
+    ids=['open', 'silent', 'a second says closed', 'a second is no Bool'],
 )
 def test_a_contact_of_the_msr_that_is_wired_stops_the_kart_unless_it_is_certainly_closed(
     start_race: StartRace,
