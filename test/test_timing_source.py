@@ -400,7 +400,6 @@ def test_a_port_without_control_lines_is_told_and_the_node_goes_on(
 @pytest.mark.parametrize(
     ('parameters', 'said'),
     [
-        ({}, 'parameter kind'),
         ({'kind': 'p4', 'device': '10.0.0.1:5403'}, "parameter kind: 'p4'"),
         ({'kind': 'p3'}, 'parameter device'),
         ({'kind': 'p3', 'device': '10.0.0.1'}, 'parameter device'),
