@@ -132,7 +132,7 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
     parts: contextlib.ExitStack, chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, (), chance) for number in range(1, 4)]
+    karts = [Kart(parts, number, program, (), chance) for number in (1, 2)]
     drive(karts, 300, lambda: any(kart.rolling for kart in karts))
     caught = [each for kart in karts for each in kart.rolling]
     print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
