@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import json
 import pathlib
 import signal
 import subprocess
@@ -18,18 +17,12 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
 import pytest
 from rig.networks import kart_address, need_networks, RACE_CONTROL, Track
-from test_inspection import Terminal
+from test_inspection import report_in, Terminal
 
 ROOT = pathlib.Path(__file__).parents[1]
 SURVEY = [sys.executable, '-I', '-S', str(ROOT / 'src/evgp_inspection'), 'survey']
 KART = ['env', f'PYTHONPATH={ROOT / "src/evgp_protocol"}', sys.executable]
 KART += [str(ROOT / 'kit/python/example.py')]
-
-
-def report_in(folder: pathlib.Path) -> dict[str, Any]:
-    (path,) = folder.glob('*.json')
-    report: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
-    return report
 
 
 def verdicts(report: dict[str, Any]) -> dict[str, str]:
