@@ -32,7 +32,6 @@ ALLOWED = (
     texts.TRACK_CLOSED,
     texts.TRACK_CLOSED_MSR,
 )
-many = settings(max_examples=300, deadline=None)
 MSR_KINDS = (
     AlertKind.LOST_IN_MOTION,
     AlertKind.RED_UNACKNOWLEDGED,
@@ -117,10 +116,8 @@ def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> l
     return said + [text for text in states if any(state in text for state in under_way)]
 
 
-@many
-@given(races())
-def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
-    race: Snapshot,
+def humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
+    race: Snapshot, _: Screen
 ) -> None:
     for shown in dangers(race):
         screen = show(race, 0.0, {}, shown)
@@ -137,20 +134,17 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
             )
 
 
-@many
-@given(races())
-def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Snapshot) -> None:
-    for kart, row in zip(race.karts, show(race, 0.0, {}).rows, strict=True):
+def a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(
+    race: Snapshot, screen: Screen
+) -> None:
+    for kart, row in zip(race.karts, screen.rows, strict=True):
         assert row.connected is kart.connected
         if not kart.connected:
             assert (row.bars, row.link_time) == (0, '')
             assert row.link.text == texts.NOT_LINKED
 
 
-@many
-@given(races())
-def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot) -> None:
-    screen = show(race, 0.0, {})
+def what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot, screen: Screen) -> None:
     concerned = [row for row in screen.rows if row.in_race] or screen.rows
     sent = {row.sent.text for row in concerned if row.connected}
 
@@ -169,21 +163,14 @@ def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot) -> None:
     assert time_of_day(race.state_since) in screen.since
 
 
-@many
-@given(races())
-def test_all_karts_are_lost_only_if_none_is_connected(race: Snapshot) -> None:
-    screen = show(race, 0.0, {})
+def all_karts_are_lost_only_if_none_is_connected(race: Snapshot, screen: Screen) -> None:
     racing = [kart for kart in race.karts if kart.in_race] or race.karts
 
     if screen.state == ALL_LOST:
         assert not any(kart.connected for kart in racing)
 
 
-@many
-@given(races())
-def test_an_open_track_never_looks_like_a_closed_one(race: Snapshot) -> None:
-    screen = show(race, 0.0, {})
-
+def an_open_track_never_looks_like_a_closed_one(race: Snapshot, screen: Screen) -> None:
     closed = show(replace(race, track=replace(race.track, open=False)), 0.0, {}).humans
     if race.track.open:
         assert screen.humans.text != closed.text
@@ -192,16 +179,12 @@ def test_an_open_track_never_looks_like_a_closed_one(race: Snapshot) -> None:
         assert 'OPEN' not in screen.humans.text
 
 
-@many
-@given(races())
-def test_red_is_only_what_is_wrong(race: Snapshot) -> None:
+def red_is_only_what_is_wrong(race: Snapshot, screen: Screen) -> None:
     wrong = any(alert.use_msr for alert in race.alerts)
     # To be told to stop, and not to have stopped yet, is nothing wrong.
     doubtful = any(
         kart.in_doubt and not (kart.connected and kart.sent in RED) for kart in race.karts
     )
-    screen = show(race, 0.0, {})
-
     if screen.humans.tone is Tone.BAD:
         assert wrong or doubtful or race.track.open
     for kart, row in zip(race.karts, screen.rows, strict=True):
@@ -211,9 +194,7 @@ def test_red_is_only_what_is_wrong(race: Snapshot) -> None:
             assert kart.may_be_moving or (kart.in_race and race.state is not RaceState.IN_GARAGE)
 
 
-@many
-@given(races())
-def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot) -> None:
+def the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot, _: Screen) -> None:
     quiet = replace(
         race,
         state=RaceState.GRID_ACTIVE,
@@ -229,26 +210,19 @@ def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Snapshot) -> None
     assert not button.warning
 
 
-@many
-@given(races(), st.sampled_from((CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK)))
-def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
-    race: Snapshot, command: CommandKind
+def a_question_that_lets_humans_near_warns_of_what_the_screen_says(
+    race: Snapshot, _: Screen
 ) -> None:
-    race = replace(race, track=replace(race.track, open=False))
-    screen = show(race, 0.0, {})
-    button = screen.button(command)
-
-    assert button is not None
+    screen = show(replace(race, track=replace(race.track, open=False)), 0.0, {})
     by_msr = screen.humans == Cell(texts.TRACK_CLOSED_MSR, Tone.WAIT)
-    if screen.humans.tone is Tone.BAD or by_msr:
-        assert button.warning
+    for command in (CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK):
+        button = screen.button(command)
+        assert button is not None
+        if screen.humans.tone is Tone.BAD or by_msr:
+            assert button.warning
 
 
-@many
-@given(races())
-def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot) -> None:
-    screen = show(race, 0.0, {})
-
+def a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot, screen: Screen) -> None:
     for kart, row in zip(race.karts, screen.rows, strict=True):
         if kart.in_doubt:
             assert row.answer.tone is not Tone.GOOD
@@ -262,9 +236,7 @@ def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Snapshot) -> No
     assert sum(map(int, told.values())) == sum(kart.in_race for kart in race.karts)
 
 
-@many
-@given(races())
-def test_the_terminal_says_what_the_window_says(race: Snapshot) -> None:
+def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
     for shown in dangers(race):
         screen = show(race, 0.0, {}, shown)
 
@@ -273,6 +245,28 @@ def test_the_terminal_says_what_the_window_says(race: Snapshot) -> None:
         for each in (screen.state.text, screen.since, screen.tally, screen.humans.text):
             assert each in lines
         assert lines.count(texts.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
+
+
+SENTENCES = (
+    humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it,
+    a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it,
+    what_is_largest_is_true_of_a_kart_of_the_race,
+    all_karts_are_lost_only_if_none_is_connected,
+    an_open_track_never_looks_like_a_closed_one,
+    red_is_only_what_is_wrong,
+    the_ordinary_way_out_of_the_grid_has_no_warning,
+    a_question_that_lets_humans_near_warns_of_what_the_screen_says,
+    a_kart_that_may_be_moving_is_not_shown_as_stopped,
+    the_terminal_says_what_the_window_says,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(races())
+def test_no_two_statements_of_one_screen_contradict_each_other(race: Snapshot) -> None:
+    screen = show(race, 0.0, {})
+    for holds in SENTENCES:  # to draw a race takes longer than to look at its screen
+        holds(race, screen)
 
 
 def test_a_change_names_who_brought_it_about() -> None:
