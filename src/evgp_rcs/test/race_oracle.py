@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 import functools
 import gc
 import itertools
-import math
 import operator
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -1736,23 +1735,12 @@ class Report:
     """What a search did."""
 
     states: int = 0
-    states_of_named_karts: int = 0
     inputs: int = 0
     transitions: int = 0
     refusals: int = 0
     pairs_compared: int = 0
     by_state: Counter[str] = field(default_factory=Counter)
     finished: bool = False
-
-    def __str__(self) -> str:
-        """Return the figures in a line or two."""
-        each = ', '.join(f'{name} {count}' for name, count in sorted(self.by_state.items()))
-        return (
-            f'{self.states} states ({self.states_of_named_karts} with the karts told apart), '
-            f'{self.inputs} inputs given: {self.transitions} taken, {self.refusals} refused; '
-            f'{len(PROPERTIES)} properties; {self.pairs_compared} pairs of states taken for one '
-            f'compared\n{each}'
-        )
 
 
 class Search:
@@ -2062,10 +2050,6 @@ class Search:
         saved, facts, now = self._seen[key]
         report, race, scratch = self.report, self.race, self.scratch
         report.states += 1
-        permutations = math.factorial(len(self.numbers))
-        for count in Counter(key[1:]).values():
-            permutations //= math.factorial(count)
-        report.states_of_named_karts += permutations
         scratch.load(saved)
         view = look(race)
         report.by_state[view.state.value] += 1

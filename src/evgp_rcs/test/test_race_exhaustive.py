@@ -14,8 +14,6 @@ begins, and at more of the states that the search takes for one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from evgp_rcs.rules import race
 import pytest
 import race_oracle as oracle
@@ -27,11 +25,10 @@ LONGEST = [pytest.mark.long, pytest.mark.longest]
 UNMARKED = ('KART_FINISH', 'KART_RED_FLAG')
 
 
-def search(record: Callable[[str, object], None], most: int, **options: object) -> oracle.Report:
-    """Search to the end and record the figures."""
+def search(most: int, **options: object) -> oracle.Report:
+    """Search to the end and print the figures."""
     report = oracle.Search(race, **options).run(most)  # type: ignore[arg-type]
     print(f'\n{options}: {report}')
-    record('search', str(report))
     assert report.finished
     assert set(report.by_state) == set(oracle.RANK)
     assert min(report.by_state.values()) >= report.states // 40
@@ -43,10 +40,8 @@ def search(record: Callable[[str, object], None], most: int, **options: object) 
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(1800)
-def test_two_karts_in_the_race_and_one_outside(
-    record_property: Callable[[str, object], None],
-) -> None:
-    report = search(record_property, 200_000, racing=2, outside=1, track=False, without=UNMARKED)
+def test_two_karts_in_the_race_and_one_outside() -> None:
+    report = search(200_000, racing=2, outside=1, track=False, without=UNMARKED)
     assert report.states > 30_000
     assert report.pairs_compared > 200
 
@@ -54,10 +49,8 @@ def test_two_karts_in_the_race_and_one_outside(
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(1800)
-def test_two_karts_with_a_track_that_officials_open(
-    record_property: Callable[[str, object], None],
-) -> None:
-    report = search(record_property, 60_000, racing=1, outside=1, compare=150)
+def test_two_karts_with_a_track_that_officials_open() -> None:
+    report = search(60_000, racing=1, outside=1, compare=150)
     assert report.states > 20_000
     assert report.pairs_compared > 300
 
@@ -72,11 +65,8 @@ def test_two_karts_with_a_track_that_officials_open(
         pytest.param('first', True, marks=LONGEST),
     ],
 )
-def test_two_karts_that_do_not_finish(
-    begin: str, track: bool, record_property: Callable[[str, object], None]
-) -> None:
+def test_two_karts_that_do_not_finish(begin: str, track: bool) -> None:
     search(
-        record_property,
         60_000,
         racing=1,
         outside=1,
@@ -90,18 +80,14 @@ def test_two_karts_that_do_not_finish(
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(1800)
-def test_two_karts_whose_links_stop_answering(
-    record_property: Callable[[str, object], None],
-) -> None:
+def test_two_karts_whose_links_stop_answering() -> None:
     world = {'racing': 1, 'outside': 1, 'track': False, 'silence': True, 'without': UNMARKED}
-    search(record_property, 60_000, compare=400, **world)
+    search(60_000, compare=400, **world)
 
 
-def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it(
-    record_property: Callable[[str, object], None],
-) -> None:
+def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it() -> None:
     world = {'racing': 1, 'outside': 0, 'track': False, 'network': True, 'without': UNMARKED}
-    search(record_property, 60_000, compare=100, **world)
+    search(60_000, compare=100, **world)
 
 
 # The rival and the record are apart from all else, so one kart is enough.
@@ -115,9 +101,9 @@ def test_one_kart_while_race_control_is_cut_off_and_two_programs_connect_as_it(
     ],
 )
 def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails(
-    begin: str, record_property: Callable[[str, object], None]
+    begin: str,
 ) -> None:
-    search(record_property, 60_000, racing=1, outside=0, around=True, begin=begin, compare=200)
+    search(60_000, racing=1, outside=0, around=True, begin=begin, compare=200)
 
 
 # Pauses and starts that wait are read by officials' commands alone, so one kart is enough to look
@@ -126,11 +112,8 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
 @pytest.mark.longest
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('begin', ['garage', 'unknown'])
-def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(
-    begin: str, record_property: Callable[[str, object], None]
-) -> None:
+def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(begin: str) -> None:
     search(
-        record_property,
         40_000,
         racing=1,
         outside=0,
@@ -156,11 +139,9 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
     ],
     ids=['stopped', 'told-only'],
 )
-def test_one_kart_while_those_who_can_stop_it_come_and_go(
-    times: dict[str, object], record_property: Callable[[str, object], None]
-) -> None:
+def test_one_kart_while_those_who_can_stop_it_come_and_go(times: dict[str, object]) -> None:
     world = {'racing': 1, 'outside': 0, 'people': True, 'track': False, 'times': times}
-    search(record_property, 60_000, compare=200, **world)
+    search(60_000, compare=200, **world)
 
 
 def test_the_nearest_states_of_starts_that_wait_while_people_come_and_go() -> None:
@@ -186,10 +167,8 @@ def test_the_nearest_states_of_heats_and_of_finishes_that_name_their_race() -> N
     ],
     ids=['all-in-and-the-official-ends-the-race', 'all-outside-and-no-time-to-stop'],
 )
-def test_two_karts_with_other_beginnings_and_times(
-    racing: int, times: dict[str, object], record_property: Callable[[str, object], None]
-) -> None:
-    search(record_property, 60_000, racing=racing, outside=2 - racing, track=False, times=times)
+def test_two_karts_with_other_beginnings_and_times(racing: int, times: dict[str, object]) -> None:
+    search(60_000, racing=racing, outside=2 - racing, track=False, times=times)
 
 
 class Forgetful(oracle.Search):  # type: ignore[misc, name-defined]
