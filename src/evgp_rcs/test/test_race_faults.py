@@ -9,7 +9,7 @@ This is the test of the oracle. A property that no fault can break proves nothin
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from types import ModuleType
 from typing import Any
 
@@ -584,9 +584,9 @@ def search(rules: ModuleType) -> None:
         oracle.Search(rules, **options).run(bound)
 
 
-def search_nearest(rules: ModuleType) -> None:
+def search_nearest(rules: ModuleType, bounds: Iterable[int] = NEAREST[-1:]) -> None:
     """Search the nearest states of all worlds."""
-    for bound in NEAREST:
+    for bound in bounds:
         for _, options in WORLDS.values():
             oracle.Search(rules, **options).run(bound)
 
@@ -596,7 +596,7 @@ def search_nearest_first(rules: ModuleType, begin: str) -> None:
     if begin:
         bound, options = WORLDS[begin]
         oracle.Search(rules, **options).run(bound)
-    search_nearest(rules)
+    search_nearest(rules, NEAREST)
     search(rules)
 
 
