@@ -18,13 +18,13 @@ import sqlite3
 import subprocess
 import sys
 
-from evgp_node.stream import Block
+from evgp_node.stream import Block, DamagedError
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record.runs import DONE, FAILED, PARTLY, UNREADABLE
 from evgp_rcs.record.store import default_path, Record, rules_version
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.inputs import Batch, encode, Rules
+from evgp_rcs.rules.inputs import Batch, decode, encode, Rules
 import pytest
 from recorded_races import change_event, PaperRace
 from rig.needs import need_program
@@ -153,11 +153,8 @@ def test_long_work_says_at_a_terminal_how_far_it_has_come(
     assert '100%' in terminal.getvalue()
 
 
-@pytest.mark.parametrize('way', EACH_WAY)
-def test_in_a_pipe_there_is_no_word_about_progress(
-    way: str, good: pathlib.Path, capsys: Capture
-) -> None:
-    assert rcs_record(arguments_of(way, good)) == DONE
+def test_in_a_pipe_there_is_no_word_about_progress(good: pathlib.Path, capsys: Capture) -> None:
+    assert rcs_record(arguments_of('results', good)) == DONE
     assert '%' not in capsys.readouterr().err
 
 
@@ -267,7 +264,11 @@ CUT_OFF: dict[str, Harm] = {
     'cut within a page': cut_to(2 / 3, 100),
     'without its last byte': cut_to(1.0, -1),
 }
-NEEDS_RECOVERY: dict[str, Harm] = {**CUT_OFF, 'pages overwritten': pages_overwritten}
+NEEDS_RECOVERY: dict[str, Harm] = {
+    **CUT_OFF,
+    'a byte too many': cut_to(1.0, 1),
+    'pages overwritten': pages_overwritten,
+}
 DAMAGED_FILES: dict[str, Harm] = {
     **NEEDS_RECOVERY,
     'a block of another type': block_replaced('noon'),
@@ -278,13 +279,17 @@ DAMAGED_FILES: dict[str, Harm] = {
 }
 
 
+# A file that was repaired, a block that is missing, an entry: `show` below meets each kind of them.
 @pytest.mark.parametrize('way', EACH_WAY)
-@pytest.mark.parametrize('harm', DAMAGED_FILES.values(), ids=DAMAGED_FILES)
+@pytest.mark.parametrize(
+    'harm',
+    ['a byte too many', 'a block that is garbled', 'a block with an entry of another type'],
+)
 def test_of_a_damaged_record_what_can_be_read_is(
-    way: str, harm: Harm, good: pathlib.Path, capsys: Capture
+    way: str, harm: str, good: pathlib.Path, capsys: Capture
 ) -> None:
     need_program('sqlite3', 'sqlite3')
-    harm(good)
+    DAMAGED_FILES[harm](good)
     code = rcs_record([*arguments_of(way, good), '--run', '2'])
     told = capsys.readouterr()
     assert all(line.startswith('rcs_record: ') for line in told.err.splitlines())
@@ -328,8 +333,15 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
 ) -> None:
     Running(seed=1).run(20).write(path)
     text = encode(Rules('', SETUP)).decode()
+    refused = False
     for hostile in HOSTILE_JSON:
         harmed = Block(1, with_hostile(text, where, hostile).encode('latin-1') + b'\n')
+        try:
+            list(decode(harmed.data))
+        except DamagedError:
+            if refused:
+                continue  # one is as another: there is no setup
+            refused = True
         query = 'UPDATE block SET data = ? WHERE number = 2'
         change(path, query, harmed.compressed())
         for way in WAYS:
