@@ -1,9 +1,6 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-# Copyright 2026 EVGP race control contributors
-# SPDX-License-Identifier: Apache-2.0
-
 """What the watch of race control's address asks, and what it makes of what it sees and hears."""
 
 from __future__ import annotations

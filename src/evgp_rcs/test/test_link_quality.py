@@ -22,10 +22,6 @@ def info(retransmitted: int = 0) -> TcpInfo:
     return TcpInfo(0.04123456, retransmitted, 1, 0.012, 100)
 
 
-def measured(meter: LinkMeter, now: float, age: float = 0.0) -> Grade:
-    return meter.measure(age, info(), now).grade
-
-
 @given(st.lists(st.tuples(TIMES, TIMES, TIMES), min_size=1, max_size=40))
 def test_the_grade_goes_by_the_worst_answer_of_the_window(
     steps: list[tuple[float, float, float]],
@@ -60,22 +56,6 @@ def test_a_link_that_gets_worse_is_measured_at_once_and_every_other_each_second(
         if quality is not None:
             at, known = now, quality.grade
         assert age < POOR or known is Grade.POOR
-
-
-def test_a_poor_link_stays_poor_until_the_last_bad_answer_has_left_the_window() -> None:
-    meter = LinkMeter(0.0)
-    meter.answered(POOR, 1.0)
-    meter.answered(0.02, 1.1)
-    assert measured(meter, 1.0 + GRADE_WINDOW) is Grade.POOR
-    assert measured(meter, 1.05 + GRADE_WINDOW) is Grade.GOOD
-
-
-def test_what_is_not_answered_yet_counts_too() -> None:
-    meter = LinkMeter(0.0)
-    meter.answered(0.02, 1.0)
-    assert measured(meter, 1.6, age=POOR) is Grade.POOR
-    meter.answered(POOR, 1.7)
-    assert measured(meter, 2.0) is Grade.POOR
 
 
 def test_the_first_second_of_a_link_is_not_called_good() -> None:

@@ -5,27 +5,15 @@
 
 from __future__ import annotations
 
-import itertools
-
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import (
-    Alert,
-    AlertKind,
-    Availability,
-    Command,
-    Event,
-    EventKind,
-    Kart,
-    Outcome,
-    Race,
-    StampedEvent,
-)
+from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.client import spoken
 from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
 from example_race import KART, offers, RACE, replace
+from recorded_races import PaperRace
 
 KART_ALERTS = [each for each in AlertKind if '{kart}' in texts.ALERT_WAS[each]]
 
@@ -221,45 +209,26 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
 
 def said_in_a_race(*karts: int) -> list[str]:
     """Return what the log says of a race of some karts, whose first two finish."""
-    log, race = EventLog(), Race([Kart(each, f'Team {each} (FH)', True) for each in karts])
-    count = itertools.count(1)
-
-    def take(outcome: Outcome) -> None:
-        for happened in outcome.events:
-            log.add(StampedEvent(next(count), 0, 0.0, event_said(happened)))
-
-    def give(kind: CommandKind, now: float, kart: int = 0) -> None:
-        named = frozenset(race.availability(kind, kart, now).karts)
-        outcome = race.command(Command(kind, kart, True, named, official='Anna (pc 1)'), now)
-        take(outcome)
-        if outcome.start is not None:
-            take(race.start_saved(True, outcome.start.number, now))
-
-    def answer(now: float) -> None:
-        for each in race.karts.values():
-            take(race.heard(each.number, each.serial, each.sent, now))
-        take(race.tick(now))
-
-    for each in karts:
-        take(race.connected(each, 1.0))
-    give(CommandKind.GRID_ACTIVE, 2.0)
-    answer(3.0)
-    give(CommandKind.GREEN_GREEN, 4.0)
-    answer(5.0)
+    paper, log = PaperRace({each: f'Team {each} (FH)' for each in karts}), EventLog()
+    official = 'Anna (pc 1)'
+    paper.connect(*karts)
+    for kind in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
+        paper.command(kind, official=official)
+        paper.acknowledge()
+    paper.wait(95.0)
     for each in karts[:2]:
-        give(CommandKind.KART_FINISH, 100.0, each)
-    take(race.tick(106.0))
-    answer(106.5)
-    take(race.tick(109.5))
-    give(CommandKind.ALL_KILL, 110.0)
-    answer(111.0)
-    take(race.tick(120.0))
+        paper.command(CommandKind.KART_FINISH, each, official)
+    paper.wait(6.0)
+    paper.acknowledge()
+    paper.wait(3.0)
+    paper.command(CommandKind.ALL_KILL, official=official)
+    paper.acknowledge()
+    paper.wait(9.0)
+    for stamped in paper.stamped:
+        if stamped.event.kind is not EventKind.DELIVERED:  # as the window does, and in its words
+            said = stamped.event._replace(text=spoken(stamped.event.text))
+            log.add(stamped._replace(event=said))
     return [line.text for line in log.lines()]
-
-
-def event_said(happened: Event) -> Event:
-    """Return an event with its sentence as the client says it."""
-    return happened._replace(text=spoken(happened.text))
 
 
 def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
@@ -271,8 +240,8 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
         'Every kart of the race acknowledged GREEN GREEN',
         'FINISH kart 3, P1 · Anna',
         'FINISH kart 7, P2 · Anna',
-        'Kart 3: RED FLAG (finished, P1)',
         'Kart 7: RED FLAG (finished, P2)',
+        'Kart 3: RED FLAG (finished, P1)',
         'Karts 3, 7 acknowledged RED FLAG',
         'Every kart of the race acknowledged its order',
         'ALL KILL · Anna',
