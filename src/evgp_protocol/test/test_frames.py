@@ -177,15 +177,6 @@ def test_reason_names_the_mistake(stream: bytes, word: str) -> None:
 
 @PATIENT
 @given(streams, st.lists(st.integers(0, 1000), max_size=30))
-def test_raw_is_bounded_and_from_the_stream(stream: bytes, places: list[int]) -> None:
-    for event in decode(cut(stream, places)):
-        if isinstance(event, MalformedFrame):
-            assert 1 <= len(event.raw) <= 32
-            assert event.raw in stream
-
-
-@PATIENT
-@given(streams, st.lists(st.integers(0, 1000), max_size=30))
 def test_in_frame_says_whether_a_frame_is_open(stream: bytes, places: list[int]) -> None:
     decoder = FrameDecoder()
     seen = b''

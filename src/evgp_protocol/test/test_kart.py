@@ -69,15 +69,6 @@ def test_an_acknowledgement_is_sent_once_for_each_time_that_frames_come() -> Non
     assert said == [b'$RED_RED;', b'', b''] * 2
 
 
-def test_no_red_is_acknowledged_by_a_kart_that_measures_its_speed_and_moves() -> None:
-    kart = connected()
-    kart.received(b'$RED_RED;', 0.1)
-    kart.speed(3.0, 0.1)
-    assert kart.acknowledge(kart.verdict.order, 0.1) == b''
-    kart.speed(0.0, 0.2)
-    assert kart.acknowledge(kart.verdict.order, 0.2) == b'$RED_RED;'
-
-
 def test_a_stop_is_acknowledged_by_the_measured_speed_where_the_settings_say_so() -> None:
     kart = connected(Settings(auto_acknowledge_stop=True, standstill_time=0.25))
     kart.received(b'$RED_RED;', 0.0)
