@@ -312,7 +312,7 @@ def many_files() -> Iterator[None]:
 def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
     run: Run, many_files: None
 ) -> None:
-    running = run(karts=1100)
+    running = run(NO_BEAT, karts=1100)
     all_there = threading.Event()
 
     def be_busy(event: Event) -> None:
