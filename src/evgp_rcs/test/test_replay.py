@@ -404,13 +404,6 @@ def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> No
 # ----- on the disk ------------------------------------------------------------------------
 
 
-def test_a_record_is_replayed_without_a_difference(path: pathlib.Path, capsys: Capture) -> None:
-    an_ended_run().write(path)
-    assert main(['replay', str(path)]) == DONE
-    (line,) = capsys.readouterr().out.splitlines()
-    assert line.endswith('no difference')
-
-
 def test_a_record_that_was_changed_is_not_replayed_without_a_word(
     path: pathlib.Path, capsys: Capture
 ) -> None:

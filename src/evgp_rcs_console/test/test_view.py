@@ -77,16 +77,6 @@ def driven(kart: int, laps: int) -> KartResult:
     return KartResult(kart, 1, Status.RUNNING, laps, 10.0 * laps, (10.0,) * laps, ())
 
 
-def test_a_command_that_race_control_does_not_offer_shows_its_reason() -> None:
-    why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
-    commands = offers(Availability(CommandKind.GREEN_GREEN, False, why))
-
-    button = show(replace(RACE, commands=commands), 1.0, {}).button(CommandKind.GREEN_GREEN)
-
-    assert button is not None
-    assert (button.enabled, button.explanation) == (False, f'GREEN GREEN: {why}')
-
-
 def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible_again() -> None:
     why = 'a stop was sent just now'
     commands = offers(Availability(CommandKind.IN_GARAGE, False, why, available_from=44.6))
