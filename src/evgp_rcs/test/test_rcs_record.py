@@ -279,7 +279,7 @@ DAMAGED_FILES: dict[str, Harm] = {
 }
 
 
-# A file that was repaired, a block that is missing, an entry: `show` below meets each kind of them.
+# A file that was repaired, a block and an entry that are lost; `show` below meets each kind.
 @pytest.mark.parametrize('way', EACH_WAY)
 @pytest.mark.parametrize(
     'harm',
