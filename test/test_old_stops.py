@@ -30,7 +30,7 @@ RED_RED = RaceState.RED_RED
 
 OUTLIVED = 4
 
-DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer sent'
+DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer being sent'
 OWN = f'{DROPPED}: race control did not answer'
 
 
@@ -151,11 +151,11 @@ def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_
 
             # First: it says so for 5 s, and the window may take longer to be found again.
             official.wait_for_race(
-                lambda each: 'Bea (button): Its ALL KILL' in each.button_fault, 'what it says'
+                lambda each: 'Bea (button): The ALL KILL' in each.button_fault, 'what it says'
             )
             console.wait_for('banner', text=OWN)
             console.wait_for('all_kill', pressing='false')
-            button.program.wait_for_line(r'ALL KILL, pressed \d+ s ago, is no longer sent')
+            button.program.wait_for_line(r'ALL KILL pressed \d+ s ago is no longer being sent')
             stdout, stderr = ctl.communicate(timeout=PATIENCE)
         finally:
             ctl.kill()

@@ -465,7 +465,7 @@ def test_a_watch_that_hangs_says_so_and_ends(tmp_path: pathlib.Path, lasting: Ra
     done, _ = run_hanging(tmp_path, lasting.domain, where, 'watch')
 
     assert done.returncode == NOT_THERE
-    assert 'USE THE MSR (ROS hangs; ROS domain' in done.stderr
+    assert 'USE THE MSR (ROS has hung; ROS domain' in done.stderr
 
 
 def test_a_failure_of_rcs_ctl_itself_is_not_blamed_on_ros() -> None:

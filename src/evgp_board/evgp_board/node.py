@@ -35,7 +35,7 @@ from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
-"""Time without a snapshot after which race control counts as gone, as in the window, in s."""
+"""How long snapshots may be missing before race control counts as gone, in s, as in the window."""
 
 MOST_LOGGED = 8
 """Maximum number of lines kept about one kart; the newest stay."""

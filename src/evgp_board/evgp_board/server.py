@@ -42,7 +42,7 @@ SAY_AGAIN = 0.7
 a message at least once a second; after 2 s without one, it shows that it is stale."""
 
 SLOW_VIEWER = 5.0
-"""Time without any progress after which a viewer is dropped, in seconds."""
+"""How long a viewer may make no progress before it is dropped, in seconds."""
 
 MOST_VIEWERS = 300
 """Maximum number of viewers; further ones get the answer 503."""

@@ -57,10 +57,10 @@ BURST = 400
 """Number of frames sent at once before a stop that the kart must see in time."""
 
 MOMENT = 0.2
-"""Time for which IN_GARAGE is sent between two checks, in seconds."""
+"""How long IN_GARAGE is sent between two checks, in seconds."""
 
 SHORT_SILENCE = 0.4
-"""Fraction of `silence` for which a new connection is sent nothing, too short to be a silence."""
+"""How long a new connection is sent nothing, as a fraction of `silence`; too short to be one."""
 
 EARLY_STOP = 0.15
 """Time from GREEN_GREEN to the RED_RED that must stop a kart that has hardly started, in s."""
@@ -69,7 +69,7 @@ FLAG_BRAKES = 0.8
 """Fraction of its top speed to which RED_FLAG slows a kart before something else comes."""
 
 FLAG_ALONE = 1.0
-"""Maximum time for which only RED_FLAG is in force, in s; without odometry, a third of it."""
+"""How long RED_FLAG alone may slow the kart, in seconds; without odometry, a third of it."""
 
 RANDOM_STOP = (0.1, 2.0)
 """Range of the time from GREEN_GREEN to a stop of the step `random`, in seconds."""

@@ -39,13 +39,13 @@ from evgp_rcs_console.presses import PressCounter
 from evgp_rcs_console.settings import Signature
 
 ACCEPTED_WITHIN = 1.0
-"""Time without acceptance of ALL KILL after which the button reports a fault, in seconds."""
+"""How long ALL KILL may wait to be accepted before the button reports a fault, in seconds."""
 
 
 DROPPED_FOR = 5.0
-"""Time for which the button reports a dropped press, in seconds. Meanwhile race control does not
-count it as a working button, so this is shorter than the usual ``nobody_there``: after that time
-without anyone, race control would stop the new race."""
+"""How long the button reports a dropped press, in seconds. Meanwhile race control does not count it
+as a working button, so this is shorter than the usual ``nobody_there``: if no official could stop
+the new race for that long, race control would stop it."""
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ class Sources:
         self._falls: deque[float] = deque(maxlen=2)
 
     def hear(self, number: int, now: float) -> None:
-        """Record the number of a snapshot and when it came, in seconds."""
+        """Record the number of a snapshot and when it arrived, in seconds."""
         if self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number
@@ -157,7 +157,7 @@ class Listener(Protocol):
         """
         Process a snapshot.
 
-        :param at: when it came, by the clock that includes suspends, in seconds.
+        :param at: when it arrived, by the clock that includes suspends, in seconds.
         :param two: snapshots come from two race controls.
         """
 
@@ -168,10 +168,10 @@ class Listener(Protocol):
         """Process the current results."""
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Process the final answer to a command, or the message that none came in time."""
+        """Process the final answer to a command, or the message that none arrived in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Process a stop no longer sent because a later race has begun; why is a sentence."""
+        """Process a stop that a later race has ended; ``why`` says so in a sentence."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Process the stops that race control has not accepted yet, with their send counts."""

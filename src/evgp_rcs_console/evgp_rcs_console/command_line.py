@@ -36,10 +36,10 @@ STARTING = 5.0
 """Maximum time for ROS to start before ``--wait`` begins to count, in seconds."""
 
 MOST_WAIT = 86_400.0
-"""Maximum of ``--wait``, in seconds."""
+"""Maximum value of ``--wait``, in seconds."""
 
 GRACE = 0.5
-"""Time reserved for reporting that no answer came, in seconds."""
+"""Time reserved for reporting that no answer arrived, in seconds."""
 
 COMMANDS: dict[str, Kind] = {
     entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
@@ -67,7 +67,7 @@ def no_answer(command: Kind, waited: float, details: str) -> str:
     """Return the message for a command that race control has not answered in time."""
     entry = CATALOGUE[command]
     where = 'race' if command in OF_RACE_CONTROL else 'results'
-    advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see if it took effect.'
+    advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see whether it took effect.'
     return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
 
 
@@ -185,7 +185,7 @@ def parser() -> argparse.ArgumentParser:
                 'and sends nothing',
             )
         if entry.names_number == 'reading':
-            each.add_argument('reading', type=_count, help='its number, printed by reload-roster')
+            each.add_argument('reading', type=_count, help='number of the reading, from reload-roster')
         elif entry.names_number:
             each.add_argument(
                 '--closes',
@@ -205,8 +205,8 @@ def parser() -> argparse.ArgumentParser:
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if entry.flag is not None:
             flag, statement = entry.flag
-            # If the statement that race control asks for is missing, it refuses and says what to
-            # type.
+            # If the statement that race control asks for is missing, race control refuses and says
+            # what to type.
             unasked = entry.call_is_statement
             each.add_argument(
                 flag, dest='stated', action='store_true', required=unasked, help=statement
@@ -230,7 +230,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]:
-    """Return a type for argparse, which says: invalid kart number value: 'x'."""
+    """Return a type for argparse. Its error reads: invalid kart number value: 'x'."""
 
     def read(text: str) -> float:
         number = kind(text)

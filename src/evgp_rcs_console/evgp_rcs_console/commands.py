@@ -9,9 +9,10 @@ it is allowed.
 
 The console sends each stop again until race control accepts it. Repeating does no harm because a
 stop only makes things stricter. But a stop must not outlast a later decision of the official: once
-race control accepts a loosening command of this console, the stops given before it end. ALL KILL
-and the record of the MSR continue until race control accepts them. No stop outlives its race: a
-stop over ``OUTLIVES`` old ends once a later race has certainly begun.
+race control accepts a command from this console that loosens the race, the console stops sending
+the stops that were given before it. The release of a kart ends only the earlier stops to that
+kart. ALL KILL and the record of the MSR are sent until race control accepts them. No stop outlives its race: a stop over ``OUTLIVES`` old ends once a later race has
+certainly begun.
 
 Pure: snapshots and times go in.
 """
@@ -47,7 +48,7 @@ class Given:
     :param then: commands to give one after the other once this one is accepted, if that happens
         soon enough; each counts as pressed together with this one.
     :param at: when it was given, by the clock that includes suspends, in seconds.
-    :param waited: time the press had already waited by then, as far as known, in seconds. Race
+    :param waited: how long the press had already waited by then, as far as known, in s. Race
         control receives it, but it never ends a stop, because it may be an overestimate.
     """
 
@@ -222,7 +223,7 @@ def _racing(race: Snapshot) -> tuple[int, ...]:
 
 
 PRESS_AGAIN = 0.5
-"""Time between two sendings of an unanswered stop, in seconds."""
+"""Time after which an unanswered stop is sent again, in seconds."""
 
 LOOSENS_RACE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
@@ -243,7 +244,7 @@ OUTLIVES = 10.0
 
 SNAPSHOT_WITHIN = 2.0
 """Maximum time an old stop waits for a snapshot after race control is found again, in seconds.
-Snapshots come twice a second, but on a busy machine DDS takes longer to find them."""
+Snapshots arrive twice a second, but on a busy machine DDS takes longer to find them."""
 
 CERTAIN = 5.0
 """Minimum time from a press to the start of a race that counts as later, in seconds: the first
@@ -270,7 +271,7 @@ class RaceBegan:
 
         :param stamp: when the snapshot was taken; ``since``: when its race began. Both are by
             race control's clock; None: no race has begun in this run.
-        :param now: when the snapshot came.
+        :param now: when the snapshot arrived.
         """
         self._difference = min(self._difference, now - stamp)
         return -math.inf if since is None else since + self._difference
@@ -301,7 +302,7 @@ class StandingStops:
 
     def __init__(self) -> None:
         self._stops: dict[tuple[Kind, int], Standing] = {}
-        self._heard_at = -math.inf  # when the last snapshot came
+        self._heard_at = -math.inf  # when the last snapshot arrived
 
     @property
     def pressed(self) -> tuple[Standing, ...]:
@@ -318,10 +319,10 @@ class StandingStops:
         """
         Return the stops to send now, and count each stop that is due as sent.
 
-        An old stop is not sent while race control is not found: DDS may have found only half of
-        it, which would take the stop before this console has heard of a later race. Once race
+        An old stop is not sent while race control is not found: DDS may have found only a
+        part of it that would take the stop before this console learns of a later race. Once race
         control is found, the stop waits for a snapshot, which ends it if a later race has begun.
-        If no snapshot comes within ``SNAPSHOT_WITHIN``, the stop is sent.
+        If no snapshot arrives within ``SNAPSHOT_WITHIN``, the stop is sent.
 
         :param finds: returns whether race control can be reached; called for old stops only.
         """
@@ -346,7 +347,7 @@ class StandingStops:
         A stop ends only if an official's GRID_ACTIVE was certainly accepted after the press.
         Neither a restart of race control nor a new race number is proof of that.
 
-        :param begun: earliest start of the snapshot's race; ``now``: when it came, in seconds.
+        :param begun: earliest start of the snapshot's race; ``now``: when it arrived, in seconds.
         """
         self._heard_at = now
         ended = [
@@ -411,7 +412,7 @@ def _ends(later: Given, stop: Given) -> bool:
 
 
 LATE = 0.3
-"""Time without an answer after which the window says so, in seconds."""
+"""How long a command may be unanswered before the window says so, in seconds."""
 
 
 class Unanswered:

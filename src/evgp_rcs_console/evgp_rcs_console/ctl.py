@@ -42,8 +42,8 @@ TIDY = 1.0
 """Maximum time to leave the ROS domain after the answer is printed, in seconds."""
 
 STALLED = 5.0
-"""Time without output after which a `watch` counts as hanging, in seconds. It shows the race once
-a second."""
+"""How long one round of a `watch` may take before it counts as hung, in seconds. A round normally
+takes 1 s at most."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,7 +73,7 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
     began, limit = now(), STARTING + wanted.wait
 
     def hangs(seconds: float) -> None:
-        end_within(max(seconds, 0.001), Exit.NOT_THERE, _no_answer(wanted, limit, 'ROS hangs'))
+        end_within(max(seconds, 0.001), Exit.NOT_THERE, _no_answer(wanted, limit, 'ROS has hung'))
 
     hangs(limit)
     told: dict[str, Any] = {'code': Exit.NOT_THERE}

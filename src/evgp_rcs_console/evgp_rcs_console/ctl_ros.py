@@ -39,7 +39,7 @@ from evgp_rcs_console.view import aligned, danger, is_gone, present, show, silen
 import rclpy
 
 SETTLED = 1.0
-"""Time without a new event after which all past events have arrived, in seconds."""
+"""All past events count as received once no event has arrived for this long, in seconds."""
 
 Told = dict[str, object]
 
@@ -91,7 +91,7 @@ class Hearing:
             self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Keep the stop that is no longer sent, and the reason."""
+        """Keep the stop that is no longer being sent, and the reason."""
         with self._hears():
             self.dropped = given, why
 
@@ -359,7 +359,7 @@ def _watch(
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         alive()
-        # Early rather than late: snapshots come twice a second.
+        # Early rather than late: snapshots arrive twice a second.
         if at - said_at >= PRESENCE_PERIOD / 2:
             client.announce(official, texts.GONE_REASON if is_gone(silent_for) else '')
             said_at = at
@@ -403,7 +403,7 @@ def _watch_events(
     # The snapshot has the banner, which is printed first.
     hearing.wait_for(lambda: hearing.race is not None, until)
     while True:
-        # Past events come one by one; they are complete once no further event follows.
+        # Past events arrive one by one; they are complete once no further event follows.
         pause = now() + SETTLED
         known = shown
         hearing.wait_for(

@@ -267,7 +267,7 @@ class Inbox(QtCore.QObject):
     """
 
     came = Signal()
-    """A snapshot came; it may already have been processed together with an earlier one."""
+    """A snapshot arrived; it may already have been processed together with an earlier one."""
     event = Signal(object)
     results = Signal(object)
     answer = Signal(object, object)
@@ -328,7 +328,7 @@ class ChosenKart(KartField):
 
 
 READ = 5.0
-"""Minimum time that the last message stays before an older waiting command replaces it, in s."""
+"""Minimum time before an older waiting command replaces the last message, in seconds."""
 
 
 class BottomLine:
@@ -382,7 +382,7 @@ class BottomLine:
             self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
-        """Update from a snapshot that came at a time (s): the last answer may be out of date."""
+        """Update from a snapshot that arrived at a time (s): the last answer may be out of date."""
         if self._outcome is not None and not self._outcome.agrees_with(race, at):
             self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:
@@ -508,7 +508,7 @@ class Display(QtCore.QObject):
         self.bottom.show()
 
     def take_dropped(self, why: str) -> None:
-        """Show that a stop is no longer sent, until the official has seen it."""
+        """Show that a stop is no longer being sent, until the official has seen the message."""
         self.alarm.take_own(why)
         self.refresh()
 

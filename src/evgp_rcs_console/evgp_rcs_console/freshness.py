@@ -8,7 +8,7 @@ A window whose thread hung finds everything pressed meanwhile in its queue. It m
 key that was pressed 15 s ago as if it were new. Either of two signs shows that an input is old:
 
 - the time stamp of the input, by the clock of the display server (``age``);
-- the window's own beat: if it came late, the inputs in the queue have waited (``held_up``).
+- the window's own beat: if it was late, the inputs in the queue have waited (``held_up``).
 
 A press is also meant for what was on the screen when the official aimed (``Aim``).
 

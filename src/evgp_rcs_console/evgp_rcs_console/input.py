@@ -66,7 +66,7 @@ class CommandInput(QtCore.QObject):
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Handle a stop that is no longer sent; if ALL KILL is held, send it again."""
+        """Handle a stop that is no longer being sent; if ALL KILL is held, send it again."""
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -196,7 +196,7 @@ class LateInput:
             self._chosen.expire(now)
 
     def age(self, event: QtGui.QInputEvent) -> float:
-        """Return the time that a key or click has waited at least, in seconds."""
+        """Return how long a key or click has waited at least, in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
         self.waited = max(waited, self._beat.held_up(clock.now()))
         return self.waited

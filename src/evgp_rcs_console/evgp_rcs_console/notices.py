@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the screen shows besides the state of the race: alerts until seen, and the event log.
+What the screen shows besides the state of the race: the alerts and the event log.
 
 Pure: the newest snapshot goes in, lines come out.
 """
@@ -78,7 +78,7 @@ class AlertBook:
     The alerts that an official has not seen yet, and those whose cause still exists.
 
     An alert whose cause goes away and comes back is a new alert. So is an alert that begins to
-    ask for the MSR: when it was marked as seen, the use of the MSR was on record.
+    ask for the MSR: it may have been marked as seen while the use of the MSR was on record.
     """
 
     def __init__(self) -> None:
@@ -178,7 +178,7 @@ def summary(notices: Sequence[Notice], places: int) -> str:
 
 
 class Officials:
-    """The officials who have commanded, called by name unless two share a name."""
+    """The officials who have given commands, called by name unless two share a name."""
 
     def __init__(self) -> None:
         self._claims: dict[str, set[str]] = {}
@@ -263,7 +263,7 @@ class EventLog:
     """
     The newest events in order, as short texts without team names.
 
-    A command's consequences get no lines of their own. Karts that do the same share one line.
+    A command's consequences get no lines of their own. Karts that do the same thing share one line.
     """
 
     def __init__(self, most: int = 2000) -> None:

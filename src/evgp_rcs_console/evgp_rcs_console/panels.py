@@ -103,7 +103,7 @@ class ClockPanel(Panel):
 
 
 class KillBox(Panel):
-    """The ALL KILL button with its keys, or with the time for which it has had no answer."""
+    """The ALL KILL button with its keys, or how long it has had no answer."""
 
     def __init__(self) -> None:
         super().__init__('kill_box', '')
@@ -234,7 +234,7 @@ class EventPanel(Panel):
         title = Text('', 'small bold faint', text='Events')
         grid = lay(self, (title, self.filter), margins=(10, 3, 3, 6), columns=(1, 0))
         grid.addWidget(self._list, 1, 0, 1, 2)
-        self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that came
+        self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that have arrived
         self._later.timeout.connect(self.restyle)
         self._show_one(0)
 

@@ -27,32 +27,33 @@ TITLE = 'EVGP race control'
 BANNER = '=== {banner} ==='
 
 BUTTON_NOT_ALLOWED = (
-    'This user may not read the device. Run sudo usermod -aG input $USER, then log out and in'
+    'This user is not allowed to read the device. Run sudo usermod -aG input $USER, then log out '
+    'and back in'
 )
 BUTTON_GONE = 'The device is not connected. Plug it in'
 BUTTON_HELD = 'A key is held down. Release it so that it can send ALL KILL again'
-BUTTON_ASLEEP = 'Its USB port is asleep. Turn USB power saving off'
+BUTTON_ASLEEP = 'The USB port is asleep. Turn USB power saving off'
 BUTTON_DROPPED = (
-    'Its ALL KILL, pressed {age} s ago, is no longer sent: another race has begun since. Press '
-    'again to stop that race'
+    'The ALL KILL pressed {age} s ago is no longer being sent, because another race has begun since '
+    'then. Press again to stop that race'
 )
 BUTTON_NONE = 'No device here can be a stop button. Plug one in'
 BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
 
 HOW_TO_BEGIN = (
-    '1  List the karts in a roster and start race control: make run ROSTER=… Each gets a row.',
+    '1  List the karts in a roster and start race control: make run ROSTER=… Each kart gets a row.',
     '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
-    '3  Press GRID ACTIVE once the track is clear of humans, GREEN GREEN once all are ready.',
+    '3  Press GRID ACTIVE once the track is clear of humans, GREEN GREEN once all karts are ready.',
 )
 """Shown instead of the karts while the roster is empty."""
 
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
-MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
+MSR_STOPS_IT = 'nothing but the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SAID_BEFORE = 'its {state} was for an earlier order: if it stays silent, let it reconnect'
-CONNECT_AGAIN = 'its {state} may be for an earlier order: let it reconnect (comes back held)'
+SAID_BEFORE = 'its {state} answered an earlier order: if it stays silent, have it reconnect'
+CONNECT_AGAIN = 'its {state} may answer an earlier order: have it reconnect (it comes back held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -60,11 +61,11 @@ ANSWERS = {
     RaceState.RED_FLAG: '✓ stopped',
     RaceState.RED_RED: '✓ stopped',
 }
-"""Answer shown for a kart that has acknowledged the state it is sent."""
+"""Answer shown for a kart that has acknowledged the state that it is being sent."""
 
-NOT_RESUMED = 'a stopped race is not resumed: new GRID ACTIVE first'
-AGAIN = 'again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop: race control hears no screen or button'
+NOT_RESUMED = 'a stopped race is not resumed: send a new GRID ACTIVE first'
+AGAIN = 'possible again in {seconds} s'
+NOBODY_CAN_STOP = 'No official can stop the race: race control hears no screen or button'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -89,7 +90,7 @@ ALERT_WAS = {
     AlertKind.KART_LOST: '{kart} had lost its connection',
     AlertKind.LOST_IN_MOTION: '{kart} lost its connection, perhaps while moving',
     AlertKind.TRACK_UNSAFE: 'the track was open but not safe',
-    AlertKind.MOVING_UNASKED: '{kart} reported GREEN GREEN unasked',
+    AlertKind.MOVING_UNASKED: '{kart} reported GREEN GREEN without being asked to',
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
@@ -101,7 +102,7 @@ ALERT_WAS = {
 }
 """Texts of alerts that have ended."""
 
-ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
+ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
 WHOSE_EVENTS = "To see one kart's events only, type its number or click its row first."
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
@@ -113,16 +114,17 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last update {age} ago, in {state}. The list below is out of date. '
-    'Perhaps only the network is broken: check another window. Press a stop once. It is sent '
-    'again until race control accepts it.'
+    'Perhaps only the network is broken: check another window. Press a stop once. It will '
+    'be sent repeatedly until race control accepts it.'
 )
 NOT_YET_DETAIL = (
     'Start race control: make run ROSTER=… Looking for {looking}: not found after {age}. Press a '
-    'stop once. It is sent again until race control is found and accepts it.'
+    'stop once. It will be sent repeatedly until race control is found and accepts it.'
 )
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_SINCE = (
-    'It was shut down normally {age} ago, when no kart could be moving where it must not. '
+    'It was shut down normally {age} ago, when no kart could have been moving where it must not '
+    'move. '
     'To start it again: make run ROSTER=…'
 )
 GONE_REASON = 'race control is gone'
@@ -131,8 +133,8 @@ FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
 TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
 DROPPED = (
-    '{command}, pressed {age} s ago, is no longer sent: race control did not answer, and '
-    'another race has begun since. Press again to stop that race.'
+    '{command}, pressed {age} s ago, is no longer being sent, because race control did not '
+    'answer and another race has begun since then. Press again to stop that race.'
 )
 KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
@@ -157,14 +159,14 @@ ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = (
     'Puts the karts in the heat into the race and takes all others out. '
-    'Type its number, then press Enter.'
+    "Type the heat's number, then press Enter."
 )
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 GRID = 'Grid: {karts}'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
 NO_TIMING = 'no timing'
 NO_TIMING_REASON = (
-    'no timing, so the lap is unknown. For FINISH, type the kart number, then Ctrl+E'
+    "no timing, so the lap is unknown. For FINISH, type the kart's number, then press Ctrl+E"
 )
 
 RESULT_HEADINGS = ('', 'Kart', 'Team', 'Laps', 'Total', 'Last', 'Best', 'Status, penalties')
@@ -173,11 +175,11 @@ RACES = 'Races: number, time the grid formed, heat, classified karts'
 
 FIELD_KART = 'KART {number}'
 FIELD_NO_KART = 'NO KART {number}'
-ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, and press again.'
+ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Check it, then press again.'
 
 NAME_ABOUT = (
-    'Your name goes with every command from this window and into the record. For a name not '
-    'listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
+    'Your name is sent with every command from this window and written to the record. If your name '
+    'is not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
@@ -202,7 +204,7 @@ NO_QT = (
     'rcs_gui: Qt for Python is not installed. Install it with '
     "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
 )
-NO_DISPLAY = 'rcs_gui: no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
+NO_DISPLAY = 'rcs_gui: there is no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
 
 
 def left(seconds: float) -> int:
@@ -312,11 +314,11 @@ def against_humans(race: Snapshot) -> str:
 
 
 def under_way(race: Snapshot) -> str:
-    """Return a warning if the race is under way or a kart is sent onto the track, or ''."""
+    """Return a warning if the race is under way or a kart is being sent onto the track, or ''."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
-    return f'{sent[0]} is sent {STATES[sent[0].sent]}' if sent else ''
+    return f'{sent[0]} is being sent {STATES[sent[0].sent]}' if sent else ''
 
 
 def warning(command: Kind, race: Snapshot) -> str:
@@ -334,7 +336,7 @@ def warning(command: Kind, race: Snapshot) -> str:
             return f'humans must stay off the track now: {why}'
         doubtful = in_doubt(race)
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'only the MSR stops {doubtful}, so leave it on'
+            return f'nothing but the MSR stops {doubtful}, so leave the MSR on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
 
@@ -359,7 +361,7 @@ def gave_up(given: Given, limit: str) -> str:
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command, but that does not forbid it.
+    Return what an official should know before a command, although it does not forbid it.
 
     :param karts: the karts that it would start or release.
     """
@@ -368,7 +370,7 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
     if command is not CommandKind.GRID_ACTIVE:
         return ''
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may come late.'
+    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may arrive late.'
     said = [late] if poor else []
     run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
     times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
@@ -476,7 +478,7 @@ def present_state(given: Given, race: Snapshot) -> str:
     by = f' ({cause})' if cause else ''
     if kart is None:
         return f'the race is in {STATES[race.state]}{by}'
-    sent = f'{kart} is sent {STATES[kart.sent]}'
+    sent = f'the state for {kart} is {STATES[kart.sent]}'
     if kart.hold is not None:
         reason = kart.hold_reason
         sent += f', held: {cause if cause.startswith(f"{reason} by ") else reason}'

@@ -6,7 +6,7 @@ Turns a snapshot of the race into what a screen shows: texts, tones, buttons and
 
 This module is pure and contains none of the rules. A button is enabled if race control says
 that its command is available; otherwise it shows race control's own reason. The module uses
-neither Qt nor ROS, so the terminal client shows the same.
+neither Qt nor ROS, so the terminal client shows the same things.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ from evgp_rcs_console.notices import Notice
 
 GONE_AFTER = 0.9
 """
-Time without a snapshot after which race control counts as gone, in seconds.
+How long snapshots may be missing before race control counts as gone, in seconds.
 
-Race control publishes at least one every 0.5 s, and an official must know within 1 s.
+Race control publishes at least one every 0.5 s, and an official must know within 1 s that it is
+gone.
 """
 
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
@@ -95,7 +96,8 @@ REMINDS_FOR = 30.0
 have acknowledged."""
 
 Pending = Mapping[tuple[Kind, int], float]
-"""Time that each command to each kart (0: not to one kart) has waited for an answer, in s."""
+"""How long each command to each kart has waited for an answer, in seconds. The kart is 0 for a
+command that is not to one kart."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +115,8 @@ class Button:
     :param number: the number of the last opening of the track, or of the roster reading, if the
         command names one.
     :param also: what the official can confirm with its second YES.
-    :param phrase: a few words. For a command to the race, it says since when its result holds,
-        what it would do, or what it waits for; for a command to the track, for whom.
+    :param phrase: a few words. For a command to the race, they say since what time its result has
+        held, what it would do, or what it is waiting for. For a command to the track: for whom.
     :param current: whether the race is in the state that a command to the race leads to.
         ``is_next``: whether it is the usual next step.
     :param recedes: whether it is possible, but something else should be done first.
@@ -210,7 +212,7 @@ class Row:
     :param link: the quality of its link in a word, or NO LINK.
     :param bars: the same as a number of bars, out of ``MOST_BARS``; 0 draws no bars.
     :param answer: its answer in a word or two; empty if no answer is expected.
-    :param waits: whether it is connected and has not yet obeyed what it is sent.
+    :param waits: whether it is connected and has not yet obeyed the state that it is being sent.
     :param finish: FINISH, whatever the row's button offers; ``letter``: the action of its letter.
     :param place: its position and laps; without timing, its place in the order of FINISH.
     """
@@ -289,7 +291,7 @@ class Screen:
     :param order: the starting order of its karts, and the next single-kart heat.
     :param tally: how many karts in the race are driving, stopped and so on; empty if the race has
         none.
-    :param missing: the karts of the race that have not yet obeyed what they are sent.
+    :param missing: the karts of the race that have not yet obeyed the state that they are being sent.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; empty if neither.
     :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
         now; empty if neither.
@@ -416,7 +418,7 @@ def show(
     """
     Return what a screen shows for a snapshot.
 
-    :param age: time since the snapshot came, in seconds.
+    :param age: time since the snapshot arrived, in seconds.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
     timing = present(results, now)
@@ -488,7 +490,7 @@ def _reminder(buttons: _Buttons) -> str:
     """
     Return the reminder that each kart must be driving by now (§3.A); empty if it does not apply.
 
-    Only an official can see whether a kart drives, so the reminder shows for a while in any case.
+    Only an official can see whether a kart is driving, so the reminder always shows for a while.
     It leaves out karts that were seen to cross the line.
     """
     race = buttons.snapshot
@@ -500,7 +502,7 @@ def _reminder(buttons: _Buttons) -> str:
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     within = duration(BEGINS_WITHIN, 0)
-    return f'over {within}: RED FLAG if a kart is not driving yet' if sent else ''
+    return f'over {within}: send RED FLAG if a kart is not driving yet' if sent else ''
 
 
 def _msr(race: Snapshot) -> Cell:
@@ -511,7 +513,7 @@ def _msr(race: Snapshot) -> Cell:
     if not race.track.msr_used:
         return Cell('')
     karts = texts.in_doubt(race)
-    used = f'MSR IN USE: only it stops {karts}' if karts else 'MSR IN USE'
+    used = f'MSR IN USE: nothing else stops {karts}' if karts else 'MSR IN USE'
     return Cell(used, Tone.WAIT)
 
 
@@ -519,9 +521,9 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
 
-    They are not allowed while anything else on the screen contradicts it, and never before an
-    official has opened the track. If race control knows nothing better, it starts with the track
-    open, so an open track does not prove that an official opened it.
+    They are not allowed while anything else on the screen contradicts this, and never before an
+    official has opened the track. If race control has no other information, it starts with the
+    track open, so an open track does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -547,7 +549,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     karts = texts.in_doubt(race)
     if karts:
         off = f'{karts} {"are" if "," in karts else "is"} switched off'
-        reason = f'{race.track.reason}. Only the MSR stops {karts}. Leave it on until {off}'
+        reason = f'{race.track.reason}. Nothing but the MSR stops {karts}. Leave the MSR on until {off}'
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:

@@ -88,7 +88,7 @@ def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible
         assert not button.enabled  # until race control says so
         said.append(button.reason)
 
-    assert said == [f'{why} (again in {seconds} s)' for seconds in (5, 4, 1, 1)]
+    assert said == [f'{why} (possible again in {seconds} s)' for seconds in (5, 4, 1, 1)]
 
 
 def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_statement_does() -> (
@@ -485,10 +485,10 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
 
     assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to an earlier order')
     assert (over.answer.text, over.says) == ('… not yet', 'perhaps to an earlier order')
-    assert over.note.text.startswith('its GRID ACTIVE may be for an earlier order: let')
+    assert over.note.text.startswith('its GRID ACTIVE may answer an earlier order: have')
     said = with_kart(sent_since=34.0, **says).rows[0]
-    assert said.note.text.startswith('its GRID ACTIVE was for an earlier order: if it')
-    assert 'was for an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
+    assert said.note.text.startswith('its GRID ACTIVE answered an earlier order: if it')
+    assert 'answered an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
@@ -704,7 +704,7 @@ def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_b
     quiet = tuple(replace(alert, use_msr=False) for alert in lost)
     assert said(replace(race, alerts=quiet))[0] == ''
     in_use = replace(race, alerts=quiet, track=used)
-    assert said(in_use)[0] == 'MSR IN USE: only it stops karts 1, 2, 3, 4, 5, 6, 7'
+    assert said(in_use)[0] == 'MSR IN USE: nothing else stops karts 1, 2, 3, 4, 5, 6, 7'
     stopped = tuple(replace(each, may_be_moving=False) for each in karts)
     assert said(replace(in_use, karts=stopped))[0] == 'MSR IN USE'
     unsafe = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 'clear the track', True)
@@ -860,7 +860,7 @@ def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
 
     assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
     assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: waiting for 8'
-    assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
+    assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s'
     waiting = replace(waiting, reason='the race is in IN GARAGE')
     later = replace(race, commands=offers(refused, waiting, pause))
     assert phrases(later)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'

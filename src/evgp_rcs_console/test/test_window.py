@@ -892,8 +892,8 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
     )
     console.tell(race)
     assert 'TRACK OPEN, MSR IN USE' in console.find('humans').whole
-    assert 'Only the MSR stops kart 1' in console.find('humans_reason').whole
-    assert 'only the MSR stops it' in console.says(1)
+    assert 'Nothing but the MSR stops kart 1' in console.find('humans_reason').whole
+    assert 'nothing but the MSR stops it' in console.says(1)
     assert 'USE THE MSR' not in console.find('banner').whole
 
     console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))

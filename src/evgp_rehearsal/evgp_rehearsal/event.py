@@ -120,7 +120,7 @@ class Rehearsal(Part):
     :param window: whether to open the officials' window.
     :param judge: receives what the simulated karts hear and say, and every command.
     :param parameters: more parameters of race control; ``timing``: of the timekeeper.
-    :param heat: the karts in the heat; None for all.
+    :param heat: the karts in the heat; None if it has all karts.
     """
 
     def __init__(
