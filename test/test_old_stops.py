@@ -31,7 +31,7 @@ RED_RED = RaceState.RED_RED
 OUTLIVED = 4
 
 DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer being sent'
-OWN = f'{DROPPED}: race control did not answer'
+OWN = f'{DROPPED}, because race control did not answer'
 
 
 class Officials:

@@ -28,7 +28,7 @@ from evgp_testing.process import Program
 from rig.screen import Screen
 
 DROPPED = 'while the window hung'
-CHANGED = 'has just changed|only brought this window forward'
+CHANGED = 'list of karts just changed|only brought this window forward'
 """Of what the window says of a key or a click that it dropped."""
 
 SLOW = 3.0

@@ -43,9 +43,9 @@ ACCEPTED_WITHIN = 1.0
 
 
 DROPPED_FOR = 5.0
-"""How long the button reports a dropped press, in seconds. Meanwhile race control does not count it
-as a working button, so this is shorter than the usual ``nobody_there``: if no official could stop
-the new race for that long, race control would stop it."""
+"""How long the button reports a dropped press, in seconds. Meanwhile race control does not count
+the button as working, so this is shorter than the usual ``nobody_there``: if no official could
+stop the new race for that long, race control would stop it."""
 
 
 @dataclass(frozen=True)

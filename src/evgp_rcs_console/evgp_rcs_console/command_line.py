@@ -185,7 +185,7 @@ def parser() -> argparse.ArgumentParser:
                 'and sends nothing',
             )
         if entry.names_number == 'reading':
-            each.add_argument('reading', type=_count, help='number of the reading, from reload-roster')
+            each.add_argument('reading', type=_count, help='the number that reload-roster printed')
         elif entry.names_number:
             each.add_argument(
                 '--closes',

@@ -11,8 +11,8 @@ The console sends each stop again until race control accepts it. Repeating does 
 stop only makes things stricter. But a stop must not outlast a later decision of the official: once
 race control accepts a command from this console that loosens the race, the console stops sending
 the stops that were given before it. The release of a kart ends only the earlier stops to that
-kart. ALL KILL and the record of the MSR are sent until race control accepts them. No stop outlives its race: a stop over ``OUTLIVES`` old ends once a later race has
-certainly begun.
+kart. ALL KILL and the record of the MSR are sent until race control accepts them. But no stop
+outlives its race: a stop over ``OUTLIVES`` old ends once a later race has certainly begun.
 
 Pure: snapshots and times go in.
 """

@@ -382,7 +382,7 @@ class BottomLine:
             self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
-        """Update from a snapshot that arrived at a time (s): the last answer may be out of date."""
+        """Update from a snapshot and its arrival time (s): the last answer may be out of date."""
         if self._outcome is not None and not self._outcome.agrees_with(race, at):
             self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:

@@ -263,7 +263,7 @@ class EventLog:
     """
     The newest events in order, as short texts without team names.
 
-    A command's consequences get no lines of their own. Karts that do the same thing share one line.
+    A command's consequences get no lines of their own. Karts share a line if they do the same.
     """
 
     def __init__(self, most: int = 2000) -> None:

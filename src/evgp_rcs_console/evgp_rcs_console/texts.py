@@ -34,16 +34,16 @@ BUTTON_GONE = 'The device is not connected. Plug it in'
 BUTTON_HELD = 'A key is held down. Release it so that it can send ALL KILL again'
 BUTTON_ASLEEP = 'The USB port is asleep. Turn USB power saving off'
 BUTTON_DROPPED = (
-    'The ALL KILL pressed {age} s ago is no longer being sent, because another race has begun since '
-    'then. Press again to stop that race'
+    'The ALL KILL pressed {age} s ago is no longer being sent, because another race has begun '
+    'since then. Press again to stop that race'
 )
 BUTTON_NONE = 'No device here can be a stop button. Plug one in'
 BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
 
 HOW_TO_BEGIN = (
-    '1  List the karts in a roster and start race control: make run ROSTER=… Each kart gets a row.',
+    '1  List the karts in a roster. Start race control: make run ROSTER=… Each kart gets a row.',
     '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
-    '3  Press GRID ACTIVE once the track is clear of humans, GREEN GREEN once all karts are ready.',
+    '3  Press GRID ACTIVE once the track is free of humans, GREEN GREEN once all karts are ready.',
 )
 """Shown instead of the karts while the roster is empty."""
 
@@ -175,11 +175,11 @@ RACES = 'Races: number, time the grid formed, heat, classified karts'
 
 FIELD_KART = 'KART {number}'
 FIELD_NO_KART = 'NO KART {number}'
-ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Check it, then press again.'
+ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts just changed. Check it, then press again.'
 
 NAME_ABOUT = (
-    'Your name is sent with every command from this window and written to the record. If your name '
-    'is not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
+    'Your name is sent with every command from this window and written to the record. If your '
+    'name is not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'

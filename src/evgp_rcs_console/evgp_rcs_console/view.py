@@ -291,7 +291,7 @@ class Screen:
     :param order: the starting order of its karts, and the next single-kart heat.
     :param tally: how many karts in the race are driving, stopped and so on; empty if the race has
         none.
-    :param missing: the karts of the race that have not yet obeyed the state that they are being sent.
+    :param missing: the karts of the race that have not yet obeyed the state they are being sent.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; empty if neither.
     :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
         now; empty if neither.
@@ -549,7 +549,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     karts = texts.in_doubt(race)
     if karts:
         off = f'{karts} {"are" if "," in karts else "is"} switched off'
-        reason = f'{race.track.reason}. Nothing but the MSR stops {karts}. Leave the MSR on until {off}'
+        reason = f'{race.track.reason}. Nothing but the MSR stops {karts}. Leave it on until {off}'
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:
