@@ -178,8 +178,8 @@ FIELD_NO_KART = 'NO KART {number}'
 ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts just changed. Check it, then press again.'
 
 NAME_ABOUT = (
-    'Your name is sent with every command from this window and written to the record. If your '
-    'name is not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
+    'Your name is sent with every command from this window and written to the record. If it is not '
+    'listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
