@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``board`` node, which shows the race on web pages and receives it as any screen does.
+The ``board`` node shows the race on web pages and receives it as any screen does.
 
 It only subscribes and has no way back: no service clients, and only the publishers that every node
 has. The web server runs in its own thread; ROS's thread only keeps the newest messages.
@@ -48,7 +48,7 @@ ACCEPT_QUEUE = 128
 
 
 class PlaceError(RuntimeError):
-    """The board may not listen at the given address; the text says why, and what to do."""
+    """The board must not listen at the given address; the text says why, and what to do."""
 
 
 class InTheWayError(PlaceError):
@@ -61,7 +61,7 @@ class BoardNode(StrictNode):
 
     :param on_failure: called in another thread if the board cannot continue.
     :raises ParameterError: if a parameter is wrong.
-    :raises PlaceError: if the board may not or cannot listen at that address.
+    :raises PlaceError: if the board must not or cannot listen at that address.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -176,7 +176,7 @@ def listen(address: str, port: int) -> socket.socket:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:
             raise InTheWayError(
-                f'this machine does not have the address {address}. Plug its network in, or give '
+                f'this machine does not have the address {address}. Connect its network, or give '
                 'another address (make board AT=...)'
             ) from error
         if error.errno == errno.EADDRINUSE:

@@ -65,7 +65,7 @@ class Line(NamedTuple):
 @dataclass(frozen=True)
 class Heard:
     """
-    The last messages of race control and the timekeeper.
+    The last messages from race control and the timekeeper.
 
     :param gone: whether race control is silent.
     :param no_timing: whether the timekeeper is silent.

@@ -66,7 +66,7 @@ EARLY_STOP = 0.15
 """Time from GREEN_GREEN to the RED_RED that must stop a kart that has hardly started, in s."""
 
 FLAG_BRAKES = 0.8
-"""Fraction of its top speed to which RED_FLAG slows a kart before something else comes."""
+"""Fraction of its top speed to which RED_FLAG slows a kart before the next act."""
 
 FLAG_ALONE = 1.0
 """How long RED_FLAG alone may slow the kart, in seconds; without odometry, a third of it."""

@@ -76,16 +76,16 @@ class Limits(_Limits):
     red_flag: float = _limit(15.0, 'maximum time to stand still and acknowledge RED_FLAG')
     red_red: float = _limit(5.0, 'maximum time to stand still and acknowledge RED_RED')
     silence: float = _limit(1.0, 'how long frames may be missing before the kart must stop')
-    reconnect: float = _limit(10.0, 'maximum time to connect again after a loss')
+    reconnect: float = _limit(10.0, 'maximum time to reconnect after a loss')
     away: float = _limit(10.0, 'how long a restarting race control is away')
     drive: float = _limit(2.0, 'how long the kart drives before each stop')
     watch: float = _limit(1.5, 'how long the kart is watched while it must do nothing')
     slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
     fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
-    harder: float = _limit(0.8, 'maximum time of a RED_RED stop, as a fraction of RED_FLAG')
+    harder: float = _limit(0.8, 'maximum time of a RED_RED stop, as a fraction of a RED_FLAG stop')
     long: float = _limit(60.0, 'how long the kart drives once without a break')
     dwell: float = _limit(10.0, 'how long each state is sent to a standing kart')
-    seed: float = _limit(0.0, 'seed for the times of random stops; 0: by chance')
+    seed: float = _limit(0.0, 'seed for the times of random stops; 0: a random seed')
     fast: float = _limit(3.0, 'how long 100 frames a second are sent')
     answer: float = _limit(20.0, 'maximum time to wait for an answer from the inspector')
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')
@@ -98,7 +98,7 @@ class SurveyLimits(_Limits):
     """The limits of `survey_network`; no connection may be lost."""
 
     round_trip: float = _limit(
-        GRADES[Grade.FAIR], 'maximum round trip of 99 of 100 frames, with one loss each'
+        GRADES[Grade.FAIR], 'maximum round trip of 99 of 100 frames, even if each is lost once'
     )
     silence: float = _limit(
         GRADES[Grade.POOR], 'maximum time without an answer; half of what stops a kart'

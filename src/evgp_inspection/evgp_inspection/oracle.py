@@ -6,8 +6,8 @@ The oracle: which motion and which replies a kart may show, at any moment of a t
 
 Pure: events go in, findings come out, while the trace is written or later. The sent states, with
 their times and connections, divide the trace into spells. In one kind of spell the kart may drive;
-in every other it must stand, or brake and then stand. Every speed, reply and answer of the
-inspector is judged by the spell in which it comes. Each finding names a sentence of
+in every other it must stand, or brake and then stand. Every speed, every reply and every answer
+from the inspector is judged by the spell in which it arrives. Each finding names a sentence of
 `evgp_inspection.kart_sentences`. Three rules apply:
 
 1. A kart fails only for something in the trace. What was not seen is not judged.
@@ -699,7 +699,7 @@ class Oracle:
         spell = self.spell
         if spell.law is not Law.DRIVE and not spell.broken and self._state is not None:
             if said.state is GRID_ACTIVE and spell.stays == 'K-3B-03':
-                # GREEN_GREEN came together with GRID_ACTIVE, which the kart acknowledged first.
+                # GREEN_GREEN arrived with GRID_ACTIVE, which the kart acknowledged first.
                 self._pass('K-3B-03', 'It said GRID_ACTIVE in between.', at)
                 self._free(sent)
             elif said.state is GREEN_GREEN and (

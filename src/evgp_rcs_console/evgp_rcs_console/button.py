@@ -96,7 +96,7 @@ class StopButton(StrictNode):
         """Release the device and announce the end."""
         self._ending.set()
         self._thread.join()
-        self._say('Its program has ended. Start it again', now())
+        self._say('The program has ended. Start it again', now())
         self._client.close()
 
     # ----- in the thread of the device ----------------------------------------------------
@@ -137,9 +137,9 @@ class StopButton(StrictNode):
         if at - self._dropped_at < DROPPED_FOR:
             trouble = trouble or self._dropped
         elif not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
-            trouble = trouble or 'Race control has not accepted its ALL KILL yet. USE THE MSR'
+            trouble = trouble or 'Race control has not accepted ALL KILL yet. USE THE MSR'
         elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
-            trouble = trouble or 'It cannot find race control, so a press does not stop the race'
+            trouble = trouble or 'Race control is not found, so a press does not stop the race'
         self._say(trouble, at)
 
     def _say(self, fault: str, at: float) -> None:

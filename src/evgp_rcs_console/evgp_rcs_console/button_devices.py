@@ -52,7 +52,7 @@ class Keys:
     """
 
     def __init__(self, path: str) -> None:
-        """Open it for its keys only, so that a moving joystick pushes no key event out."""
+        """Open the device for its keys only, so that a moving joystick pushes no key event out."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             wanted = ctypes.c_uint64(1 << 0 | 1 << 1)  # EV_SYN, EV_KEY
@@ -68,7 +68,7 @@ class Keys:
         return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
 
     def grab(self, mine: bool) -> None:
-        """Take it for this program alone, so that its keys type nowhere else, or give it back."""
+        """Take the device for this program, so that its keys type nowhere else, or release it."""
         fcntl.ioctl(self.descriptor, GRAB, int(mine))
 
     def down(self) -> frozenset[int]:

@@ -287,7 +287,7 @@ class Client:
     def _say(self, word: msg.Presence) -> None:
         if self._there is not None:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
-                word.fault = word.fault or 'it cannot find the services of race control'
+                word.fault = word.fault or "it cannot find race control's services"
             self._there.publish(word)
 
     def _wake(self) -> float | None:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ROS part of `rcs_ctl`, which returns the text to print and prints only a `watch` itself."""
+"""The ROS part of `rcs_ctl`. It returns the text to print, and prints only a `watch` itself."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def attend(
 
     :param began: when `rcs_ctl` was called, in seconds; `--wait` counts once ROS has started.
     :param parts: collects the callbacks that leave the ROS domain after the answer is printed.
-    :param alive: called each time a `watch` has shown the race.
+    :param alive: called after each round of a `watch`.
     """
     try:
         join_graph('rcs_ctl', given)

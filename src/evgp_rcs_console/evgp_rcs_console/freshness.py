@@ -4,8 +4,8 @@
 """
 Whether a key or a click still means what it meant when the official made it.
 
-A window whose thread hung finds everything pressed meanwhile in its queue. It must not act on a
-key that was pressed 15 s ago as if it were new. Either of two signs shows that an input is old:
+If the window's thread has hung, its queue contains everything pressed meanwhile. It must not act
+on a key that was pressed 15 s ago as if it were new. Either of two signs shows an old input:
 
 - the time stamp of the input, by the clock of the display server (``age``);
 - the window's own beat: if it was late, the inputs in the queue have waited (``held_up``).

@@ -178,7 +178,7 @@ class LateInput:
     Measures how long a key or click has waited, and drops inputs that are too old.
 
     :param period: normal time between two calls of ``beat``, in seconds.
-    :ivar waited: time the last key or click had waited, in seconds.
+    :ivar waited: how long the last key or click had waited, in seconds.
     """
 
     def __init__(self, period: float, display: Display) -> None:

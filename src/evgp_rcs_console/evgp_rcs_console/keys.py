@@ -87,7 +87,7 @@ KEYS = {
     key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
     for key in sorted({entry.key for entry in OF_RACE_CONTROL.values() if entry.key}, key=len)
 }
-"""The commands of each key, except ALL KILL's. At any time, a screen has a button for one."""
+"""The commands of each key, except ALL KILL's. A screen always has a button for one of them."""
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ ANSWERS = {
 
 NOT_RESUMED = 'a stopped race is not resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop the race: race control hears no screen or button'
+NOBODY_CAN_STOP = 'No official can stop: race control hears no screen or button'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -178,8 +178,8 @@ FIELD_NO_KART = 'NO KART {number}'
 ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts just changed. Check it, then press again.'
 
 NAME_ABOUT = (
-    'Your name is sent with every command from this window and written to the record. If it is not '
-    'listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
+    'Your name is sent with every command from this window and written to the record. If it is '
+    'not listed, start with make console OFFICIAL="Anna Meier". The list is set in rcs.yaml.'
 )
 NAME_IS = 'Name: {name}'
 NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'

@@ -54,7 +54,7 @@ class Truth:
     """
     The facts in the field; times are ticks.
 
-    :param moving: each time a kart starts or stops moving: tick, kart, whether it moves.
+    :param moving: each time a kart starts or stops moving: tick, kart, whether it is moving.
     :param people: each time a person enters or leaves the track: tick, whether on the track.
     :param seen: what was heard on the radio, seen or done: tick, words.
     :param passings: the timing line's reports: passing, kart, whether the kart really crossed.
@@ -98,7 +98,7 @@ class Truth:
         return (tick, True) in self.people or before[-1:] == [True]
 
     def movers(self, at: float) -> list[int]:
-        """Return the karts that move at a time (s)."""
+        """Return the karts that are moving at a time (s)."""
         karts = sorted({kart for _, kart, _ in self.moving})
         return [kart for kart in karts if self.moved(kart, at, at)[1]]
 

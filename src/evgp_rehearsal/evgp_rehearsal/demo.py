@@ -70,7 +70,7 @@ MUTE_TIMEOUT = 15.0
 """The same if one kart never acknowledges and the user waits to see it named, in seconds."""
 
 LAST = 8
-"""Number of last lines printed of a process that failed."""
+"""Number of lines printed from the end of a failed process's output."""
 
 WIDTH = 100
 """Maximum width of the output, in characters."""

@@ -481,7 +481,7 @@ def corrected(folder: pathlib.Path) -> list[Corrected]:
 
 WHEN = {
     Phase.GRID: 'in GRID_ACTIVE',
-    Phase.RACE: 'in GREEN_GREEN, once all karts of the race drive',
+    Phase.RACE: 'in GREEN_GREEN, once all karts in the race are driving',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
 """When an incident can begin, as a text for the instructor."""

@@ -28,10 +28,10 @@ GRID_GAP = 3.0
 """Distance between two karts on the grid, in metres."""
 
 CREEP = 2.0
-"""Speed of a kart that moves where it must not, in m/s."""
+"""Speed of a kart that moves where it must not move, in m/s."""
 
 DRIVES = 0.5
-"""Speed from which a kart reports that it drives, in m/s."""
+"""Speed from which a kart reports that it is driving, in m/s."""
 
 STORM = (10, 30, 4)
 """Reconnect storm: ticks without a connection, ticks with one, and number of repetitions."""
@@ -119,7 +119,7 @@ class SimulatedKart:
 
     @property
     def moves(self) -> bool:
-        """Return whether the kart moves."""
+        """Return whether the kart is moving."""
         return self.speed > 0.0
 
     def link(self, tick: int) -> Connected:

@@ -4,7 +4,7 @@
 """
 The instructor's page: a plan view of the track, incidents to choose, pause, and the debrief.
 
-The standard library serves it on 127.0.0.1 only. Requests by another host name and posts other
+The standard library serves it on 127.0.0.1 only. Requests that name another host and posts other
 than JSON are refused, so no page on the internet can press these buttons.
 """
 
