@@ -277,38 +277,36 @@ def race(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
         yield started
 
 
-NAMES = [
-    b'',
-    b'J\xfcrgen',
-    b'\xff\xfe',
-    b'\xc3(',
-    b'\xed\xa0\x80',
-    b'a\0b',
-    b'\x1b[2J\r\n',
-    b'x' * 2**20,
-]
-
-
+@pytest.mark.parametrize(
+    'name',
+    [
+        b'',
+        b'J\xfcrgen',
+        b'\xff\xfe',
+        b'\xc3(',
+        b'\xed\xa0\x80',
+        b'a\0b',
+        b'\x1b[2J\r\n',
+        b'x' * 2**20,
+    ],
+    ids=lambda name: f'{name[:9]!r}',
+)
 def test_a_stop_acts_whatever_its_official_is_called(
-    race: WireRace, join_hostile: Callable[[int], Hostile]
+    race: WireRace, join_hostile: Callable[[int], Hostile], name: bytes
 ) -> None:
+    race.bring_to(RaceState.IN_GARAGE)
+    heard = len(race.official.events)
     client = join_hostile(race.domain).client('/rcs/all_kill', SERVICES['all_kill'])
-    for name in NAMES:
-        print(f'{name[:9]!r}')
-        race.bring_to(RaceState.IN_GARAGE)
-        heard = len(race.official.events)
 
-        send(client, text_of(name))  # all of the request
+    send(client, text_of(name))  # all of the request
 
-        race.karts[0].wait_for_state(RaceState.RED_RED)
-        told = race.official.wait_until(
-            lambda heard=heard: [
-                each for each in race.official.events[heard:] if each.command == ALL_KILL
-            ],
-            lambda: 'the stop',
-        )[0]
-        assert 0 < len(told.official) <= MOST
-        assert told.official.isprintable()
+    race.karts[0].wait_for_state(RaceState.RED_RED)
+    told = race.official.wait_until(
+        lambda: [each for each in race.official.events[heard:] if each.command == ALL_KILL],
+        lambda: 'the stop',
+    )[0]
+    assert 0 < len(told.official) <= MOST
+    assert told.official.isprintable()
 
 
 # ----- what raises in a callback of ours --------------------------------------------------
