@@ -25,21 +25,18 @@ K-3A-06 RED_FLAG: acknowledged once it stands | race | red_flag
     The kart should remain stopped once it has stopped moving and send a $RED_FLAG; message to the
     RCS.
 K-3A-07 RED_FLAG: not acknowledged before it stands | race
-    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
-    an acknowledged stop.
+    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
 K-3A-08 RED_FLAG: remains stopped | race dwell
     The kart should remain stopped once it has stopped moving
 K-3A-09 RED_RED: acknowledged once it stands | race first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
 K-3A-10 RED_RED: not acknowledged before it stands | red
-    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
-    an acknowledged stop.
+    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
 K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
     wire: It is valid until the next command.
 K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red
-    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
-    an acknowledged stop.
+    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
 K-3A-13 RED_RED: brakes harder than for RED_FLAG | red race flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
@@ -79,8 +76,7 @@ K-3E-07 nothing but malformed bytes: stops | noise | red_red
     wire: For a kart, malformed bytes are the same as silence: after 1 s without a whole, correct
     frame, it stops.
 K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut
-    wire: Send it when it is **true**, not when you read it: people walk onto the track because of
-    an acknowledged stop.
+    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
 K-3E-09 its program for race control is killed: stops | bridge | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
