@@ -169,6 +169,7 @@ class Console:
     def _in_time(
         self, act: Callable[[], object], again: Callable[[], object] | None = None
     ) -> None:
+        before = len(self.sent)
         for tries in range(20):  # on a busy machine the window may be held up, and says so
             self.tell(self._race)
             self.window.display.bottom.say('')
@@ -176,8 +177,8 @@ class Console:
             self.settle()
             said = self.find('status').whole
             late = ('while the window hung', 'just changed', texts.GONE_REASON)
-            if not any(each in said for each in late):
-                break
+            if len(self.sent) > before or not any(each in said for each in late):
+                break  # a stop is sent however late it is
             self.settle(2 * SETTLE)
 
     def place(self, name: str) -> QtCore.QPoint:
