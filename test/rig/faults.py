@@ -125,12 +125,11 @@ def can_be_left_out(place: Place) -> bool:
 
 def places_in(parent: ast.AST) -> Iterator[Place]:
     """Yield every node below one, with its place, but no docstring."""
-    if isinstance(parent, ast.Expr) and isinstance(parent.value, ast.Constant):
-        return
     for field, value in ast.iter_fields(parent):
         several = isinstance(value, list)
         for at, node in enumerate(value if several else [value]):
-            if isinstance(node, ast.AST):
+            is_text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            if isinstance(node, ast.AST) and not is_text:
                 yield Place(node, parent, field, at if several else None)
                 yield from places_in(node)
 
