@@ -140,6 +140,25 @@ def test_a_whole_race_by_commands(
     assert 'Kart 3 (Team 3) is released' in said
 
 
+def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_was_closed(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    words = 'grid-active', '1', '--track-is-clear'
+    accepted(control, official, 'open-track', '--no-race-anywhere')
+    asked = run(control.domain, *words, '--wait', str(PATIENCE))
+    line = asked.stderr.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
+    assert line == [*words, '--closes', '1']
+    accepted(control, official, *line)
+    official.bring_to(RaceState.IN_GARAGE, 1)
+    accepted(control, official, 'open-track', '--no-race-anywhere')
+    accepted(control, official, 'close-track')
+    accepted(control, official, *words)
+
+
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
 IF_CLEAR = f'If you state that the track is clear of humans, type: {TYPE}\n'
 NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GRID ACTIVE.\n'

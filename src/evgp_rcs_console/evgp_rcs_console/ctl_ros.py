@@ -172,7 +172,7 @@ def _give(
     hold = None
     number = getattr(wanted, 'reading', 0)
     released = ''
-    if (entry.names_karts and not karts) or entry.names_hold:
+    if (entry.names_karts and (entry.names_number or not karts)) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert hearing.race is not None
