@@ -1622,6 +1622,8 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         own = view.state if kart.in_race else IN_GARAGE
         if kart.sent is not _stricter(own, kart.hold):
             raise RuleBrokenError('sent-wrong', f'{kart} while the race is in {view.state}')
+        if kart.acked and not kart.connected:
+            raise RuleBrokenError('ack-survives', f'{kart}')
     if view.track_open and view.state in (GRID_ACTIVE, GREEN_GREEN):
         raise RuleBrokenError('track-open-in-motion', f'{view}')
     access = race.track_access()

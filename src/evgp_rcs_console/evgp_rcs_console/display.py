@@ -516,7 +516,7 @@ class Display(QtCore.QObject):
 
     @property
     def _news(self) -> object:
-        """Return what was heard, without times and what a link's grade says in short."""
+        """Return what was heard, without its time and what was measured for the links' grades."""
         race = self._race or NOTHING
         results = None if self._results is None else self._results._replace(stamp=0.0)
         karts = [

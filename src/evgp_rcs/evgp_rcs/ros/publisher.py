@@ -223,7 +223,8 @@ class RacePublisher:
         )
         # The same moment keeps the same wall time, so that readers see it as unchanged.
         stepped = abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS
-        self._clock_ns = clock_ns if stepped else self._clock_ns
+        if stepped:
+            self._clock_ns = clock_ns
         # If only the stamp has changed, reuse the message, because building it takes longer than
         # publishing it.
         if stepped or race[1:] != self._shown[1:]:
