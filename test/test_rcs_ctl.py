@@ -373,15 +373,17 @@ def test_make_takes_a_stop_by_a_name_that_is_easily_mistyped(name: str) -> None:
 
 
 HANGS = """
-import ctypes, pathlib, sys, time
+import contextlib, ctypes, pathlib, sys, time
 import rclpy
 from rclpy.node import Node
 
 def hang(*_, **__):
-    pathlib.Path({hung!r}).write_text(str(time.monotonic()))
-    mutex = ctypes.create_string_buffer(64)
-    while True:  # the second time never returns, whatever signals come
-        ctypes.PyDLL(None).pthread_mutex_lock(mutex)
+    lock, mutex = ctypes.PyDLL(None).pthread_mutex_lock, ctypes.create_string_buffer(64)
+    lock(mutex)
+    with contextlib.suppress(KeyboardInterrupt):  # one that comes before it hangs
+        pathlib.Path({hung!r}).write_text(str(time.monotonic()))
+        lock(mutex)
+    lock(mutex)
 
 {where} = hang
 from evgp_rcs_console.ctl import main
