@@ -293,8 +293,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             left_on_the_grid,
             0,
-            'race control no longer hears a screen or button that can stop the race; open a '
-            'window, or start again from IN_GARAGE',
+            'race control has lost contact with every screen and button that can stop the race; '
+            'open a window, or start again from IN_GARAGE',
         ),
     ],
     'IN_GARAGE': [

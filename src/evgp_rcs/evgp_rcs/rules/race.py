@@ -2,50 +2,51 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of the race: what each kart is sent, and which commands are allowed or refused, and why.
+The rules of the race: what each kart is sent, which commands are refused, and why.
 
 Rules for the code in this file:
 
 - The code is pure: it uses no clock, socket, ROS, thread, file or log. Every input carries its
   time, in seconds on one monotonic clock.
-- A ``Race`` has one owner: only one thread uses it, so it needs no lock.
+- Only one thread uses a ``Race``, so it needs no lock.
 - One table (``COMMANDS``, at the end) says when each command is refused and why, what the official
   must state, and what the command does. Availability is derived from the same table, so it always
   matches what happens.
+- If a message in ``evgp_rcs_msgs`` has the same field, the comment in the message explains it.
+  Where the field here is None, the message has 0, NaN or UNKNOWN.
 
-Theory of operation. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
-RED_RED). Together they decide what the kart is sent (``_commanded``): in the race, the stricter of
-the two; outside the race, its hold or else IN_GARAGE. After every change, the rules *redirect* the
-karts concerned. A kart whose state changes gets a new ``Order`` with its own serial number, and
-loses its acknowledgement. An acknowledgement counts only if it names the state of the kart's
-current order and was heard under that order's serial, so a report from before the command, or from
-an earlier connection, never counts.
+How the rules work. The race has a state, and each kart may have a *hold* of its own (RED_FLAG or
+RED_RED). Together they determine what the kart is sent (``_commanded``). A kart in the race is
+sent the stricter of the two. A kart outside the race is sent its hold, or IN_GARAGE if it has
+none. After every change, the rules *redirect* the karts concerned: a kart whose state changes gets
+a new ``Order`` with its own serial number, and loses its acknowledgement. An acknowledgement
+counts only if it names the state of the kart's current order and was received under that order's
+serial number. A report from before the command, or from an earlier connection, never counts.
 
 A hold can become stricter, but only an official's explicit act ends it (``_race_in_garage`` or
 ``_release_kart``). Only ``_green_green`` sets GREEN_GREEN.
 
-Commands can cross in transit. After every stop, and after every stall of race control, there is a
-*pause*. Some commands *loosen*: they start or release karts, let humans near them, or change the
-roster. Race control refuses such a command if it arrived before the end of the pause, because its
-sender may not have seen the stop. Race control lets karts move only once their permission to move
-is saved on disk. Until then, a GREEN_GREEN that would be accepted is a *start* that is waiting
-(``Start``). Inputs that arrive meanwhile are judged first, and the start is judged again when its
-wait is over.
+Commands can cross in transit, so every stop and every stall of race control begins a *pause*. Some
+commands *loosen*: they start or release karts, let humans near them, or change the roster. Race
+control refuses such a command if it arrived before the end of the pause, because its sender may
+not have seen the stop. Race control lets karts move only once their permission to move is saved on
+disk. Until then, a GREEN_GREEN that would be accepted waits as a *start* (``Start``). Inputs that
+arrive in the meantime are judged first, and the start is judged again when its wait is over.
 
-Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart that was sent
-GREEN_GREEN, was seen to move, or left a stop unanswered *may be moving*; a kart that was sent
+Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
+if it was sent GREEN_GREEN, was seen to move, or has not answered a stop. A kart that was sent
 GRID_ACTIVE is *on the grid*. Either doubt ends when the kart acknowledges a red state and keeps
-reporting it for ``settle`` seconds on the same connection, or when an official states that it was
-made safe by hand. Losing the connection never ends a doubt.
+reporting it for ``settle`` seconds on the same connection, or when an official states that the
+kart was made safe by hand. Losing the connection never ends a doubt.
 
-Race control assumes the worst about any period of which it knows nothing: the time before it
-started, unless the last run on this machine ended normally with nothing under way (``recover``),
-and the time while it is cut off from the karts (``cut_off``). The proposal makes one exception
-(§3.B): if no earlier run is known, the race begins in IN_GARAGE.
+Race control assumes the worst about any period that it knows nothing about. One such period is the
+time while it is cut off from the karts (``cut_off``). Another is the time before it started,
+unless the last run on this machine ended normally with nothing under way (``recover``). The
+proposal makes one exception (§3.B): if no earlier run is known, the race begins in IN_GARAGE.
 
-Someone must be able to stop the race (``Attendance``). If race control no longer hears any program
-from which an official can stop the race, it refuses GREEN_GREEN, and sends RED_FLAG after
-``nobody_there`` seconds.
+Someone must be able to stop the race (``Attendance``). Once race control has lost the last program
+from which an official can stop the race, it refuses GREEN_GREEN, and after ``nobody_there``
+seconds it sends RED_FLAG.
 
 The timekeeper counts the laps (``evgp_timing``). The rules know only FINISH, which gives a kart
 its place in the order of FINISH and, after a delay, a RED_FLAG.
@@ -73,11 +74,11 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Age above which race control mentions how old a press was, in seconds."""
+"""Age above which race control mentions how long ago the official pressed, in seconds."""
 
 
 class EventKind(enum.Enum):
-    """What can happen in a race."""
+    """The kinds of event, which `RaceEvent.msg` explains."""
 
     COMMAND = 'COMMAND'
     RACE_STATE = 'RACE_STATE'
@@ -99,7 +100,7 @@ class EventKind(enum.Enum):
 
 
 class AlertKind(enum.Enum):
-    """The kinds of condition that an official must act on."""
+    """The kinds of alert, which `Alert.msg` explains."""
 
     NOT_READY = 'NOT_READY'
     GREEN_UNACKNOWLEDGED = 'GREEN_UNACKNOWLEDGED'
@@ -135,9 +136,9 @@ class Doubt(enum.IntEnum):
     """
     What a kart may be doing, from harmless to worst.
 
-    ``GRID``: it was sent GRID_ACTIVE, and has not been sent IN_GARAGE since then on its current
-    connection. ``MOVING``: it was sent GREEN_GREEN or a red state; or it was seen to move, because
-    it withdrew its acknowledgement of a red state, or reported GREEN_GREEN without being sent it.
+    ``GRID``: the kart was sent GRID_ACTIVE, and has not been connected and sent IN_GARAGE since.
+    ``MOVING``: the kart was sent GREEN_GREEN or a red state, or was seen to move: it withdrew its
+    acknowledgement of a red state, or reported GREEN_GREEN without being sent it.
     """
 
     NONE = 0
@@ -146,14 +147,14 @@ class Doubt(enum.IntEnum):
 
 
 class Heat(NamedTuple):
-    """A heat in the roster: karts that race together, their numbers in ascending order."""
+    """A heat in the roster; see `Heat.msg`."""
 
     name: str
     karts: tuple[int, ...]
 
 
 class Entrant(NamedTuple):
-    """A kart as the roster lists it; the fields mean the same as in ``Kart``."""
+    """A kart as the roster lists it; ``Kart`` explains the fields."""
 
     number: int
     team: str
@@ -163,7 +164,7 @@ class Entrant(NamedTuple):
 
 
 class Roster(NamedTuple):
-    """The part of the roster that the rules use; numbers and addresses are unique."""
+    """The part of the roster that the rules use. Numbers and addresses are unique."""
 
     karts: tuple[Entrant, ...]
     heats: tuple[Heat, ...] = ()
@@ -173,25 +174,16 @@ class Command(NamedTuple):
     """
     An official's command (§4.B).
 
-    :param kind: which command.
+    The service types explain the fields not listed here; ``run``, ``race`` and ``attempt`` are in
+    `KartFinish.srv`. No rule depends on ``official`` or ``age``.
+
     :param kart: number of the kart; 0 for a command to the race, to all karts or to the track.
     :param statement: whether the official makes the statement that the command requires.
-    :param karts: for a command that starts or releases karts: those karts, as the official saw
-        them.
-    :param hold: for the release of one kart: its hold, as the official saw it; ``None`` if none.
-    :param heat: for SET_HEAT: the name of the heat.
-    :param opening: for GRID_ACTIVE, which closes the track: the number of the track's last
-        opening, as the official saw it (``TrackAccess.opening``).
-    :param roster: for READ_ROSTER and TAKE_ROSTER: the roster that the file contains now.
-    :param reading: for TAKE_ROSTER: the number of the reading that the official saw
-        (``Race.reading``).
-    :param official: name of the sender, as the sender gives it. No rule depends on it.
-    :param run: for a FINISH from the timekeeper: id of the run of race control that the FINISH is
-        for; empty for the race under way.
-    :param race: with ``run``: number of the race.
-    :param attempt: with ``run``: number of times that the kart's finish was undone in that race.
-    :param age: for a stop: time since the official pressed, as the sender measures it, in seconds.
-        No rule depends on it.
+    :param karts: the karts that the command starts or releases, as the official saw them.
+    :param hold: for the release of one kart, its hold as the official saw it.
+    :param opening: for GRID_ACTIVE, which closes the track, the last opening of the track that the
+        official saw (``TrackAccess.opening``).
+    :param roster: for READ_ROSTER and TAKE_ROSTER, the roster that the file contains now.
     """
 
     kind: CommandKind
@@ -217,7 +209,7 @@ class Command(NamedTuple):
 
 @dataclass(frozen=True)
 class Answer:
-    """The reply to the official: whether the command was accepted, and one sentence."""
+    """The reply to an official: whether the command was accepted, and one sentence about it."""
 
     success: bool
     message: str
@@ -227,9 +219,7 @@ class Attendance(NamedTuple):
     """
     The programs that race control hears and from which an official can stop the race.
 
-    :param able: number of these programs.
-    :param who: a short list of them.
-    :param button_fault: what is wrong with a stop button, in a few words; empty if nothing is.
+    In `Race.msg`, ``able`` is called `able_to_stop`, and ``who`` is called `who_can_stop`.
     """
 
     able: int = 0
@@ -242,7 +232,7 @@ class Order(NamedTuple):
     A state to send to a kart at once, and again with every beat (§4.C).
 
     :param serial: number that rises with every order to this kart. A report from the kart counts
-        for this order only if it was heard under this number.
+        for this order only if it was received under this number.
     """
 
     kart: int
@@ -252,20 +242,10 @@ class Order(NamedTuple):
 
 class Event(NamedTuple):
     """
-    Something that happened, in one sentence.
+    Something that happened. `RaceEvent.msg` explains the fields.
 
-    :param kart: number of the kart that it happened to; 0 if it concerns no single kart.
-    :param chatter: whether a kart can cause any number of these events by itself; the server may
+    :param chatter: whether a kart can cause any number of these events by itself. The server may
         publish only some of them.
-    :param command: the command, or the command that caused the change of state; None if none.
-    :param official: name of the command's sender, as the sender gave it.
-    :param alert: for an alert that was raised or has ended: its kind.
-    :param after: for DELIVERED: time from the order to the answer of the kart's kernel; for
-        COMMAND: age of an old press, 0 if it was recent; in seconds.
-    :param grade: for LINK_GRADE: the new grade of the link.
-    :param place: the place of this kart in the order of FINISH at that time; 0 if it has none.
-    :param race: the number of the race under way; 0 if there is none.
-    :param heat: the name of the heat in the race; empty if there is none.
     """
 
     kind: EventKind
@@ -286,7 +266,7 @@ class Event(NamedTuple):
 
 class StampedEvent(NamedTuple):
     """
-    An event with its number and time. The kart server adds these.
+    An event, with the number and times that the kart server adds.
 
     :param sequence: number of the event in this run of race control, from 1 without gaps.
     :param wall_ns: wall time, in ns since the epoch.
@@ -304,7 +284,7 @@ class Outcome(NamedTuple):
     The result of one input: the orders to send and the events that happened.
 
     :param answer: the answer to the command, or to a start whose wait is over.
-    :param start: the start that is waiting from now on, if the command is a start.
+    :param start: the start that now begins to wait, if the command became one.
     """
 
     orders: tuple[Order, ...]
@@ -315,12 +295,7 @@ class Outcome(NamedTuple):
 
 @dataclass(frozen=True)
 class Alert:
-    """
-    Something an official must act on, in one sentence.
-
-    :param since: when it began, in seconds.
-    :param use_msr: whether it calls for the Master Safety Remote (§2.B).
-    """
+    """A condition that an official must act on. `Alert.msg` explains the fields."""
 
     kind: AlertKind
     kart: int
@@ -335,15 +310,7 @@ class Alert:
 
 
 class Availability(NamedTuple):
-    """
-    Whether a command would be accepted now, provided that the official makes the statement.
-
-    :param reason: why it would be refused; empty if it would be accepted.
-    :param statement: what the official must state with it; empty if nothing.
-    :param available_from: end of the pause that blocks this command, in seconds; None if no pause
-        blocks it.
-    :param karts: karts that it would start or release; the command must name the same karts.
-    """
+    """Whether a command would be accepted now. `CommandAvailability.msg` explains the fields."""
 
     command: CommandKind
     available: bool
@@ -355,13 +322,7 @@ class Availability(NamedTuple):
 
 @dataclass(frozen=True)
 class TrackAccess:
-    """
-    Whether officials have opened the track, and whether humans may be on it (§3.A).
-
-    :param opening: number of the last opening in this run, even if closed since; 0 if none.
-    :param settled_by: if only one statement is missing before humans are allowed, the command that
-        makes this statement; None if they are allowed, or if more is missing.
-    """
+    """Whether humans may be on the track (§3.A). `TrackAccess.msg` explains the fields."""
 
     open: bool  # noqa: A003 - the message's name
     allowed: bool
@@ -378,28 +339,20 @@ LEAST_PAUSE = 1.0
 @dataclass(frozen=True)
 class RaceTimes:
     """
-    The times of the rules, in seconds.
+    The times of the rules, in seconds. ``ros.settings`` explains those that are parameters.
 
-    :param finish_delays: time from FINISH to RED_FLAG for place 1, 2, … (§4.B FINISH); the last
-        one applies to all later places. The longest comes first, so that karts that finish later
-        find the line clear.
-    :param finish_stop: how long the automatic end of the race waits for a finished kart to
-        acknowledge its RED_FLAG (§3.A: 10-15 s to come to a stop).
-    :param auto_race_over: whether race control ends the race after the last finish (§3.C).
-    :param ready_alert: time until the alert that GRID_ACTIVE is not acknowledged (§3.A: 2 min).
-    :param green_alert: the same for GREEN_GREEN (§3.A: 30 s).
-    :param flag_alert: the same for RED_FLAG (§3.A: 10-15 s).
-    :param red_alert: the same for RED_RED (§3.A: "a reasonable time").
-    :param pause: how long after a stop commands that loosen are refused; at least
-        ``LEAST_PAUSE``.
-    :param pause_after_stall: the same after a stall of race control, because commands sent during
-        the stall arrive late (DDS delivered some 3 s late); a longer ``pause`` applies instead.
+    The limits before an alert come from §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s
+    for RED_FLAG, and "a reasonable time" for RED_RED.
+
+    :param finish_delays: see §4.B, FINISH. The longest delay comes first, so that karts that
+        finish later find the line clear.
+    :param finish_stop: how long the automatic end of the race (§3.C) waits for a finished kart to
+        acknowledge its RED_FLAG. §3.A gives a kart 10-15 s to come to a stop.
+    :param pause_after_stall: how long after a stall of race control commands that loosen are
+        refused. Commands sent during the stall arrive late (DDS delivered some 3 s late). If
+        ``pause`` is longer, it applies instead.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
-    :param settle: how long a kart must keep reporting the red state that it acknowledged before
-        humans may rely on its stop.
-    :param require_inspection: whether a kart needs an inspection to race.
-    :param nobody_there: how long a race that had a program that can stop it may be without one
-        before it goes to RED_FLAG; 0 for never.
+    :param settle: the parameter ``settle_time``.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -433,40 +386,28 @@ class Kart:
     """
     One kart in the roster. Only the rules write to it; all other code reads it.
 
-    :param hold: its own hold, RED_FLAG or RED_RED; ``None`` if it is not held.
-    :param sent: state that it is being sent or, while it is not connected, would be sent.
-    :param sent_since: when that state was first commanded; a reconnection does not change it.
-    :param serial: number of its current order.
-    :param acknowledged: whether it has acknowledged its current order and not withdrawn that
-        since.
-    :param reported: state that it last reported on this connection, whether or not it is sent it.
-    :param doubt: what it may be doing, until it has kept reporting a red state for long enough, or
-        an official states that it was made safe by hand.
-    :param settles_at: when its doubt ends, if until then it keeps reporting the red state that it
-        acknowledged, in seconds; ``None`` if nothing is pending.
-    :param lost_since: when it lost its connection in a race under way or while it may have been
-        moving; if it may have been moving, the value stays until its doubt ends.
-    :param place: its place in the order of FINISH from 1, until the next GRID_ACTIVE; 0 if none.
-    :param attempt: number of times that its finish was undone in this race; the timekeeper's
-        FINISH names it.
-    :param finish_due: when its finish turns into a RED_FLAG; ``None`` if nothing is due.
-    :param held_alone: whether an official has held this kart individually and not released it.
-    :param withdrawn: whether it withdrew an acknowledgement of its current order.
-    :param counts_at: if it reports the state that it is being sent, but may be answering an
-        earlier order: latest time at which that report becomes valid, in seconds; a past time if
-        that is unknown; None if there is no such report.
-    :param counts_in: the same, as a time from its last report, in seconds; 0 if unknown or over.
-    :param inspected: date of its inspection according to the roster; empty if there was none.
+    `KartStatus.msg` explains the fields not listed here. Times are in seconds.
+
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
-    :param ordered_at: when its current order was given, in seconds.
-    :param delivered_at: when its kernel had answered that order, in seconds; None if it has not.
-    :param acknowledged_at: when it first acknowledged that order, in seconds; None if it has not.
+    :param sent_since: when that state was first commanded. A reconnection does not change it.
+    :param serial: serial number of its current order.
+    :param acknowledged: whether it has acknowledged its current order and has not withdrawn that
+        acknowledgement since.
+    :param withdrawn: whether it has withdrawn an acknowledgement of its current order.
+    :param lost_since: when it lost its connection in a race under way or while it may have been
+        moving. If it may have been moving, this time remains until its doubt ends.
+    :param finish_due: when its finish turns into a RED_FLAG (``flag_at`` in the message).
+    :param held_alone: whether an official has held this kart individually and not released it.
+    :param counts_in: time from its last report until ``counts_at``; 0 if unknown or over.
+    :param ordered_at: time of its current order.
+    :param delivered_at: a time by which its kernel had answered that order.
+    :param acknowledged_at: when it first acknowledged that order.
     :param link: quality of its link; None if not measured on this connection. No rule depends on
-        it or on the three times above; they are for officials.
+        it or on the three times above, which are for officials.
     :param contested: whether two programs are connecting as this kart, each displacing the other.
-    :param went_silent_at: when its connection was last lost because its link stopped answering, in
-        seconds; None if it has a connection, or lost it in another way.
-    :param link_poor_at: when its link was last measured as poor, in seconds; None if never.
+    :param went_silent_at: when it last lost its connection because its link stopped answering;
+        None if it has a connection, or lost it in another way.
+    :param link_poor_at: when its link was last measured as poor; None if it never was.
     """
 
     number: int
@@ -521,16 +462,12 @@ class Kart:
 
     @property
     def away_at_rest(self) -> bool:
-        """
-        Return whether the kart is not connected, was not lost, and is not held individually.
-
-        Only a command to all karts can hold such a kart.
-        """
+        """Return whether the kart is not connected, was not lost, and is not held individually."""
         return self.lost_since is None and not (self.connected or self.held_alone)
 
     @property
     def bound(self) -> str:
-        """Return the reason why the roster must keep the kart and its address; empty if none."""
+        """Return why the roster must keep the kart and its address; empty if it need not."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -539,11 +476,7 @@ class Kart:
 
     @property
     def stopped_itself(self) -> bool:
-        """
-        Return whether the kart last reported RED_RED while being sent GRID_ACTIVE or GREEN_GREEN.
-
-        Its team, the MSR's contact or the kart itself caused the stop. Do not rely on this stop.
-        """
+        """Return whether the kart stopped itself (`KartStatus.msg`). Do not rely on that stop."""
         return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
 
     @property
@@ -557,9 +490,9 @@ class LastRun(enum.Enum):
     How the previous run of race control on this machine and port ended, if known.
 
     ``NONE``: no earlier run is known. ``ENDED``: it ended normally with nothing under way, held or
-    in doubt, and with the track closed. ``ENDED_OPEN``: the same, with the track open.
-    ``UNKNOWN``: a run began and it is not known how it ended, or it is uncertain whether there was
-    a run at all. The values are the texts of the machine's mark (``run_mark``).
+    in doubt, and with the track closed. ``ENDED_OPEN``: it ended like that, but with the track
+    open. ``UNKNOWN``: a run began and it is not known how it ended, or it is uncertain whether
+    there was a run at all. The values are the texts of the machine's mark (``run_mark``).
     """
 
     NONE = 'none'
@@ -570,7 +503,7 @@ class LastRun(enum.Enum):
 
 @dataclass(frozen=True)
 class KartMemory:
-    """What race control saves about one kart; the fields mean the same as in ``Kart``."""
+    """What race control saves about one kart. ``Kart`` explains the fields."""
 
     in_race: bool
     held: bool
@@ -621,7 +554,7 @@ class Start(NamedTuple):
     :param came: when the command arrived, in seconds.
     :param until: end of its wait, in seconds.
     :param memory: what must be on the disk before it takes effect.
-    :param superseded: whether GRID_ACTIVE has been accepted since.
+    :param superseded: whether GRID_ACTIVE has been accepted during its wait.
     """
 
     number: int
@@ -636,15 +569,10 @@ class Race:
     """
     The state of one race and of every kart in the roster (§3, §4.B).
 
-    Each input is a method: ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``;
-    ``start_saved`` for what became of a waiting start; ``attended`` for who can stop the race; and
-    ``stalled``, ``cut_off``, ``contested``, ``rival`` and ``record_trouble`` for problems around
-    the race. Each returns the orders to send and the events that happened. Times are in seconds by
-    one monotonic clock, and never go backwards.
+    Each input is a method that returns the orders to send and the events that happened
+    (``inputs.feed`` calls these methods). Times never go backwards.
 
-    :param karts: every kart in the roster, each number once.
     :param now: current time, in seconds.
-    :param heats: the heats in the roster.
     :param run: id of this run of race control.
     :raises ValueError: if two karts have the same number.
     """
@@ -674,7 +602,7 @@ class Race:
         self.state = IN_GARAGE
         self.state_since = now
         self.state_cause = ''
-        """Why the race is in its state, as a phrase; empty at first."""
+        """Why the race is in its state, as a phrase; empty until its state first changes."""
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
@@ -685,14 +613,14 @@ class Race:
         self.number = 0
         """Number of the race under way, from GRID_ACTIVE to IN_GARAGE; 0 if there is none."""
         self.race_since: float | None = None
-        """When the last race of this run began, in seconds; None if no race did."""
+        """When the last race of this run began, in seconds; None if there was no race."""
         racing = {each.number for each in self.racing()}
         alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
         self.track_open = False
         self.opening = 0
         """Number of the last opening of the track in this run; 0 if there was none."""
-        self._opened = '', now  # by whom or why, in a phrase, and when (s)
+        self._opened = '', now  # by whom or why, as a phrase, and when (s)
         self.msr_used = False
         self.past_unknown = False
         """True until IN_GARAGE if race control does not know what happened before it started, or
@@ -701,12 +629,12 @@ class Race:
         """Whether an official must still state that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
-        """Why race control is cut off from the karts' network, in a phrase; empty if it is not."""
+        """Why race control is cut off from the karts' network, as a phrase; empty if it is not."""
         self.record_fails = ''
         self.there = Attendance()
         self.nobody_since: float | None = None
-        """When the last program that could stop this race was lost, in seconds; None if there is
-        one, or never was one in this race."""
+        """When this race lost the last program that could stop it, in seconds. None while there is
+        such a program, or if this race never had one."""
         self.paused_until = now
         """End of the current pause, or of the last one, in seconds."""
         self._paused_by = ''
@@ -723,7 +651,7 @@ class Race:
         """
         Return what race control must save.
 
-        While a start is waiting, this is the memory written for it, and nothing may replace it.
+        While a start is waiting, this is the memory that it waits for, and nothing may replace it.
         """
         if self.start is not None:
             return self.start.memory
@@ -753,8 +681,8 @@ class Race:
         Any other kart must report its stop, or be released individually.
 
         :param memory: what the record contains; None if it contains nothing.
-        :param why: why the proof that the last run ended normally is rejected, as a phrase; empty
-            if it is not.
+        :param why: a phrase that says why the proof of a normal end of the last run is rejected;
+            empty if it is not rejected.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
@@ -778,8 +706,8 @@ class Race:
             if kart.doubt:
                 kart.lost_since = now
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # In RED_RED, the order of FINISH may have been reported already; it is reported again. If
-        # no kart had a place either, the race may never have started.
+        # In RED_RED, the order of FINISH may have been reported already; it is reported again. But
+        # if no kart had a place in RED_RED, the race may never have started.
         if memory is not None:
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
@@ -816,12 +744,12 @@ class Race:
         """
         Judge an official's command and, if it is allowed, put it into effect (§4.B).
 
-        An allowed GREEN_GREEN does not take effect yet: the outcome contains the waiting start.
+        An allowed GREEN_GREEN does not take effect yet; it becomes a start that waits. A refused
+        command changes nothing, except that a stop begins a pause even if its kart is not in the
+        roster.
 
         :param came: when the command arrived, if earlier than now, in seconds.
-        :returns: an outcome with an answer, unless the command is a waiting start. A refused
-            command changes nothing, but even a stop for a kart that is not in the roster begins a
-            pause.
+        :returns: an outcome with the answer, or with the start that waits.
         """
         came = now if came is None else came
         if CATALOGUE[command.kind].stop:
@@ -844,10 +772,10 @@ class Race:
 
     def start_saved(self, saved: bool, number: int, now: float) -> Outcome:
         """
-        Record whether what must be saved before a start is on the disk, and end the wait.
+        End a start's wait for the disk.
 
-        :param saved: whether it has been saved; if not, the start is refused.
-        :param number: number of the start; if it is no longer waiting, nothing happens.
+        :param saved: whether ``Start.memory`` is on the disk; if not, the start is refused.
+        :param number: number of the start. If it is no longer waiting, nothing happens.
         :returns: an outcome with the answer to the start.
         """
         if self.start is None or self.start.number != number:
@@ -859,17 +787,23 @@ class Race:
         self.start = None
         refusal = self._refusal_of(start.command, start.came)
         if not refusal and start.superseded:
-            refusal = 'GRID_ACTIVE was sent again after it; look at the race, then send it again'
+            refusal = (
+                'GRID_ACTIVE was sent again while this command waited; look at the race, then '
+                'send GREEN_GREEN again'
+            )
         if not (refusal or saved):
-            refusal = 'the record did not save it in time; look at the race, then send it again'
+            refusal = (
+                'the record did not save the start in time; look at the race, then send '
+                'GREEN_GREEN again'
+            )
         return self._decide(start.command, refusal, now)
 
     def stalled(self, seconds: float, now: float) -> Outcome:
         """
         Record that race control stalled, so commands that arrive now may have been sent long ago.
 
-        Race control has not yet read what karts reported during the stall, or noticed which karts
-        are gone, so each ``settle`` time that has not ended starts again.
+        Race control has not yet read what karts reported during the stall, nor noticed which karts
+        have gone, so each ``settle`` time that has not ended starts again.
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
@@ -879,12 +813,12 @@ class Race:
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
-        Record that race control has lost the karts' network. This is treated like a crash.
+        Record that race control has lost the karts' network, or has it back.
 
-        Until the network is back, another race control may command the karts, so this one refuses
-        commands that loosen.
+        A loss is treated like a crash. Until the network is back, another race control may command
+        the karts, so this one refuses commands that loosen.
 
-        :param reason: what is lost, in a phrase; empty once the network is back.
+        :param reason: what is lost, as a phrase; empty once the network is back.
         """
         before, self.cut_off_by = self.cut_off_by, reason
         if reason and not before:
@@ -899,7 +833,7 @@ class Race:
 
     def contested(self, number: int, contested: bool, now: float) -> Outcome:
         """
-        Record that two programs keep connecting as one kart, or no longer do.
+        Record that two programs keep connecting as one kart, or that they have stopped doing so.
 
         :raises KeyError: if the roster has no such kart.
         """
@@ -913,7 +847,7 @@ class Race:
             self._paused_by = why
 
     def _refusal_of(self, command: Command, came: float) -> str:
-        """Return the reason to refuse a command that arrived at `came`; empty if there is none."""
+        """Return why a command that arrived at `came` is refused; empty if it is allowed."""
         if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
             return self._unknown_kart(command)
         rule = COMMANDS[command.kind]
@@ -984,7 +918,7 @@ class Race:
         """
         Record that a kart's connection is gone (§3.E, §4.D).
 
-        :param reason: why, for the officials.
+        :param reason: why the connection ended, for the officials.
         :param silent: whether its link stopped answering, and neither side closed the connection.
         :raises KeyError: if the roster has no such kart.
         """
@@ -997,7 +931,7 @@ class Race:
         return self._outcome()
 
     def _check_whether_all_went_silent(self, lost: Kart, now: float) -> None:
-        """Consider race control cut off if it has lost every kart in the race at once."""
+        """Treat race control as cut off if it has lost every kart in the race at once."""
         in_garage = self.state is IN_GARAGE
         if self.state is RED_RED or not (lost.in_race or in_garage):
             return  # in RED_RED there is nothing to stop, and teams switch their karts off
@@ -1021,12 +955,12 @@ class Race:
         """
         Judge what a kart reports: an acknowledgement, or any other report (§3.A, §4.C).
 
-        A kart withdraws its acknowledgement when it reports another state. This is true even if
-        that report may be old, because then the acknowledgement may have been just as old.
+        A kart withdraws its acknowledgement when it reports another state. That report may be an
+        old one, but then the acknowledgement may have been just as old.
 
         :param serial: serial of the order that had been sent when the frame began to arrive.
-        :param counts_in: for a report that does not count yet: maximum time until the same report
-            would count, in seconds; 0 if unknown or never.
+        :param counts_in: if the report does not count yet, the longest time until a repetition of
+            it would count, in seconds; 0 if that is unknown, or if it never would.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1078,7 +1012,8 @@ class Race:
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that the kart's kernel has answered an order that its program may not have read.
+        Record that a kart's kernel has answered an order, although its program may not have read
+        that order yet.
 
         :param serial: serial of the order; if there is a newer order, nothing happens.
         :param answered: latest time at which the kernel can have answered, in seconds.
@@ -1122,7 +1057,7 @@ class Race:
         return self._outcome()
 
     def attended(self, there: Attendance, now: float) -> Outcome:
-        """Record from which programs officials can stop the race, as of now."""
+        """Record the programs from which officials can now stop the race."""
         if there.able:
             self.nobody_since = None
         elif self.there.able:
@@ -1132,14 +1067,14 @@ class Race:
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
-        """Note why the record is failing, as a sentence for officials; empty if it works."""
+        """Note why the record is failing, in a sentence for officials; empty if it works."""
         self.record_fails = text
         self._report_alerts(now)
         return self._outcome()
 
     def tick(self, now: float) -> Outcome:
         """
-        Let time pass.
+        Do what has become due.
 
         This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
         finished, stops a race that officials can no longer stop, and refuses a start that has
@@ -1224,7 +1159,7 @@ class Race:
         return own if kart.hold is None else stricter(own, kart.hold)
 
     def _redirect(self, kart: Kart, now: float, resend: bool = False) -> None:
-        """Send a kart what its race and hold require, and end its old acknowledgement."""
+        """Send a kart what the race and its hold require, and void its old acknowledgement."""
         state = self._commanded(kart)
         changed = state is not kart.sent
         if not (changed or resend):
@@ -1245,9 +1180,9 @@ class Race:
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             elif not self._covered_by_statement(kart):
-                # It is being told to race, or was told to stop and has not confirmed its stop.
-                # This does not apply to a kart that is sent RED_RED only because race control may
-                # have missed something.
+                # This order tells the kart to race, or it tells the kart to stop and the kart has
+                # not confirmed that yet. A kart that the statement covers is different: race
+                # control sends it RED_RED only because it may have missed something.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is sent {state.value}'
@@ -1257,13 +1192,13 @@ class Race:
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
-            # Keep the reason for the official's hold, which only an official can release.
+            # Keep the reason for an official's hold, which only an official can release.
             before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
             kart.hold_reason = reason + before
         self._redirect(kart, now)
 
     def _doubt_that_it_stands(self, kart: Kart) -> None:
-        """When an official stops a connected kart with an unconfirmed stop, treat it as moving."""
+        """If an official stops a connected kart whose stop is unconfirmed, treat it as moving."""
         if kart.connected and not kart.stopped and self._covered_by_statement(kart):
             kart.doubt = Doubt.MOVING
 
@@ -1438,7 +1373,7 @@ class Race:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} no longer has a place'
-        # This loosens no state that was sent; it only cancels a RED_FLAG that was not sent yet.
+        # This loosens no state that has been sent; it only cancels a RED_FLAG that has not been.
         kart.finish_due = None
         if kart.sent is GREEN_GREEN:
             text += ' and drives on; its RED_FLAG had not been sent yet'
@@ -1549,7 +1484,7 @@ class Race:
         return f'release {numbers} first: {held}' if held else ''
 
     def _doubtful(self) -> str:
-        """Return which karts make it unsafe to start a race; empty if none does."""
+        """Return which karts make it unsafe to start a race, and why; empty if none do."""
         return self._dangers(
             each
             for each in self.karts.values()
@@ -1563,7 +1498,7 @@ class Race:
         return f'two programs connect as {_listed(contested)}; have its team end one of them'
 
     def _no_record(self) -> str:
-        """Return why a failing record prevents a race, and what to do; empty if it works."""
+        """Return why the record prevents a race, and what to do; empty if the record works."""
         if not self.record_fails:
             return ''
         return (
@@ -1590,8 +1525,8 @@ class Race:
             return unfit
         if self.nobody_since is not None:
             return (
-                'race control no longer hears a screen or button that can stop the race; open a '
-                'window, or start again from IN_GARAGE'
+                'race control has lost contact with every screen and button that can stop the '
+                'race; open a window, or start again from IN_GARAGE'
             )
         if self.start is not None:
             return 'another GREEN_GREEN is still waiting for the record'
@@ -1640,7 +1575,7 @@ class Race:
             return f'{kart} is held: {kart.hold_reason}'
         meant = command.run, command.race, command.attempt
         if command.run and meant != (self.run, self.number, kart.attempt):
-            return f'it is for another race, or the finish of {kart} has been undone since'
+            return f'this FINISH is for another race, or the finish of {kart} has been undone'
         return ''
 
     def _no_undo_finish(self, command: Command) -> str:
@@ -1710,7 +1645,7 @@ class Race:
         return self._no_read_roster(command._replace(roster=self._read))
 
     def _bound(self, roster: Roster) -> str:
-        """Return which karts a roster must keep at their address but does not; empty if none."""
+        """Return which karts and addresses a roster must keep but does not; empty if none."""
         addresses = {each.number: each.address for each in roster.karts}
         bound = [
             f'{kart} {kart.bound}'
@@ -1741,7 +1676,7 @@ class Race:
         )
 
     def _misnamed(self, command: Command, came: float) -> str:
-        """Return the reason to refuse a command for what it names; empty if there is none."""
+        """Return what is wrong with what a command names; empty if nothing is."""
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
@@ -1863,7 +1798,7 @@ class Race:
 
         This is the heat that was last put into the race. At first, it is the heat that consists of
         exactly the karts in the race, if there is only one such heat. Karts of the heat may leave
-        the race, but once a kart from outside the heat joins, or no kart is left, the heat is no
+        the race. Once a kart from outside the heat joins, or no kart is left, the heat is no
         longer in the race.
         """
         racing = {each.number for each in self.racing()}
@@ -1901,7 +1836,7 @@ class Race:
         return _cut([danger for danger in map(self._danger, first) if danger])
 
     def _danger(self, kart: Kart) -> str:
-        """Return the reason why humans must not be near a kart now; empty if they may (§3.A)."""
+        """Return why humans must not be near a kart now (§3.A); empty if they may be."""
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
@@ -1924,13 +1859,13 @@ class Race:
         """
         Return whether the official's statement with the next IN_GARAGE covers a kart.
 
-        The statement covers the kart if race control does not know what happened, there is no
-        doubt about this kart, and no official holds it individually.
+        It does so if race control does not know what happened, there is no doubt about this kart,
+        and no official holds it individually.
         """
         return self.past_unknown and not (kart.doubt or kart.held_alone)
 
     def _silence(self, kart: Kart) -> str:
-        """Return what a kart reports instead of the awaited answer, and what to do about it."""
+        """Return why a kart's answer is missing or does not count, and what to do about it."""
         if not kart.connected:
             return 'not connected'
         if kart.stopped:
@@ -1955,9 +1890,9 @@ class Race:
         """
         Return the karts that the race is waiting for, including lost ones unless the MSR was used.
 
-        In a red state, the race does not wait for a kart that is away at rest. If race control
-        does not know what happened, it also waits for every connected kart that is being sent a
-        red state, unless the official's statement covers it.
+        The race does not wait for a kart that is away at rest and is to be sent a red state. If
+        race control does not know what happened, the race also waits for every connected kart that
+        is being sent a red state. It never waits for a kart that the official's statement covers.
         """
         return [
             kart
@@ -1971,11 +1906,11 @@ class Race:
         ]
 
     def _unattended_since(self) -> float | None:
-        """Return since when (s) nobody can stop a race on the grid or in green; otherwise None."""
+        """Return `nobody_since` while a race is on the grid or in green; otherwise None."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
-        """Return when the race ends automatically; None while a finish is missing (§3.C)."""
+        """Return when the race is due to end automatically (§3.C); None if it is not."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
         if not self.starters:
@@ -2076,7 +2011,8 @@ class Race:
             )
         since = self._unattended_since()
         if since is not None:
-            text = 'Open a window: race control hears no screen or button that can stop the race'
+            text = 'Open a window: race control has no contact with any screen or button that can '
+            text += 'stop the race'
             if self.times.nobody_there:
                 text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s without one'
             yield AlertKind.NOBODY_THERE, 0, since, text
@@ -2102,7 +2038,7 @@ class Race:
                 self._add_event(EventKind.ALERT_RAISED, alert.told, alert.kart, alert=alert.kind)
         for key, alert in self._alerts.items():
             if key not in current:
-                # The kart may have left the roster since then.
+                # The kart may have left the roster in the meantime.
                 kart = self.karts.get(alert.kart, called(alert.kart, ''))
                 of = f', {kart}' if alert.kart else ''
                 text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
@@ -2153,8 +2089,8 @@ class Race:
 
 
 LOST_AT_ONCE = 2.0
-"""Maximum time between the losses of karts that count as lost together, in seconds. (Each kart is
-lost `send_timeout` after its last answer.)"""
+"""Maximum time between the losses of karts that count as lost together, in seconds. Each kart is
+lost `send_timeout` after its last answer."""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
 """What an official must state once if race control does not know what happened before."""
@@ -2164,15 +2100,15 @@ BEGAN = 'race control started, and does not know what happened before'
 
 NOT_IN_ROSTER = 'no longer in the roster'
 
-NOBODY_THERE = 'race control heard no screen or button that can stop the race'
-"""Why race control sends RED_FLAG to a race automatically."""
+NOBODY_THERE = 'race control had no contact with any screen or button that can stop the race'
+"""Why race control sends RED_FLAG to a race that nobody can stop."""
 
 MARKED_AS_FINISHED = 'marked as finished'
-"""Why a finished kart is held; still true if places move up later or its finish is undone."""
+"""Why a finished kart is held. This stays true if places move up or its finish is undone later."""
 
 
 def _cut(phrases: list[str]) -> str:
-    """Join up to four phrases, since an official cannot act on more at once."""
+    """Join at most four phrases, because an official cannot act on more at once."""
     more = len(phrases) - 3
     shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more karts']
     return '; '.join(shown)
@@ -2222,7 +2158,7 @@ class Rule:
     One row of the table of commands (§4.B). ``CATALOGUE`` has what does not depend on the race.
 
     :param effect: puts the command into effect and returns the message to the official.
-    :param refusal: returns why the command is refused now; empty if it is not.
+    :param refusal: returns why the command is refused now; empty if it is allowed.
     :param statement: returns what the official must state; empty if nothing.
     :param karts: returns the karts that the command starts or releases.
     """
@@ -2284,4 +2220,4 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, Race._state_no_race),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track),
 }
-"""What every command of §4.B does, when it is refused, and what the official must state."""
+"""The rule of every command."""
