@@ -22,28 +22,30 @@ OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
     ('beat_rate', 'Frames per second to each kart, Hz (§4.C: 10, plus a reserve).', (11, 100)),
     (
         'send_timeout',
-        'How long a kart may leave bytes unanswered before race control drops it, s.',
+        'Time after which race control drops a kart that leaves bytes unanswered, s.',
         (0.2, 10),
     ),
 )
 """Name, meaning and range of the kart server's parameters. `ServerSettings` has the defaults."""
 
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
-    ('finish_stop', 'How long a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
     ('auto_race_over', 'Race control ends the race automatically once every kart has finished.'),
-    ('ready_alert', 'How long GRID_ACTIVE may be unacknowledged before an alert, s.', _SECONDS),
-    ('green_alert', 'How long GREEN_GREEN may be unacknowledged before an alert, s.', _SECONDS),
-    ('flag_alert', 'How long RED_FLAG may be unacknowledged before an alert, s.', _SECONDS),
-    ('red_alert', 'How long RED_RED may be unacknowledged before an alert, s.', _SECONDS),
+    ('ready_alert', 'Time until an alert if GRID_ACTIVE is not acknowledged, s.', _SECONDS),
+    ('green_alert', 'Time until an alert if GREEN_GREEN is not acknowledged, s.', _SECONDS),
+    ('flag_alert', 'Time until an alert if RED_FLAG is not acknowledged, s.', _SECONDS),
+    ('red_alert', 'Time until an alert if RED_RED is not acknowledged, s.', _SECONDS),
     ('require_inspection', 'Karts without an inspection in the roster cannot race.'),
     (
         'nobody_there',
-        'Time until a race that no official can stop any longer goes to RED_FLAG, s. 0: never.',
+        'Time after a race has lost the last program that could stop it until race control sends '
+        'RED_FLAG, s. With 0, it never does.',
         (0, 3600),
     ),
     (
         'pause',
-        'How long after a stop commands that lift a restriction or start anything are refused, s.',
+        'Time after a stop during which race control refuses commands that lift a restriction or '
+        'start anything, s.',
         (LEAST_PAUSE, 10),
     ),
 )
@@ -99,7 +101,7 @@ def read_settings(parameters: Parameters) -> Begin:
     settle = declare(
         'settle_time',
         RaceTimes.settle,
-        'How long a kart must keep reporting its stop before humans may rely on it, s.',
+        'Time for which a kart must keep reporting its stop before humans may rely on it, s.',
         (0.5, 60),
     )
     rules: dict[str, Any] = {

@@ -4,5 +4,5 @@
 """
 What may happen in a race, and what officials see of it: rules, commands, inputs, snapshot.
 
-The code is pure: it uses no clock, socket, thread, file, ROS, log, or any other room.
+The code is pure: it uses no clock, socket, thread, file, ROS or log, and no other room.
 """

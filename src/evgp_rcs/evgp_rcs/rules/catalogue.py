@@ -4,10 +4,10 @@
 """
 The catalogue of officials' commands (§4.B): the name of each, and what kind of command it is.
 
-One row says everything about a command that does not depend on the race. The table of the rules
+A row contains everything about a command that does not depend on the race. The table of the rules
 (``race.COMMANDS``) says what the command does and when it is refused. The node, console,
-``rcs_ctl``, soak and tests use these rows. A new command therefore needs a row here, a row there,
-a constant in `CommandAvailability.msg`, and a service type if its request names more than a kart.
+``rcs_ctl``, soak and tests use these rows. A new command therefore needs a row in each table, a
+constant in `CommandAvailability.msg`, and a service type if its request names more than a kart.
 
 The code is pure.
 """
@@ -43,7 +43,7 @@ class CommandKind(enum.Enum):
     TAKE_ROSTER = 'TAKE_ROSTER'
     READ_ROSTER = 'READ_ROSTER'
 
-    __hash__ = object.__hash__  # as RaceState has it
+    __hash__ = object.__hash__  # as in RaceState
 
 
 FLAG_OR_RED = (RaceState.RED_FLAG, RaceState.RED_RED)
@@ -235,7 +235,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.TAKE_ROSTER: Entry(
         'TAKE ROSTER',
-        'bring into effect the roster that was read: karts and heats',
+        'put into effect the roster that was read: karts and heats',
         'reload_roster',
         fixed={'take': True},
         names_number='reading',
@@ -287,7 +287,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
 
 
 def kinds_by_service() -> dict[str, tuple[CommandKind, ...]]:
-    """Return each service with its commands: one, or two that differ in ``fixed``."""
+    """Return the commands of each service. Commands that share a service differ in ``fixed``."""
     found: dict[str, tuple[CommandKind, ...]] = {}
     for kind, entry in CATALOGUE.items():
         found[entry.service] = (*found.get(entry.service, ()), kind)

@@ -4,15 +4,15 @@
 """
 The stream of a run: every input and output of the rules, as typed entries in order.
 
-`Began` is the first entry; `Rules`, with the setup of the rules, is the second. The inputs of the
-``Race`` follow, each with its time to the last bit. Each input is followed by the orders
-(`Ordered`) and events (``StampedEvent``) that it caused. Between these are events that the server
-itself made, and the times at which the race was shown to officials (`Shown`). The kart server
-feeds the rules only through `feed`, so a stream can be replayed.
+The first entry is `Began`, and the second is `Rules`, with the setup of the rules. The inputs of
+the ``Race`` follow, each with its exact time. After each input come the orders (`Ordered`) and
+events (``StampedEvent``) that it caused. In between are events that the server itself made, and
+the times at which the race was shown to officials (`Shown`). The kart server feeds the rules only
+through `feed`, so a stream can be replayed.
 
-The thread that stops karts only appends entries to a `Log`, and passes them on once frames and
-answers are out. The record's process encodes them in blocks. Each block contains the number of
-entries before it, so that missing entries are noticed and counted.
+The thread that stops karts only appends entries to a `Log`, and passes them on after it has sent
+the frames and answers. The record's process encodes the entries in blocks. Each block says how
+many entries precede it, so that missing entries are noticed and counted.
 
 The code is pure: it uses no clock, socket, ROS, thread, file or log.
 """
@@ -104,7 +104,7 @@ CLOSED_BY_KART = 'the kart closed the connection'
 
 
 class Disconnected(NamedTuple):
-    """A kart's connection has ended; ``silent`` if its link stopped answering."""
+    """A kart's connection has ended. It is ``silent`` if the kart's link stopped answering."""
 
     at: float
     kart: int
@@ -114,7 +114,7 @@ class Disconnected(NamedTuple):
 
 class Heard(NamedTuple):
     """
-    A kart reported a state. The report can answer the order of this serial.
+    A kart reported a state. The report can answer the order with this serial.
 
     :param counts_in: see `Race.heard`.
     """
@@ -127,7 +127,7 @@ class Heard(NamedTuple):
 
 
 class Delivered(NamedTuple):
-    """A kart's kernel answered the order of this serial, at a time in seconds."""
+    """A kart's kernel had answered the order with this serial by the time ``answered``."""
 
     at: float
     kart: int
@@ -164,7 +164,7 @@ class CutOff(NamedTuple):
 
 
 class Contested(NamedTuple):
-    """Two programs keep connecting as one kart, or no longer do."""
+    """Two programs keep connecting as one kart, or have stopped doing so."""
 
     at: float
     kart: int
@@ -193,7 +193,7 @@ class RecordTrouble(NamedTuple):
 
 
 class StartSaved(NamedTuple):
-    """Whether the memory of the start with this number is saved on disk; its wait is over."""
+    """The wait of the start with this number is over. ``saved`` means its memory is on disk."""
 
     at: float
     saved: bool
@@ -201,13 +201,7 @@ class StartSaved(NamedTuple):
 
 
 class Recovered(NamedTuple):
-    """
-    What is known about the last run.
-
-    :param memory: what the record contains about it; None if it contains nothing.
-    :param last_run: how it ended, according to the machine's mark (``run_mark``).
-    :param why: why proof that it ended normally is not believed, as a phrase; empty if none.
-    """
+    """What is known about the last run; `Race.recover` explains the fields."""
 
     at: float
     memory: RaceMemory | None
@@ -273,7 +267,7 @@ def feed(given: Input, race: Race) -> Outcome:
 
 
 class Ordered(NamedTuple):
-    """The orders that the previous input caused; if there were none, the entry is absent."""
+    """The orders that the previous input caused. If it caused none, there is no such entry."""
 
     orders: tuple[Order, ...]
 
@@ -325,7 +319,7 @@ class Batch(NamedTuple):
 
     :param first: number of entries before them.
     :param entries: the entries, with None in place of each event that is in `happened`.
-    :param happened: these events, packed as for the ROS half, so that they are packed only once.
+    :param happened: these events, as packed for the ROS half, so that they are packed only once.
     """
 
     first: int
@@ -334,7 +328,7 @@ class Batch(NamedTuple):
 
 
 class Log:
-    """The entries of one race after ``Rules``: every input and output of the rules."""
+    """The entries of one race after ``Rules``, that is, all inputs and outputs of the rules."""
 
     def __init__(self) -> None:
         self._new: list[Entry | None] = []
@@ -342,9 +336,10 @@ class Log:
 
     def add(self, *entries: Entry | None) -> None:
         """
-        Append entries: an input before it reaches the rules, then what it causes.
+        Append an input before it reaches the rules, or what an input has caused.
 
-        :param entries: the entries, with None for each event, which whoever takes the batch adds.
+        :param entries: the entries, with None for each event. The taker of the batch has the
+            events, and packs them for `Batch.happened`.
         """
         self._new += entries
 

@@ -23,12 +23,14 @@ MEASURE_EVERY = 1.0
 """Time between two measurements of a link that does not get worse, in seconds."""
 
 POOR_LATELY = 60.0
-"""How long after a poor link GRID_ACTIVE's confirmation names its kart, in seconds."""
+"""Time after a poor measurement during which a confirmation of GRID_ACTIVE still names the kart,
+in seconds."""
 
 CLOSING = 0.4
-"""Share of the largest window that a kart's TCP has offered; a smaller window means that the kart
-is leaving frames unread. The lwIP window of a kart that reads everything shrinks to half of the
-largest. Linux has a window of about 64 kB, which shows unread frames only after a long time."""
+"""Share of the largest window that a kart's TCP has offered. A smaller window means that the kart
+is leaving frames unread. With lwIP, the window of a kart that reads everything still shrinks to
+half of the largest. With Linux, it is about 64 kB, so unread frames show only after a long
+time."""
 
 BYTES_PER_SECOND = BEAT_RATE * len(encode(RaceState.GREEN_GREEN))
 """Number of bytes sent to a kart per second of racing, at the usual rate."""
@@ -43,14 +45,10 @@ _WORSE_FROM = {
 
 class LinkQuality(NamedTuple):
     """
-    One measurement of a link. Times that the kernel does not report are None, and numbers are 0.
+    One measurement of a link; `LinkQuality.msg` explains the fields.
 
-    :param worst_answer: longest time that a frame waited, or has been waiting, for an answer from
-        the kart's kernel in the last ``GRADE_WINDOW``, in seconds; the grade depends on it.
-    :param round_trip: round-trip time, smoothed by the kernel, in seconds.
-    :param retransmitted: number of segments retransmitted on this connection.
-    :param behind: how late the kart's program may be in reading what it is sent, in seconds; 0 if
-        there is no sign of that.
+    A time that is unknown is None here. ``worst_answer`` includes a frame that is still waiting
+    for its answer.
     """
 
     grade: Grade
@@ -65,7 +63,7 @@ NOT_MEASURED = LinkQuality(Grade.UNKNOWN, None, None, 0)
 
 class LinkMeter:
     """
-    Measures one connection.
+    The measurement of one connection.
 
     :param now: time at which the connection was made, in seconds.
     """
@@ -78,14 +76,14 @@ class LinkMeter:
         self._longest: deque[tuple[float, float]] = deque()
 
     def answered(self, took: float, now: float) -> None:
-        """Record that a frame was answered, how long that took (s), and when (s)."""
+        """Record that a frame was answered after `took` seconds, at the time `now` (s)."""
         while self._longest and self._longest[-1][1] <= took:
             self._longest.pop()
         self._longest.append((now, took))
 
     def is_due(self, age: float, now: float) -> bool:
         """
-        Return whether a measurement is due: each second, and at once when the link gets worse.
+        Return whether to measure now, which is each second, and at once when the link gets worse.
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         """
@@ -101,8 +99,7 @@ class LinkMeter:
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         :param info: the kernel's figures; None if it has none.
-        :param behind: how late the kart's program may be in reading, according to its reports, in
-            seconds; 0 if there is no sign of that.
+        :param behind: ``LinkQuality.behind`` as the kart's reports alone show it, in seconds.
         """
         behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
@@ -118,7 +115,7 @@ class LinkMeter:
         return quality
 
     def _behind_by_window(self, info: TcpInfo | None) -> float:
-        """Return the kart's maximum delay in reading, by its window (s); 0 if there is no sign."""
+        """Return ``LinkQuality.behind`` as the kart's window alone shows it, in seconds."""
         if info is None or info.window is None:
             return 0.0
         self._largest_window = max(self._largest_window, info.window)

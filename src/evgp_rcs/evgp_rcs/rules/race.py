@@ -2011,8 +2011,10 @@ class Race:
             )
         since = self._unattended_since()
         if since is not None:
-            text = 'Open a window: race control has no contact with any screen or button that can '
-            text += 'stop the race'
+            text = (
+                'Open a window: race control has no contact with any screen or button that can '
+                'stop the race'
+            )
             if self.times.nobody_there:
                 text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s without one'
             yield AlertKind.NOBODY_THERE, 0, since, text

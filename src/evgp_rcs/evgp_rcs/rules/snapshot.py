@@ -4,9 +4,9 @@
 """
 What officials see of the race, as plain data: the only model of the race outside the rules.
 
-The kart server makes the snapshot. ``evgp_rcs_msgs/Race`` mirrors it field by field
-(``messages``); the window, terminal, board and rehearsal have no other model. Whatever follows
-from its fields is a property here, so that no screen computes it again.
+The kart server makes the snapshot, and ``evgp_rcs_msgs/Race`` mirrors it field by field
+(``messages``). The window, terminal, board and rehearsal have no other model. Whatever follows
+from the fields is a property here, so that no screen has to work it out for itself.
 
 Times are in seconds, on one clock: the clock of the rules in race control, or race control's wall
 clock in a snapshot read from a message. Only differences between these times are meaningful.
@@ -29,7 +29,7 @@ _TO_ALL = tuple(kind for kind in CATALOGUE if kind not in _TO_ONE_KART)
 
 
 class KartSnapshot(NamedTuple):
-    """One kart; the fields mean the same as in `KartStatus.msg` and ``Kart``."""
+    """One kart; `KartStatus.msg` explains the fields."""
 
     number: int
     team: str
@@ -63,23 +63,23 @@ class KartSnapshot(NamedTuple):
 
     @property
     def in_doubt(self) -> bool:
-        """Return whether it may be moving although it must not, or while it is not connected."""
+        """Return whether it may be moving while it must not move, or while it is not connected."""
         return self.may_be_moving and not (self.connected and self.sent is RaceState.GREEN_GREEN)
 
     @property
     def says_no_more(self) -> bool:
-        """Return whether it last reported what it is being sent, but for an earlier command."""
+        """Return whether its last report has the right state but answered an earlier command."""
         waits = self.connected and not self.acknowledged and self.sent is not RaceState.IN_GARAGE
         return waits and self.counts_at is None and self.reported is self.sent
 
     @property
     def settles(self) -> bool:
-        """Return whether it is reporting its stop, but has not yet done so for long enough."""
+        """Return whether it is reporting its stop, but has not done so for long enough yet."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
 
     @property
     def flag_follows(self) -> bool:
-        """Return whether it has finished, and keeps driving until it is sent its RED_FLAG."""
+        """Return whether it has finished and is still driving, until it is sent its RED_FLAG."""
         drives = self.connected and self.sent is RaceState.GREEN_GREEN
         return drives and self.flag_at is not None
 
@@ -95,13 +95,10 @@ class KartSnapshot(NamedTuple):
 
 class Snapshot(NamedTuple):
     """
-    The race at one time; the fields mean the same as in `Race.msg` and ``Race``.
+    The race at one time; `Race.msg` explains the fields.
 
-    :param stamp: time of the snapshot.
     :param state: state of the race; None only before race control is first heard.
-    :param commands: the commands that are not for one kart.
-    :param banner: text at the top of every screen, which ``node`` adds from its parameter.
-    :param officials: the event's officials, which ``node`` adds likewise.
+    :param banner: see the message. The ROS half adds this and ``officials``, which are parameters.
     """
 
     stamp: float
@@ -177,7 +174,7 @@ NOTHING = Snapshot(
     track=TrackAccess(open=False, allowed=False, reason='', msr_used=False),
     alerts=(),
 )
-"""The snapshot of a screen before it hears race control for the first time."""
+"""The snapshot that a screen has before it first hears race control."""
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
