@@ -9,8 +9,8 @@ race control, the watch asks by ARP for race control's own address. Its question
 probes, which do not change any cache. The watch also hears ARP packets in which other machines
 claim the address, and notices when such an interface loses its cable or its address.
 
-`Lookout` and everything above it is pure. `AddressWatch` is the thread around it. The watch asks
-through a raw packet socket if this process may open one, and otherwise through ``arping``
+`Lookout` and everything above it are pure. `AddressWatch` is the thread around them. The watch
+asks through a raw packet socket if this process may open one, and otherwise through ``arping``
 (iputils-arping). If neither works, the watch cannot know who has the address. It does not ask on
 the loopback interface, where there are no other machines.
 """
@@ -41,8 +41,8 @@ ASK_EVERY = 0.5
 The kernel reports most changes at once, for example when a cable is plugged in again."""
 
 HEARD_WITHIN = 1.0
-"""Time within which another machine answers, in seconds. Race control first waits for this time,
-and only then serves karts."""
+"""Time within which another machine answers, in seconds. Race control waits this long before it
+serves karts."""
 
 ANNOUNCEMENTS = 5
 """Number of times that race control announces its address once no other machine has answered. It
@@ -126,7 +126,7 @@ def claim_in(interface: str, data: bytes) -> Claim | None:
 
 def to_be_asked(host: str, karts: Iterable[str], there: Sequence[Card]) -> tuple[Question, ...]:
     """
-    Return the questions to ask: each interface and address through which karts reach race control.
+    Return one question for each interface and address through which karts reach race control.
 
     :param host: the address at which race control listens, or `EVERY`.
     :param karts: the karts' addresses in the roster.
@@ -165,7 +165,7 @@ class Lookout:
     @property
     def cut_off(self) -> str:
         """
-        Return the reason why karts cannot reach race control, as a phrase; empty if unknown.
+        Return why karts cannot reach race control, as a phrase; empty if no reason is known.
 
         A loss ends once the interface has returned and no other machine has answered there.
         """
@@ -232,7 +232,7 @@ class Lookout:
         return found
 
     def hear(self, claim: Claim) -> str:
-        """Return, as a sentence, which other machine made a claim; empty if this one did."""
+        """Return a sentence about the other machine that made a claim; empty if this one did."""
         if (claim.address, claim.interface) not in self._asked:
             return ''
         if claim.hardware not in self._own | self._owned:
@@ -270,9 +270,9 @@ def _what_is_lost(address: str, name: str, card: Card | None) -> str:
 
 class Asker:
     """
-    An object that asks at an interface, and hears who claims an address.
+    The way to ask at an interface, and to hear who claims an address.
 
-    This base class is used when this process cannot ask at all.
+    This base class is for a process that cannot ask at all.
 
     :ivar trouble: why it cannot ask, as a phrase. Empty if it can.
     :ivar asked: number of questions asked so far.
@@ -315,7 +315,8 @@ class _RawSocket(Asker):
         self._socket = socket.socket(socket.AF_PACKET, kind, socket.htons(_PROTOCOL))
         self.trouble, self.asked = '', 0
         self.files = (self._socket.fileno(),)
-        # Processes that this one starts do not need this right, and strangers can reach some.
+        # The processes that this one starts do not need this right, and strangers can reach some
+        # of them.
         ctypes.CDLL(None).prctl(_AMBIENT, _CLEAR_ALL, 0, 0, 0)
 
     def ask(self, question: Question) -> None:
@@ -391,7 +392,7 @@ class _Arping(Asker):
         self.asked += len(ended)
         for (address, card), asked in ended:
             said, _ = asked.communicate()
-            # A mistake has the same exit code as an answer.
+            # After an error, arping's exit code is the same as after an answer.
             answer = re.search(r'(?:reply|request) from .*?\[([\w:]{17})\]', said, re.IGNORECASE)
             if answer is not None:
                 found.append(Claim(card.name, address, answer[1].lower(), alone=True))
@@ -453,7 +454,7 @@ class AddressWatch:
 
     @property
     def answer(self) -> str:
-        """Return, as a sentence, which other machine has the address; empty if none is known."""
+        """Return a sentence about the other machine that has the address; empty if none known."""
         return self._answer
 
     @property

@@ -54,13 +54,10 @@ _LENGTH = struct.Struct('!I')
 @dataclass(frozen=True)
 class ServerSettings:
     """
-    How the kart server listens and sends.
+    How the kart server listens and sends. ``ros.settings`` explains those that are parameters.
 
-    :param host: IPv4 address to listen on. 0.0.0.0 means every address of the machine.
-    :param port: TCP port. With 0, as in tests, the system chooses one.
-    :param beat_rate: frames per second to each kart. §4.C requires at least 10 Hz.
-    :param send_timeout: how long a kart may leave bytes unanswered before the server drops it, in
-        seconds.
+    :param host: the parameter ``address``.
+    :param port: the parameter. In tests it is 0, so that the system chooses a port.
     :param snapshot_interval: minimum time between two snapshots of the race, in seconds.
     :param snapshot_at_least: maximum time between two snapshots, in seconds.
     """
@@ -80,9 +77,9 @@ class Begin:
 
     :param record: path of the record.
     :param cannot_know: why the ROS half cannot rule out another race control at the same address,
-        as a phrase. Empty if it can. If it cannot, race control does not believe any proof that
-        the last run ended well.
-    :param run: id of this run. If it is empty, the record draws one.
+        as a phrase; empty if it can. If it cannot, race control rejects any proof that the last
+        run ended normally.
+    :param run: id of this run. If it is empty, the record makes one up.
     """
 
     roster: Roster
@@ -145,7 +142,7 @@ class Listening:
 
 @dataclass(frozen=True)
 class Refused:
-    """The message that the kart server or the record cannot start, why, and what to do."""
+    """The message that the kart server or the record cannot start. It says why and what to do."""
 
     text: str
 
@@ -188,7 +185,7 @@ class Remember(NamedTuple):
 @dataclass(frozen=True)
 class Ended:
     """
-    The last message. It says that the run has ended.
+    The last message, when the run has ended.
 
     :param ends_as: how the run ended, for the next run.
     """
@@ -202,7 +199,7 @@ class Ended:
 @dataclass(frozen=True)
 class Opened:
     """
-    The first message. It says what is known about the last run.
+    The first message, with what is known about the last run.
 
     :param left_behind: what the record contains about the last run. None if it contains nothing.
     :param last_run: how the last run ended, according to the mark.
@@ -222,8 +219,8 @@ class Written(NamedTuple):
 
     :param batches: number of batches on the disk so far.
     :param error: why the record is failing, as a phrase. Empty if it works.
-    :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk. If
-        there is an error, the memories that could not be written.
+    :param confirmed: numbers (`Remember.confirm`) of the memories that are now on the disk or, if
+        there is an error, of those that could not be written.
     """
 
     batches: int

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-One connection from one kart: reads its bytes and sends it frames (§4.C, §4.D).
+One connection from one kart: it reads the kart's bytes and sends it frames (§4.C, §4.D).
 
 The link also watches whether the kart still answers. Everything here runs in the loop of the kart
 server, which owns the links. `LinkOwner` lists what a link needs from its owner. ``hearing``
@@ -57,7 +57,7 @@ class LinkOwner(Protocol):
         :param link: the kart's link.
         :param heard: the report, or bytes that are not a frame.
         :param serial: serial of the order that the report can answer.
-        :param counts_in: the same as in `Hearing.counts_in`, in seconds.
+        :param counts_in: see `Hearing.counts_in`.
         """
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
@@ -76,7 +76,7 @@ class KartLink(asyncio.BufferedProtocol):
 
     :param owner: the kart server.
     :param beat_rate: rate at which the owner calls ``beat``, in Hz.
-    :param send_timeout: how long a kart may leave a byte unanswered before the link drops it, in
+    :param send_timeout: time after which the link drops a kart that leaves a byte unanswered, in
         seconds.
     :ivar number: the kart's number, which the owner sets. 0 before that.
     :ivar reason: why the connection has ended or will end, as a phrase.
@@ -113,7 +113,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Handle the bytes that were read. After a flood's worth, pause reading until a beat."""
+        """Handle the bytes that were read. If they are a flood, read no more until a beat."""
         self._hearing.read(nbytes)
         if self._hearing.waits:
             self._look(self._owner.now())

@@ -5,7 +5,7 @@
 The network interfaces of this machine, as the kernel reports them now (rtnetlink, without root).
 
 This module does not read ``/sys``, because ``/sys`` shows the interfaces of the network namespace
-in which it was mounted. That namespace may differ from that of this process.
+in which it was mounted, and this process may be in another one.
 """
 
 from __future__ import annotations

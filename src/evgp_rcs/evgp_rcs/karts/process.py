@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The kart server's process holds the rules and the karts' sockets, and does not use ROS.
+The kart server's process, which holds the rules and the karts' sockets, and does not use ROS.
 
 The ROS half (``node``) starts this process, and a local socket pair connects the two
 (``channel``). This process in turn starts the record's process. Neither half outlives the other.
@@ -34,12 +34,12 @@ from evgp_rcs.rules.inputs import Batch, Recovered, Rules, Setup
 from evgp_rcs.rules.race import LastRun
 
 FIRST_SIGN = 2.0
-"""Additional time for the first sign of life, in seconds, because the ROS half is still
+"""Additional time for the ROS half's first sign of life, in seconds, because it is still
 starting."""
 
 LAST_WORDS_TIMEOUT = 2.0
-"""Maximum time at the end, in seconds. The record has this long to finish, and the ROS half then
-has this long to accept the last messages."""
+"""Maximum time for the record to finish at the end, in seconds. After that, the ROS half has the
+same time to accept the last messages."""
 
 
 async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> LastRun:

@@ -60,9 +60,9 @@ class _Confirm(NamedTuple):
     """
     A memory that must reach the disk.
 
-    :param done: called with whether the memory is on the disk.
+    :param done: see `RecordProcess.make_sure`.
     :param since: when it began to wait, in seconds.
-    :param within: how long it may wait, in seconds.
+    :param within: maximum time to wait, in seconds.
     """
 
     done: Callable[[bool], None]
@@ -76,7 +76,7 @@ class RecordProcess:
 
     :param path: the file of the record.
     :param mark: the file of the mark (see ``run_mark.place``).
-    :param run: id of the run. If it is empty, the record draws one.
+    :param run: id of the run. If it is empty, the record makes one up.
     :raises RecordError: if the record cannot be used, for example because another race control
         that is running uses one of the files.
     """
@@ -151,8 +151,8 @@ class RecordProcess:
         :param memory: the memory.
         :param within: maximum time to reach the disk, in seconds. After that, the record fails
             until the memory is on the disk.
-        :param done: called in the loop with whether the memory is on the disk. If this remains
-            unknown, ``done`` is never called.
+        :param done: called in the loop with True once the memory is on the disk, or with False if
+            the record fails. If this remains unknown, ``done`` is never called.
         """
         self._confirms += 1
         self._confirm[self._confirms] = _Confirm(done, time.monotonic(), within)
@@ -174,7 +174,7 @@ class RecordProcess:
 
     def trouble(self) -> str:
         """Return why the record is failing, as a sentence for officials. Empty if it works."""
-        # This clock skips suspends, unlike that of the rules, because they do not slow a disk.
+        # Unlike the rules' clock, this one skips suspends, because those do not slow the disk.
         now = time.monotonic()
         if not self._events:
             self._caught_up_at = now
@@ -192,7 +192,7 @@ class RecordProcess:
         return f'The record {self._path} fails: {reason}; {self._events} {wait}{lost}'
 
     def _slow_for(self, now: float) -> float:
-        """Return how long the disk has not written, in seconds; 0 if this is not too long."""
+        """Return the time without a write to the disk, in seconds; 0 if it is not too long."""
         waits = [now - self._caught_up_at] if now - self._caught_up_at > SLOW else []
         # A start that waited too long has been refused, but the disk may still not be ready.
         waits += [

@@ -61,10 +61,10 @@ from evgp_rcs.rules.race import (
 from evgp_rcs.rules.snapshot import snapshot_of
 
 STALL = 1.0
-"""How late a beat may be, in seconds. If a beat is later than this, race control has stalled."""
+"""Maximum delay of a beat, in seconds. If a beat is later than that, race control has stalled."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit on each kart's new connections: how many in a burst, and then how many per second."""
+"""Limit on each kart's new connections: the number in a burst, and then the number per second."""
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers: the number of times, and the period in seconds. If new connections replace a
@@ -79,7 +79,7 @@ CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections that the server accepts before it handles a stop or a beat."""
 
 GATHER = 0.005
-"""How long the server gathers events before it forwards them, in seconds. If a hundred karts
+"""Time for which the server gathers events before it forwards them, in seconds. If a hundred karts
 acknowledge at the same time, sending each event separately would keep all processes busy and delay
 the answer to the stop that caused the events."""
 
@@ -98,7 +98,7 @@ TO_ROS_HALF_BYTES = 64 * 2**20
 """Maximum backlog to the ROS half, in bytes. If it is larger, the server abandons the ROS half."""
 
 ROS_HALF_SILENCE = 1.0
-"""How long the ROS half may be silent before the server abandons it, in seconds."""
+"""Maximum silence of the ROS half, in seconds. After that, the server abandons it."""
 
 _ENDING = Answer(False, 'Race control is ending. If a kart is still moving, use the MSR.')
 
@@ -162,7 +162,7 @@ class _Allowance:
         return True
 
     def mention(self) -> str:
-        """Return the end of a sentence: how many events were withheld since the last call."""
+        """Return the end of a sentence, with the number of events withheld since the last call."""
         withheld, self.withheld = self.withheld, 0
         return f' ({withheld} more not reported)' if withheld else ''
 
@@ -283,8 +283,7 @@ class KartServer:
 
         :param command: the command.
         :param answered: called with the answer once the server has written every frame.
-        :param came: when the command arrived, in seconds by the rules' clock. ``None``
-            means now.
+        :param came: when the command arrived, in seconds by the rules' clock; ``None`` for now.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
@@ -422,7 +421,7 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Tell the rules whether what must be saved before a start is on the disk."""
+        """Tell the rules whether the memory that a start waits for is on the disk."""
         if self._is_ending():
             return  # _refuse_the_rest answers the start
         self.take_commands()
@@ -491,7 +490,7 @@ class KartServer:
 
         :param at: time of the input, in seconds. The events get the same time, so that a replay
             can compare them.
-        :param entries: how many of the latest log entries belong to the input.
+        :param entries: number of the latest log entries that belong to the input.
         """
         published = [each for each in events if not each.chatter or self._may_publish(each, at)]
         if published:
@@ -513,8 +512,8 @@ class KartServer:
         """
         Gather events, so that the server can forward them together.
 
-        :param of_stamped: how many of the latest log entries caused the events. These entries stay
-            together with their events.
+        :param of_stamped: number of the latest log entries, which caused the events. These entries
+            stay together with their events.
         """
         if len(self._gathered) >= MOST_GATHERED:
             self._flush(of_stamped)
@@ -632,7 +631,7 @@ class KartServer:
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Report that a kart's kernel had answered an order by the time `answered`, in seconds."""
+        """Report to the rules that a kart's kernel had answered an order by this time (s)."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 

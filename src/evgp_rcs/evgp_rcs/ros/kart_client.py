@@ -4,7 +4,7 @@
 """
 The ROS half's client of the kart server.
 
-The client starts the kart server's process, passes commands on to it, and hears its events in a
+The client starts the kart server's process, passes commands on to it, and receives its events in a
 thread of its own. You may call every method from any thread.
 """
 
@@ -42,22 +42,23 @@ from evgp_rcs.rules.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.rules.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
-"""How long a kart server may take to end before the client kills it, in seconds."""
+"""Maximum time for a kart server to end, in seconds. After that, the client kills it."""
 
 START_TIMEOUT = 20.0
-"""Maximum time that the kart server may take to start, in seconds. This allows for a slow disk. If
-the disk hangs, officials must get an answer nevertheless."""
+"""Maximum time for the kart server to start, in seconds. This allows for a slow disk. If the disk
+hangs, officials must still get an answer."""
 
 KART_SERVER_SILENCE = 1.5
-"""How long a kart server may be silent before the client kills it, in seconds. A working one sends
-a snapshot of the race at least every 0.5 s."""
+"""Maximum silence of a kart server, in seconds. After that, the client kills it. A working one
+sends a snapshot of the race at least every 0.5 s."""
 
 LOOKS = 10
-"""Number of checks for silence in `KART_SERVER_SILENCE`. They are counted because a stopped
-process, however long it was stopped, misses only one check."""
+"""Number of checks for silence in `KART_SERVER_SILENCE`. The client counts checks instead of
+measuring time, because a stopped process misses only one check, however long it was stopped."""
 
 SEND_TIMEOUT = 0.5
-"""How long a kart server may not read before the client gives up on it, in seconds."""
+"""Maximum time in which a kart server reads nothing, in seconds. After that, the client gives up
+on it."""
 
 FROM_KART_SERVER_BYTES = 1 << 20
 """Maximum number of bytes read from the kart server at a time. A large snapshot fits into it."""
@@ -66,7 +67,7 @@ _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
     'from evgp_rcs.karts.process import main; sys.exit(main(sys.argv[1:2]))'
 )
-"""The program that runs the kart server. It looks for modules where this process does."""
+"""The program that runs the kart server. It looks for modules in the same places as this one."""
 
 
 class KartServerClient:
@@ -144,8 +145,8 @@ class KartServerClient:
         """
         Pass on an official's command, and wait for its answer.
 
-        If there is no answer in time, a stop still waits until the kart server judges it. Any
-        other command except RACE_OVER expires.
+        If no answer comes in time, a stop or RACE_OVER still waits until the kart server judges
+        it. Any other command expires.
 
         :param command: the command.
         :param came: when the command arrived, in seconds by the rules' clock.
@@ -172,9 +173,7 @@ class KartServerClient:
         """
         Give the kart server a sign of life, to show that the ROS half can receive a stop.
 
-        :param rival: whether the node hears another race control in this domain.
-        :param there: who can stop the race.
-        :param cut_off: why karts cannot reach race control now, as a phrase; empty if they can.
+        ``channel.Alive`` explains the parameters.
         """
         if not self._stopping:
             self._send(Alive(rival, there, cut_off))
@@ -194,7 +193,7 @@ class KartServerClient:
             pass  # the kart server has ended already
 
     def stop(self, in_order: bool) -> None:
-        """Do the same as ``end``, and wait until the process has ended."""
+        """Call ``end``, and wait until the process has ended."""
         self.end(in_order)
         if self._thread.ident is not None:
             self._clear_away()
@@ -215,7 +214,7 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
-            # Part of a message may have been sent, so give up on the kart server, which then ends.
+            # Part of a message may have been sent. Give up on the kart server, which then ends.
             with contextlib.suppress(OSError):  # the socket is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
             raise KartServerError('race control hangs, so use the MSR') from error

@@ -4,7 +4,7 @@
 """
 Conversions between the race and messages.
 
-``evgp_node.codec`` converts field by field. This module contains what differs from that.
+``evgp_node.codec`` converts field by field. This module contains the exceptions.
 """
 
 from __future__ import annotations

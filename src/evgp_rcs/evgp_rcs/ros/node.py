@@ -334,7 +334,7 @@ class RcsNode(StrictNode):
                 return
 
     def _hear(self, request: Any, response: Any) -> Any:
-        """Receive a call of this process to itself, in the thread that serves stops."""
+        """Receive one of this process's calls to itself, in the thread that serves stops."""
         # A call of another program also shows that calls arrive, but its number may be wrong.
         self._heard = max(self._heard, min(request.number, self._calls))
         return response
@@ -366,7 +366,7 @@ class RcsNode(StrictNode):
             self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
-        """Return another node of this process. It only offers services, in its own thread."""
+        """Return another node of this process, which only offers services, in its own thread."""
         return Node(
             f'{self.get_name()}_{what}',
             context=self.context,

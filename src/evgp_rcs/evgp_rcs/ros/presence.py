@@ -22,7 +22,7 @@ from evgp_node.official import MOST_OF_NAME, tidy, TIMEKEEPER
 from evgp_rcs.rules.race import Attendance
 
 SILENT_AFTER = 2.0
-"""How long a program may be silent before race control considers it gone, in seconds."""
+"""Maximum silence of a program, in seconds. After that, race control considers it gone."""
 
 MOST_PROGRAMS = 50
 """Maximum number of programs at once. Race control ignores further programs."""
@@ -40,7 +40,7 @@ LABELS = {'rcs_gui': 'window', 'rcs_ctl': 'terminal', BUTTON: 'button'}
 
 
 class Word(Protocol):
-    """A message of a program. Its fields mean the same as in `Presence.msg`."""
+    """A program's message; `Presence.msg` explains the fields."""
 
     program: str
     id: str  # noqa: A003 - the field's name
@@ -59,7 +59,7 @@ class Program:
     :param heard: when race control last heard the program, in seconds.
     :param worked: when race control last heard the program without a fault, in seconds.
     :param fault: why the race cannot be stopped from the program, as a sentence. Empty if it can.
-    :param replaces: whether the program can still be the replacement of a missing button.
+    :param replaces: whether the program can still count as the replacement for a missing button.
     """
 
     name: str

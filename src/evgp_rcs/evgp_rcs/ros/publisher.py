@@ -4,10 +4,10 @@
 """
 Publishes what the kart server reports, in a thread of its own.
 
-The publisher publishes every event, in order. The kart server limits the events that karts can
-cause by their reports. Of several snapshots of the race, the publisher publishes only the newest.
-A snapshot waits for at most `BATCH` events and may overtake the rest, so that officials see the
-current race.
+The publisher publishes every event, in order. The kart server has already limited the events that
+karts can cause by their reports. If several snapshots of the race are waiting, the publisher
+publishes only the newest. A snapshot waits for at most `BATCH` events and may overtake the rest,
+so that officials see the current race.
 """
 
 from __future__ import annotations

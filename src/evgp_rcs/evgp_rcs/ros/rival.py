@@ -19,7 +19,7 @@ from evgp_node.graph import LOOPBACK, reachable_at
 from rclpy.node import Node
 
 FIRST_LOOK = 1.5
-"""How long race control looks for rivals on other machines before it starts, in seconds."""
+"""Time for which race control looks for rivals on other machines before it starts, in seconds."""
 
 _STEP = 0.05
 
