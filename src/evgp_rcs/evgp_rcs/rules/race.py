@@ -341,16 +341,16 @@ class RaceTimes:
     """
     The times of the rules, in seconds. ``ros.settings`` explains those that are parameters.
 
-    The limits before an alert come from §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s
-    for RED_FLAG, and "a reasonable time" for RED_RED.
+    The times until an alert follow §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s for
+    RED_FLAG, and "a reasonable time" for RED_RED.
 
     :param finish_delays: see §4.B, FINISH. The longest delay comes first, so that karts that
         finish later find the line clear.
     :param finish_stop: how long the automatic end of the race (§3.C) waits for a finished kart to
         acknowledge its RED_FLAG. §3.A gives a kart 10-15 s to come to a stop.
-    :param pause_after_stall: how long after a stall of race control commands that loosen are
-        refused. Commands sent during the stall arrive late (DDS delivered some 3 s late). If
-        ``pause`` is longer, it applies instead.
+    :param pause_after_stall: the pause after a stall of race control. It is longer because
+        commands sent during the stall arrive late (DDS delivered some 3 s late). If ``pause`` is
+        longer still, it applies instead.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
     :param settle: the parameter ``settle_time``.
     """
@@ -389,7 +389,7 @@ class Kart:
     `KartStatus.msg` explains the fields not listed here. Times are in seconds.
 
     :param address: IPv4 address from which it connects; empty if it is no longer in the roster.
-    :param sent_since: when that state was first commanded. A reconnection does not change it.
+    :param sent_since: when ``sent`` was first commanded. A reconnection does not change it.
     :param serial: serial number of its current order.
     :param acknowledged: whether it has acknowledged its current order and has not withdrawn that
         acknowledgement since.
@@ -400,7 +400,7 @@ class Kart:
     :param held_alone: whether an official has held this kart individually and not released it.
     :param counts_in: time from its last report until ``counts_at``; 0 if unknown or over.
     :param ordered_at: time of its current order.
-    :param delivered_at: a time by which its kernel had answered that order.
+    :param delivered_at: the time by which its kernel had answered that order.
     :param acknowledged_at: when it first acknowledged that order.
     :param link: quality of its link; None if not measured on this connection. No rule depends on
         it or on the three times above, which are for officials.
