@@ -293,8 +293,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             left_on_the_grid,
             0,
-            'race control has lost contact with every screen and button that can stop the race; '
-            'open a window, or start again from IN_GARAGE',
+            'race control is no longer in contact with any screen or button that can stop the '
+            'race; open a window, or start again from IN_GARAGE',
         ),
     ],
     'IN_GARAGE': [

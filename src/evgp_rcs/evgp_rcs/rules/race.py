@@ -217,7 +217,7 @@ class Answer:
 
 class Attendance(NamedTuple):
     """
-    The programs that race control hears and from which an official can stop the race.
+    The programs in contact with race control from which an official can stop the race.
 
     In `Race.msg`, ``able`` is called `able_to_stop`, and ``who`` is called `who_can_stop`.
     """
@@ -1525,7 +1525,7 @@ class Race:
             return unfit
         if self.nobody_since is not None:
             return (
-                'race control has lost contact with every screen and button that can stop the '
+                'race control is no longer in contact with any screen or button that can stop the '
                 'race; open a window, or start again from IN_GARAGE'
             )
         if self.start is not None:
@@ -2012,7 +2012,7 @@ class Race:
         since = self._unattended_since()
         if since is not None:
             text = (
-                'Open a window: race control has no contact with any screen or button that can '
+                'Open a window: race control is not in contact with any screen or button that can '
                 'stop the race'
             )
             if self.times.nobody_there:
@@ -2102,7 +2102,7 @@ BEGAN = 'race control started, and does not know what happened before'
 
 NOT_IN_ROSTER = 'no longer in the roster'
 
-NOBODY_THERE = 'race control had no contact with any screen or button that can stop the race'
+NOBODY_THERE = 'race control was not in contact with any screen or button that can stop the race'
 """Why race control sends RED_FLAG to a race that nobody can stop."""
 
 MARKED_AS_FINISHED = 'marked as finished'
