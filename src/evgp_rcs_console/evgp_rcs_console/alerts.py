@@ -2,9 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The alerts, in an area that is always visible, and the sound that repeats until they are seen.
-
-The sound is a short two-tone wave, played by one of the machine's audio players.
+The alerts, in an area that is always visible, and a sound that repeats until they are seen.
 """
 
 from __future__ import annotations
@@ -31,28 +29,28 @@ from evgp_rcs_console.style import look, NUMBER, SMALL
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
-"""Maximum number of alerts shown in full; for the others, only their number and karts."""
+"""Maximum number of alerts shown in full. The others are shown only by number and karts."""
 
 MANY = 4
-"""Maximum number of further karts that are named in large type."""
+"""Maximum number of karts named in large type because their MSR alerts are not shown in full."""
 
 SOUND_AGAIN = 4.0
-"""Time between two sounds while an alert is unseen, in seconds."""
+"""Time after which the alarm sounds again while an alert is unseen, in seconds."""
 
 PLAYERS = ('pw-play', 'paplay', 'aplay')
-"""Programs that play a sound file, the preferred one first."""
+"""Programs that can play a sound file, the preferred one first."""
 
 RATE = 22050
 TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
-"""Frequency (Hz) and length (s) of each tone."""
+"""Frequency (Hz) and length (s) of each tone of the alarm."""
 
 
 def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
     """
-    Return alerts as HTML, with a filled ground until they are seen.
+    Return alerts as HTML, on a coloured ground until they are seen.
 
-    :param at: race control's time now.
-    :param sentences: number of alerts with a sentence; alerts without a kart always have one.
+    :param at: race control's time now, in seconds.
+    :param sentences: number of alerts with their sentence. An alert without a kart always has it.
     """
     tables = []
     for number, notice in enumerate(notices):
@@ -80,13 +78,13 @@ def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
 
 class AlertsArea(Panel):
     """
-    The alerts that are not marked as seen, and those whose cause still exists.
+    Shows the alerts that are not marked as seen, and those whose cause still exists.
 
-    SEEN marks the first alert. If another alert has just taken that place, SEEN marks nothing.
+    SEEN marks the first alert. If another alert has just taken its place, SEEN marks nothing.
     """
 
     seen = Signal(list)
-    """The official has seen the alerts of these numbers."""
+    """The official has seen the alerts with these numbers."""
     changed = Signal()
     """SEEN was pressed just after the alerts had changed, so nothing was marked."""
 
@@ -134,9 +132,9 @@ class AlertsArea(Panel):
         """
         Show alerts, the most important first.
 
-        :param at: race control's time now.
-        :param own: the official has just marked some as seen, so they expect the change.
-        :param known: race control is heard; if not, an empty list does not mean that all is well.
+        :param at: race control's time now, in seconds.
+        :param own: whether the official has just marked alerts as seen, and expects the change.
+        :param known: whether snapshots arrive; if not, no alerts do not mean that all is well.
         """
         before = self._unseen
         self._notices = list(notices)
@@ -149,24 +147,23 @@ class AlertsArea(Panel):
         if notices:
             unseen = any(not each.seen and each.lasts for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
-        told = summary(notices, self._shown)
+        text = summary(notices, self._shown)
         if not notices and not known:
-            told, tone = '? not known', Tone.FAINT
+            text, tone = '? not known', Tone.FAINT
         shown = self._shown
         others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
         if others:
-            told = f'⚠ MSR {", ".join(map(str, others))}'
-        self._summary.show_cell(Cell(told, tone))
+            text = f'⚠ MSR {", ".join(map(str, others))}'
+        self._summary.show_cell(Cell(text, tone))
         mark(self._summary, kind='large bold' if 0 < len(others) <= MANY else 'small bold')
         for button in (self._see, self._see_all):
             button.bar(not self._unseen)
 
     def _place(self, at: float) -> int:
         """
-        Stack the alerts, each as high as its text; return how many fit.
+        Show as many alerts as fit; return their number.
 
-        If not all sentences fit, only the first alert keeps its sentence; the others that name a
-        kart lose theirs.
+        If not all sentences fit, only the first alert and those without a kart keep theirs.
         """
         count = min(len(self._notices), PLACES)
         for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
@@ -181,7 +178,7 @@ class AlertsArea(Panel):
         return [notice.number for notice in self._notices if not notice.seen]
 
     def press_first(self) -> None:
-        """Mark the first unseen alert as seen, if it was shown long enough to be read."""
+        """Mark the first unseen alert as seen, if it has been there long enough to be read."""
         self._press(1)
 
     def _press(self, count: int | None) -> None:
@@ -193,7 +190,7 @@ class AlertsArea(Panel):
 
 
 class Alarm:
-    """Keeps the alerts, shows them and sounds the alarm."""
+    """Keeps and shows the alerts, and sounds the alarm."""
 
     def __init__(self, area: AlertsArea) -> None:
         self._area = area
@@ -207,7 +204,7 @@ class Alarm:
         area.show_sound(muted=False)
 
     def take_race(self, race: Snapshot, two: bool) -> None:
-        """Update the alerts from a snapshot; a new alert sounds soon."""
+        """Update the alerts from a snapshot. A new alert sounds soon."""
         if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state
@@ -215,7 +212,7 @@ class Alarm:
             self.sound_soon()
 
     def take_own(self, text: str) -> None:
-        """Add an alert of this window, which stays until it is seen; it sounds soon."""
+        """Add an alert of this window's own, which sounds soon and stays until it is seen."""
         self._book.add_own(text)
         self.sound_soon()
 
@@ -223,8 +220,8 @@ class Alarm:
         """
         Show the alerts.
 
-        :param at: race control's time now.
-        :param known: race control is heard; otherwise it may have alerts unknown to this window.
+        :param at: race control's time now, in seconds.
+        :param known: whether snapshots arrive; if not, there may be alerts unknown to this window.
         """
         self._at, self._known = at, known
         self._area.show_notices(self._book.shown, at, known=known)
@@ -239,7 +236,7 @@ class Alarm:
         self._area.show_sound(self._muted)
 
     def sound_soon(self) -> None:
-        """Sound at the next ``look``, if there is a reason to."""
+        """Sound at the next ``look``, if there is a reason to sound."""
         self._sounded_at = 0.0
 
     def look(self, now: float, alarming: bool) -> None:
@@ -250,7 +247,7 @@ class Alarm:
             self._sound.play()
 
     def sound_now(self) -> None:
-        """Sound once at once, because a stop was not sent."""
+        """Sound once, immediately, because a stop was not sent."""
         if not self._muted:
             self._sound.play()
 
@@ -259,7 +256,7 @@ class Alarm:
 
 
 def alarm() -> bytes:
-    """Return the samples of the alarm: 16 bit, mono."""
+    """Return the sound of the alarm as mono samples of 16 bits."""
     samples = array.array('h')
     for frequency, length in TONES:
         count = int(RATE * length)
@@ -271,9 +268,9 @@ def alarm() -> bytes:
 
 class Sound:
     """
-    Plays the alarm without waiting for it.
+    Plays the alarm, and does not wait until it has been played.
 
-    If no player is found, it uses the system's bell, which many machines have turned off.
+    If no player is found, it rings the system's bell, which is turned off on many machines.
     """
 
     def __init__(self) -> None:

@@ -5,7 +5,7 @@
 The stop button as a process: `rcs_button`, on an official's machine, without a screen.
 
 It sends one command, ALL KILL, as the window does. One thread reads the device and announces the
-button through the thread that sends stops. If either hangs, the announcements end.
+button through the thread that sends stops. If either thread hangs, the announcements end.
 """
 
 from __future__ import annotations
@@ -39,18 +39,17 @@ from evgp_rcs_console.presses import PressCounter
 from evgp_rcs_console.settings import Signature
 
 ACCEPTED_WITHIN = 1.0
-"""How long ALL KILL may wait to be accepted before the button reports a fault, in seconds."""
-
+"""Time without an acceptance of ALL KILL after which the button reports a fault, in seconds."""
 
 DROPPED_FOR = 5.0
-"""How long the button reports a dropped press, in seconds. Meanwhile race control does not count
-the button as working, so this is shorter than the usual ``nobody_there``: if no official could
-stop the new race for that long, race control would stop it."""
+"""Time for which the button reports a dropped press, in seconds. During this time, race control
+does not count the button as working. It is shorter than the usual ``nobody_there``. Otherwise,
+race control could stop the new race because no official could."""
 
 
 @dataclass(frozen=True)
 class ButtonSettings:
-    """The parameters; `read_settings` says what they mean."""
+    """The parameters, which `read_settings` describes."""
 
     device: str
     key: int
@@ -120,7 +119,7 @@ class StopButton(StrictNode):
         return self._given is None or (answer is not None and answer[0] is self._given)
 
     def _take_dropped(self, at: float) -> None:
-        """Handle the end of the last press; a button that is still held counts as a new press."""
+        """If the last press was dropped, report it; a button that is still held presses again."""
         dropped = self._heard.dropped
         if dropped is None or dropped[0] is not self._given:
             return
@@ -131,7 +130,7 @@ class StopButton(StrictNode):
             self._kill()
 
     def _look(self, trouble: str) -> None:
-        """Announce this button and, if it cannot stop the race, the reason."""
+        """Announce this button and, if it cannot stop the race, say why."""
         at = now()
         self._take_dropped(at)
         if at - self._dropped_at < DROPPED_FOR:
@@ -177,9 +176,9 @@ def read_settings(parameters: Parameters) -> ButtonSettings:
 
 def show(paths: Sequence[str]) -> int:
     """
-    List the input devices and print each press until Ctrl-C; nothing is sent.
+    List the input devices and print each press until Ctrl-C. Nothing is sent.
 
-    :param paths: the devices to look at; empty: every input device.
+    :param paths: the devices to list; empty: every input device.
     :return: 0 after Ctrl-C; 1 once none of them can be read.
     """
     watched: dict[str, tuple[Keys, PressCounter]] = {}

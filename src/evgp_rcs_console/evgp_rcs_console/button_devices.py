@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The device of a stop button: an input device whose keys are presses.
+The device of a stop button: an input device, each key of which is a press.
 
-The module reads it directly from the kernel (linux/input.h), without a library, so no read can
-hang. It does not use ROS.
+The module reads the device directly from the kernel (linux/input.h), without a library, so that no
+read can hang. It does not use ROS.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.presses import changes, EVENT, PressCounter
 
 BUTTON_LOOK = 0.1
-"""Maximum time between two looks at anything other than the device, in seconds."""
+"""Maximum time for which only the device is watched, in seconds."""
 
 REOPEN = 0.25
 """Time between two attempts to open a missing device, in seconds."""
@@ -48,11 +48,11 @@ class Keys:
     """
     An input device.
 
-    :raises OSError: if it cannot be opened; EBUSY: another program holds it.
+    :raises OSError: if it cannot be opened. EBUSY means that another program holds it.
     """
 
     def __init__(self, path: str) -> None:
-        """Open the device for its keys only, so that a moving joystick pushes no key event out."""
+        """Open the device for its keys only: a moving joystick must not push out key events."""
         self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             wanted = ctypes.c_uint64(1 << 0 | 1 << 1)  # EV_SYN, EV_KEY
@@ -68,16 +68,16 @@ class Keys:
         return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
 
     def grab(self, mine: bool) -> None:
-        """Take the device for this program, so that its keys type nowhere else, or release it."""
+        """Take the device for this program alone, so that its keys type nowhere, or release it."""
         fcntl.ioctl(self.descriptor, GRAB, int(mine))
 
     def down(self) -> frozenset[int]:
-        """Return the keys that are down; the kernel drops their unread changes."""
+        """Return the keys that are down. The kernel then drops their unread changes."""
         bits = int.from_bytes(self._ask(GET_KEYS_DOWN, _KEYS), 'little')
         return frozenset(key for key in range(_KEYS * 8) if bits >> key & 1)
 
     def changes(self, timeout: float) -> Iterable[Change]:
-        """Wait up to a time (s) for changes and return them."""
+        """Wait for changes, at most for a time in seconds, and return them."""
         if not select.select([self.descriptor], [], [], timeout)[0]:
             return ()
         data = os.read(self.descriptor, 64 * EVENT.size)
@@ -93,7 +93,7 @@ class Keys:
 
 
 def is_asleep(path: str) -> bool:
-    """Return whether an input device's USB device is suspended, so that its keys may not work."""
+    """Return whether the USB device of an input device is suspended, so that keys may not work."""
     folder = (SYS / pathlib.Path(path).resolve().name / 'device').resolve()
     for each in folder.parents:
         try:
@@ -121,7 +121,7 @@ def attend(
     ending: threading.Event,
 ) -> None:
     """
-    Handle every press until `ending` is set; reopen the device whenever it is gone.
+    Handle every press until `ending` is set. Whenever the device is gone, reopen it.
 
     :param on_press: called at each press.
     :param on_look: called at least every `REOPEN`, with the device's fault or an empty text.
@@ -151,7 +151,7 @@ def attend(
 
 
 def stable_paths() -> list[str]:
-    """Return every input device, by a name that never changes if it has one."""
+    """Return the path of every input device; if it has one that never changes, that path."""
     found = {path.resolve(): path for path in sorted(INPUT.glob('event*'))}
     for folder in ('by-path', 'by-id'):
         found |= {path.resolve(): path for path in sorted((INPUT / folder).glob('*event*'))}

@@ -2,16 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The console's ROS side: receives the race and sends commands, in its own threads.
+The console's ROS side: it receives the race and sends commands.
 
-It has two threads, so that nothing a screen does ever waits for ROS:
+It has two threads of its own, so that no screen ever waits for ROS:
 
-- the executor's thread receives the race, its events, the results and the answers to commands;
-- the sender's thread takes commands from a queue and calls the services. It repeats each stop
+- The executor's thread receives the race, its events, the results and the answers to commands.
+- The sender's thread takes commands from a queue and calls the services. It repeats each stop
   until race control accepts it or the stop has outlived its race (``StandingStops``). The same
   thread announces the official's presence, so a client that cannot send stops announces nothing.
-
-The listener is called in these threads and must hand over to its own thread at once.
 """
 
 from __future__ import annotations
@@ -38,7 +36,7 @@ from evgp_node.results import Standings
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_node.states import state_message
-from evgp_protocol.clock import duration, now
+from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import event_of
 from evgp_rcs.rules.race import Answer, LEAST_PAUSE, StampedEvent
@@ -79,13 +77,13 @@ _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 @functools.lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
-    """Return one of race control's sentences with states and commands named as on the screen."""
+    """Return a sentence of race control's with states and commands named as on the screen."""
     return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
 
 
 WITHIN = 4.0
-"""Time within which snapshot numbers that fall twice prove two race controls, in seconds. Each
-race control sends two snapshots a second."""
+"""Time within which the snapshots' numbers must fall twice to prove that there are two race
+controls, in seconds. Each race control sends two snapshots a second."""
 
 
 class Sources:
@@ -106,23 +104,23 @@ class Sources:
 
 
 GIVE_UP = 15.0
-"""Maximum wait for the answer to a request, in seconds. A stop is sent again long before that."""
+"""Maximum wait for the answer to a request, in seconds. A stop is repeated long before that."""
 
 THEN_WITHIN = LEAST_PAUSE / 2
 """Maximum time from a press to the last command that it sends, in seconds. If another official
-sends a stop meanwhile, the command still falls into the pause in which race control refuses
-everything that loosens."""
+sends a stop in the meantime, the command still arrives during the pause in which race control
+refuses everything that loosens."""
 
 PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
-counts the program as gone."""
+treats the program as gone."""
 
 ANNOUNCE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
-    # For tools that watch DDS alone: only an announcement shows that the program is alive.
+    # For tools that only see DDS: nothing but an announcement shows that the program is alive.
     liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
     liveliness_lease_duration=Duration(seconds=2),
 )
@@ -137,55 +135,53 @@ STOP_QOS = QoSProfile(
 """
 QoS of the clients that call the stops to more than one kart.
 
-Fast DDS forgets a machine after 20 s of silence, with everything sent to it. After a shorter
-outage it delivers the requests sent meanwhile, oldest first. Race control acts on the first one.
-With ROS's usual depth of 10, the age in that request would be up to 5 s too small; with a depth
-of 1, it is too small by ``PRESS_AGAIN`` at most. The stops to single karts share a service and
-keep the usual depth: with 1, a stop could push out another kart's stop.
+After 20 s of silence, Fast DDS forgets a machine and everything that was sent to it. After a
+shorter outage, it delivers the requests that were sent in the meantime, oldest first, and race
+control acts on the first one. With ROS's usual depth of 10, the age in that request would be up to
+5 s too small; with a depth of 1, it is too small by ``PRESS_AGAIN`` at most. The stops to single
+karts share a service and keep the usual depth: with 1, one kart's stop could push out another's.
 """
 
 
 class Listener(Protocol):
     """
-    The receiver of everything the client hears.
+    Gets everything that the client receives.
 
-    The client calls it in its own threads, sometimes with its lock held, so a listener must not
-    call the client.
+    The client calls it in the client's threads, sometimes with a lock held. A listener must
+    therefore return at once and must not call the client.
     """
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """
-        Process a snapshot.
+        Take a snapshot.
 
-        :param at: when it arrived, by the clock that includes suspends, in seconds.
-        :param two: snapshots come from two race controls.
+        :param at: when it arrived, in seconds, by the clock that includes suspends.
+        :param two: whether snapshots come from two race controls.
         """
 
-    def on_event(self, event: StampedEvent) -> None:
-        """Process an event."""
+    def on_event(self, event: StampedEvent) -> None: ...
 
-    def on_results(self, results: Standings) -> None:
-        """Process the current results."""
+    def on_results(self, results: Standings) -> None: ...
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Process the final answer to a command, or the message that none arrived in time."""
+        """Take the final answer to a command, or the message that none arrived in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Process a stop that a later race has ended; ``why`` says so in a sentence."""
+        """Take a stop that a later race has ended, and a sentence that says so."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Process the stops that race control has not accepted yet, with their send counts."""
+        """Take all stops that race control has not accepted yet."""
 
 
 class Client:
     """
     A client of race control.
 
-    :param commands: the commands it can give. With SROS2 it needs a permission for each of them;
-        receiving the race needs none of these.
-    :param there: name of the program that an official is using (``announce``); if empty, or
-        without the permission, no presence is announced.
-    :param hears: the listener receives the race; otherwise only the client does, for its stops.
+    :param commands: the commands that it can send. With SROS2, it needs a permission for each of
+        them, but none of these to receive the race.
+    :param there: name of the program that announces presence (``announce``); if it is empty, or
+        SROS2 does not permit announcements, the client announces nothing.
+    :param hears: whether the listener gets the race. If not, only the client does, for its stops.
     :raises RCLError: if ROS does not allow this client.
     """
 
@@ -237,23 +233,23 @@ class Client:
         self._sending.start()
 
     def give(self, given: Given) -> None:
-        """Give a command, and return at once."""
+        """Send a command. This returns at once."""
         self._given.put(given)
 
     def announce(self, official: str, fault: str, presses: int = 0) -> None:
         """
-        Announce an official who can stop the race from this program, and return at once.
+        Announce that an official can stop the race from this program. This returns at once.
 
         :param official: the official's name; empty if unknown.
         :param fault: why this program cannot stop the race now; empty if it can.
         :param presses: for a button: number of presses.
         """
-        word = msg.Presence(program=self._program, id=self._id, fault=fault, presses=presses)
-        word.official = official[:MOST_OF_NAME]
-        self._given.put(word)
+        presence = msg.Presence(program=self._program, id=self._id, fault=fault, presses=presses)
+        presence.official = official[:MOST_OF_NAME]
+        self._given.put(presence)
 
     def wait_for(self, command: Kind, seconds: float) -> bool:
-        """Wait until race control offers a command or time is up; return whether it does."""
+        """Wait until a command's service is found or time is up; return whether it is found."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
@@ -273,22 +269,22 @@ class Client:
                 if given is None:
                     return
                 if isinstance(given, msg.Presence):
-                    self._say(given)
+                    self._publish(given)
                 elif CATALOGUE[given.command].stop:
                     with self._lock:
                         self._standing.add(given, now())
                         self._stop_given_at = now()
                 else:
                     self._call(given)
-            # After every item: announcements of presence must not delay stops or time limits.
+            # After each item of the queue, so that announcements never delay stops or time limits.
             self._press()
             self._give_up()
 
-    def _say(self, word: msg.Presence) -> None:
+    def _publish(self, presence: msg.Presence) -> None:
         if self._there is not None:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
-                word.fault = word.fault or "it cannot find race control's services"
-            self._there.publish(word)
+                presence.fault = presence.fault or "it cannot find race control's services"
+            self._there.publish(presence)
 
     def _wake(self) -> float | None:
         with self._lock:
@@ -302,7 +298,7 @@ class Client:
             pressed = self._standing.press(now(), self._finds)
         for given in pressed:
             self._request(given)
-        # Called under the lock, so that this never follows the report of the acceptance.
+        # Called with the lock held, so that no acceptance can be reported before this.
         with self._lock:
             if self._standing.pressed:
                 self._listener.on_pressing(self._standing.pressed)
@@ -325,14 +321,14 @@ class Client:
         future.add_done_callback(self._answered)
 
     def _give_up(self) -> None:
-        """Forget the requests that were sent too long ago to be answered."""
+        """Stop waiting for answers to requests that were sent too long ago."""
         with self._lock:
             late = [each for each, (_, at) in self._waiting.items() if now() - at > GIVE_UP]
             given_up = [(future, self._waiting.pop(future)[0]) for future in late]
         for future, given in given_up:
             self._services[CATALOGUE[given.command].service].remove_pending_request(future)
             if not CATALOGUE[given.command].stop:
-                text = texts.gave_up(given, duration(GIVE_UP, 0))
+                text = texts.no_answer(given, GIVE_UP)
                 self._listener.on_answer(given, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------
@@ -347,8 +343,8 @@ class Client:
             if answer.success:
                 ended = self._standing.accepted(given)
             else:
-                # By the rules, race control refuses a stop only for a kart that it does not have.
-                # After any other failure the stop is not in force, and it is sent again.
+                # By the rules, race control refuses a stop only for a kart that is not in its
+                # roster. After any other failure, the stop is not in force and is sent again.
                 unknown = self._karts is not None and given.kart not in {0, *self._karts}
                 self._standing.refused(given, answer.message, final=unknown)
                 ended = waited and unknown
@@ -356,7 +352,7 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
             soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
-        # A stop that failed, or an older press of it, is sent again; that is not reported.
+        # A stop that failed is sent again. Neither that nor answers to older presses are reported.
         if ended or not CATALOGUE[given.command].stop:
             self._listener.on_answer(given, answer)
         if follows is not None and soon:
@@ -378,7 +374,7 @@ class Client:
         began = self._began.hear(race.stamp, race.race_since, at)
         with self._lock:
             self._karts = frozenset(kart.number for kart in race.karts)
-            # With two race controls it is unknown to which race the press belonged.
+            # With two race controls, nobody knows to which of their races the press belonged.
             ended = [] if two else self._standing.outlived(began, at)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
@@ -400,27 +396,27 @@ class Client:
             self._listener.on_results(results)
 
     def _read(self, read: Callable[[], _Read]) -> _Read | None:
-        """Return the content of a message; None if it does not fit this race control."""
+        """Return the content of a message; None if it does not fit this version."""
         try:
             return read()
         except ValueError as error:
-            said = f'Ignored a message that does not fit this race control: {error}'
-            self.node.get_logger().warning(said, throttle_duration_sec=10.0)
+            ignored = f'Ignored a message that does not fit this version of the console: {error}'
+            self.node.get_logger().warning(ignored, throttle_duration_sec=10.0)
             return None
 
     def _fail(self, error: BaseException) -> None:
-        # From now on nothing is received. The screen shows that, and stops are still sent.
+        # From now on, nothing is received. The screen shows that, and stops are still sent.
         self.node.get_logger().error(f'This program no longer receives the race: {error!r}')
 
 
 def join_graph(program: str, arguments: Sequence[str]) -> None:
     """
-    Start ROS on the officials' graph: loopback, or the interface that is set.
+    Start ROS on the officials' graph: on loopback, or on the interface set for the officials.
 
     :raises GraphError: if no interface has the address that is set.
     """
     bind_graph()
-    # The program handles signals itself, so that its window and children end in order.
+    # The program handles signals itself, so that it ends in order.
     rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
 
 

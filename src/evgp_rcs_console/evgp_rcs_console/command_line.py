@@ -4,8 +4,8 @@
 """
 The command line of `rcs_ctl`: one subcommand per official's command, plus `watch` and `results`.
 
-The official makes each statement with its own flag, and gives the numbers of the karts that a
-command starts or releases.
+Officials make each statement with a flag of its own. They name the karts that a command is to
+start or release.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ class Exit(enum.IntEnum):
 
 
 STARTING = 5.0
-"""Maximum time for ROS to start before ``--wait`` begins to count, in seconds."""
+"""Maximum time that ROS may take to start, before the time of ``--wait`` begins, in seconds."""
 
 MOST_WAIT = 86_400.0
 """Maximum value of ``--wait``, in seconds."""
 
 GRACE = 0.5
-"""Time reserved for reporting that no answer arrived, in seconds."""
+"""Time kept back for reporting that no answer arrived, in seconds."""
 
 COMMANDS: dict[str, Kind] = {
     entry.word or kind.name.lower().replace('_', '-'): kind for kind, entry in CATALOGUE.items()
 }
-"""Every official's command, by its name on the command line."""
+"""The officials' commands, by their names on the command line."""
 
 TAKEN: dict[str, tuple[type, str]] = {
     'source': (str, 'source of the passing, as `results` shows it'),
@@ -57,18 +57,10 @@ TAKEN: dict[str, tuple[type, str]] = {
     'disqualified': (bool, 'disqualify the kart'),
     'reason': (str, 'the reason, for the record'),
 }
-"""Further fields of requests (``Entry.takes``): type and help text of each."""
+"""Type and help text of each further field of a request (``Entry.takes``)."""
 
 NAMES_WHAT = ('source', 'session', 'number', 'transponder')
-"""The required fields among ``TAKEN``; the others are options."""
-
-
-def no_answer(command: Kind, waited: float, details: str) -> str:
-    """Return the message for a command that race control has not answered in time."""
-    entry = CATALOGUE[command]
-    where = 'race' if command in OF_RACE_CONTROL else 'results'
-    advice = 'USE THE MSR.' if entry.stop else f'Check the {where} to see whether it took effect.'
-    return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
+"""The fields of ``TAKEN`` that are required; the others are options."""
 
 
 NOTHING_SENT = 'Nothing was sent.'
@@ -77,9 +69,9 @@ NO_STOP_SENT = 'NO STOP WAS SENT. all-kill stops every kart; USE THE MSR if that
 
 class Parser(argparse.ArgumentParser):
     """
-    Parses a command line; if the line is wrong, it prints that nothing was sent.
+    Parses a command line. If the line is wrong, it prints that nothing was sent.
 
-    :ivar unsent: that message, which is stronger for a line that may have been meant as a stop.
+    :ivar unsent: the text of that message. It is stronger if a stop may have been meant.
     """
 
     unsent = NO_STOP_SENT
@@ -94,8 +86,8 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
     """
     Return the parsed command line; exit if it is wrong.
 
-    The command may be in capitals and contain underscores. ALL KILL is sent whatever unknown
-    arguments follow.
+    The command may be in capitals and contain underscores. Unknown arguments never keep ALL KILL
+    from being sent.
     """
     own = without_ros_arguments(given)
     for place, (before, word) in enumerate(itertools.pairwise(['', *own])):
@@ -109,23 +101,8 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
     return wanted
 
 
-def broken_off(command: Kind, waited: float, sent: int, said: str) -> str:
-    """
-    Return what is known about an unanswered command that an official interrupts.
-
-    :param waited: time since the command was given, in seconds.
-    :param sent: number of times it was sent, if known; 0 otherwise.
-    :param said: what race control said about it; empty if nothing.
-    """
-    entry = CATALOGUE[command]
-    often = f'sent {sent} times, ' if sent else ''
-    known = said.rstrip('.') or 'no answer; it may have arrived anyway'
-    advice = ' USE THE MSR.' if entry.stop else ''
-    return f'{entry.label}: interrupted after {waited:.1f} s: {often}{known}.{advice}'
-
-
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
-    """Return a command line without the part between `--ros-args` and `--`."""
+    """Return a command line without the arguments for ROS, from `--ros-args` to `--`."""
     own = []
     ros = False
     for argument in given:
@@ -205,11 +182,14 @@ def parser() -> argparse.ArgumentParser:
                 each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if entry.flag is not None:
             flag, statement = entry.flag
-            # If the statement that race control asks for is missing, race control refuses and says
-            # what to type.
-            unasked = entry.call_is_statement
+            # If race control asks for the statement and the flag is missing, race control refuses,
+            # and `rcs_ctl` prints what to type.
             each.add_argument(
-                flag, dest='stated', action='store_true', required=unasked, help=statement
+                flag,
+                dest='stated',
+                action='store_true',
+                required=entry.call_is_statement,
+                help=statement,
             )
         else:
             each.set_defaults(stated=False)
@@ -230,7 +210,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _number(kind: type[float], name: str, most: float) -> Callable[[str], float]:
-    """Return a type for argparse. Its error reads: invalid kart number value: 'x'."""
+    """Return a type for argparse, whose error then reads: invalid kart number value: 'x'."""
 
     def read(text: str) -> float:
         number = kind(text)

@@ -4,17 +4,17 @@
 """
 An official's command: its request to race control, its effects, and its outcome.
 
-The catalogue says what each command is called and whether it is a stop. Race control says whether
-it is allowed.
+The catalogue says what each command is called and whether it is a stop. Race control decides
+whether it is allowed.
 
 The console sends each stop again until race control accepts it. Repeating does no harm because a
-stop only makes things stricter. But a stop must not outlast a later decision of the official: once
+stop only makes things stricter. But a stop must not outlast a later decision of the official. Once
 race control accepts a command from this console that loosens the race, the console stops sending
 the stops that were given before it. The release of a kart ends only the earlier stops to that
 kart. ALL KILL and the record of the MSR are sent until race control accepts them. But no stop
-outlives its race: a stop over ``OUTLIVES`` old ends once a later race has certainly begun.
+outlives its race: a stop older than ``OUTLIVES`` ends once a later race has certainly begun.
 
-Pure: snapshots and times go in.
+The module is pure: it is passed snapshots and times.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ class Given:
     A command that an official gave, with what the official saw.
 
     :param kart: the kart it is for; 0 for a command to the race, to all karts, or to the track.
-    :param stated: the official made the statement that race control asked for.
+    :param stated: whether the official made the statement that race control asked for.
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
     :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
         TAKE_ROSTER: the reading of the roster.
     :param official: who gave it, as sent to race control.
     :param taken: the further fields of its request (``Entry.takes``).
-    :param then: commands to give one after the other once this one is accepted, if that happens
-        soon enough; each counts as pressed together with this one.
-    :param at: when it was given, by the clock that includes suspends, in seconds.
-    :param waited: how long the press had already waited by then, as far as known, in s. Race
-        control receives it, but it never ends a stop, because it may be an overestimate.
+    :param then: commands to send one after the other once this one is accepted, if that happens
+        soon enough. Each counts as pressed together with this one.
+    :param at: when it was given, in seconds, by the clock that includes suspends.
+    :param waited: for how long the press had already waited by then, in seconds, as far as known.
+        Race control gets it, but it never ends a stop, because it may be an overestimate.
     """
 
     command: Kind
@@ -66,7 +66,7 @@ class Given:
     waited: float = 0.0
 
     def followed_by(self) -> Given | None:
-        """Return the command to give once this one is accepted, if any."""
+        """Return the command to send once this one is accepted; None if there is none."""
         if not self.then:
             return None
         first, *rest = self.then
@@ -79,8 +79,8 @@ def request(
     """
     Return the fields of a command's request.
 
-    :param at: when it is sent, in seconds. Every repeat of a stop carries its current age, so a
-        request that DDS delivers late is older than it says by that delay, and never younger.
+    :param at: when it is sent, in seconds. Each repeat of a stop states its age at that time. A
+        request that DDS delivers late is older than it states, by that delay, and never younger.
     """
     entry = CATALOGUE[given.command]
     fields: dict[str, float | bool | str | list[int] | RaceState | None] = {
@@ -108,11 +108,12 @@ def request(
 @dataclass(frozen=True)
 class Effects:
     """
-    The effects of a command; each kart on the roster is in one of these groups.
+    The effects of a command. Each kart on the roster is in one of these groups.
 
-    :param now: karts that get the state at once.
-    :param later: karts without a connection, which get the state when they connect.
-    :param rest: karts that the command does not affect.
+    :param now: karts that are sent the state at once.
+    :param later: karts without a connection, which are sent the state when they connect.
+    :param held: karts that the command leaves held.
+    :param rest: the other karts that the command does not affect.
     """
 
     state: RaceState | None
@@ -125,7 +126,6 @@ class Effects:
 def effects(
     command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
 ) -> Effects:
-    """Return the effects of a command."""
     sends = CATALOGUE[command].sends
     if sends is None:
         concerned: set[int] = set()
@@ -159,7 +159,7 @@ def effects(
 
 
 SETTLED = 1.0
-"""Time after an answer until every snapshot is newer than the answer, in seconds. Race control
+"""Time after an answer from which every snapshot is newer than it, in seconds. Race control
 publishes a snapshot at least every 0.5 s."""
 
 
@@ -172,7 +172,7 @@ class Outcome:
         self._seen: object = None
 
     def agrees_with(self, race: Snapshot, at: float) -> bool:
-        """Return whether this snapshot and all before it agree with the answer."""
+        """Return whether this snapshot and all earlier ones agree with the answer."""
         shown = self._shown(race)
         if self._seen is None and self._is_done(race):
             self._seen = shown
@@ -181,7 +181,7 @@ class Outcome:
         return shown == self._seen
 
     def _shown(self, race: Snapshot) -> object:
-        """Return the part of a snapshot that the command can change."""
+        """Return what the command can change, as the snapshot shows it."""
         entry = CATALOGUE[self.given.command]
         if entry.result.track_open is not None:
             return race.track.open
@@ -223,17 +223,17 @@ def _racing(race: Snapshot) -> tuple[int, ...]:
 
 
 PRESS_AGAIN = 0.5
-"""Time after which an unanswered stop is sent again, in seconds."""
+"""Time after which a stop that race control has not accepted is sent again, in seconds."""
 
 LOOSENS_RACE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
 )
-"""Commands that, once accepted, end the earlier stops to the race and its karts."""
+"""Commands whose acceptance ends the earlier stops to the race and its karts."""
 
 ENDED_BY_RELEASE = frozenset(
     kind for kind, entry in CATALOGUE.items() if entry.stop and entry.to_one_kart
 )
-"""Stops to one kart that end once race control accepts its release."""
+"""Stops to one kart, which end once race control accepts the release of that kart."""
 
 ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
 """Stops that end once race control accepts a command of ``LOOSENS_RACE``."""
@@ -243,22 +243,22 @@ OUTLIVES = 10.0
 """Age up to which a stop is sent even if another race has begun since, in seconds."""
 
 SNAPSHOT_WITHIN = 2.0
-"""Maximum time an old stop waits for a snapshot after race control is found again, in seconds.
-Snapshots arrive twice a second, but on a busy machine DDS takes longer to find them."""
+"""Maximum time that an old stop waits for a snapshot once race control is found again, in seconds.
+Snapshots come twice a second, but on a busy machine DDS takes longer to find their publisher."""
 
 CERTAIN = 5.0
-"""Minimum time from a press to the start of a race that counts as later, in seconds: the first
-snapshot that a program hears may have been under way for this long."""
+"""Minimum time from a press to the start of a race that counts as later, in seconds. A program's
+first snapshot may have been under way for this long."""
 
 
 class RaceBegan:
     """
-    Converts the start of the race in a snapshot to this machine's clock.
+    Converts the start of a snapshot's race to this machine's clock.
 
     The two machines' clocks are unrelated, but a snapshot always arrives after it was taken. The
     smallest difference seen between arrival and stamp is therefore the difference of the clocks
     plus the delay of the fastest snapshot. A snapshot that was delayed, or that waited while this
-    machine was suspended, makes no race seem later. Neither does setting race control's clock: if
+    machine was suspended, makes no race seem later. Nor does a change of race control's clock: if
     it is set forward, the difference shrinks at once; if it is set back, the race seems earlier.
     """
 
@@ -267,11 +267,11 @@ class RaceBegan:
 
     def hear(self, stamp: float, since: float | None, now: float) -> float:
         """
-        Process a snapshot and return the earliest time at which its race can have begun, s.
+        Take a snapshot; return the earliest time at which its race can have begun, in seconds.
 
-        :param stamp: when the snapshot was taken; ``since``: when its race began. Both are by
-            race control's clock; None: no race has begun in this run.
-        :param now: when the snapshot arrived.
+        :param stamp: when the snapshot was taken, by race control's clock.
+        :param since: when its race began, by the same clock; None if none has begun in this run.
+        :param now: when the snapshot arrived, by this machine's clock.
         """
         self._difference = min(self._difference, now - stamp)
         return -math.inf if since is None else since + self._difference
@@ -283,10 +283,12 @@ class Standing:
     A stop that is sent again until race control accepts it.
 
     :param given: the official's newest press of this stop.
-    :param since: when the official first pressed it, with no acceptance since, in seconds.
-    :param said: race control's reason for not accepting it, if it gave one.
-    :param found_since: the time from which race control has been found, as of the last look, in
-        seconds; infinite if it is not found.
+    :param since: when the official first pressed it without an acceptance since, in seconds.
+    :param presses: number of times that it was due to be sent.
+    :param due: when it is sent next, in seconds.
+    :param said: race control's reason for not accepting it; empty if it gave none.
+    :param found_since: the time since which race control has been found, in seconds; infinite if
+        it was not found when this was last checked.
     """
 
     given: Given
@@ -319,8 +321,8 @@ class StandingStops:
         """
         Return the stops to send now, and count each stop that is due as sent.
 
-        An old stop is not sent while race control is not found: DDS may have found only a
-        part of it that would take the stop before this console learns of a later race. Once race
+        An old stop is not sent while race control is not found: DDS may have found only the part
+        of race control that takes the stop, before this console learns of a later race. Once race
         control is found, the stop waits for a snapshot, which ends it if a later race has begun.
         If no snapshot arrives within ``SNAPSHOT_WITHIN``, the stop is sent.
 
@@ -342,12 +344,13 @@ class StandingStops:
 
     def outlived(self, begun: float, now: float) -> list[Given]:
         """
-        Process a snapshot; return the stops that it ends.
+        Take a snapshot; return the stops that it ends.
 
         A stop ends only if an official's GRID_ACTIVE was certainly accepted after the press.
-        Neither a restart of race control nor a new race number is proof of that.
+        Neither a restart of race control nor a new race number proves that.
 
-        :param begun: earliest start of the snapshot's race; ``now``: when it arrived, in seconds.
+        :param begun: earliest time at which the snapshot's race can have begun, in seconds.
+        :param now: when the snapshot arrived, in seconds.
         """
         self._heard_at = now
         ended = [
@@ -360,13 +363,13 @@ class StandingStops:
         return [given for _, given in ended]
 
     def next_press(self, now: float) -> float | None:
-        """Return the time until the next stop is due, in seconds; None if there is none."""
+        """Return the time until the next stop is due, in seconds; None if there are no stops."""
         if not self._stops:
             return None
         return max(0.0, min(stop.due for stop in self._stops.values()) - now)
 
     def waits(self, given: Given) -> bool:
-        """Return whether this press of a stop still waits to be accepted."""
+        """Return whether this press of a stop has not been accepted yet."""
         stop = self._stops.get(_key(given))
         return stop is not None and stop.given is given
 
@@ -374,7 +377,7 @@ class StandingStops:
         """
         Record that race control accepted a command; return whether that ends any stop.
 
-        If the official pressed the stop again after this press, the newer press continues.
+        If the official has pressed the stop again since, the newer press is still sent.
         """
         before = len(self._stops)
         if self.waits(given):
@@ -388,7 +391,7 @@ class StandingStops:
         """
         Record that race control has not accepted a stop, and why.
 
-        :param final: race control never will, so the stop is given up.
+        :param final: whether it never will, so that the stop is given up.
         """
         if not self.waits(given):
             return
@@ -412,7 +415,7 @@ def _ends(later: Given, stop: Given) -> bool:
 
 
 LATE = 0.3
-"""How long a command may be unanswered before the window says so, in seconds."""
+"""Time after which the window says that a command is unanswered, in seconds."""
 
 
 class Unanswered:
@@ -439,25 +442,22 @@ class Unanswered:
             del self._given[given.command, given.kart]
 
     def ages(self, now: float) -> dict[tuple[Kind, int], float]:
-        """Return how long each command has waited, in seconds."""
+        """Return for how long each command has been waiting, in seconds."""
         return {key: now - given.at for key, given in self._given.items()}
 
     def oldest(self, now: float) -> Given | None:
-        """Return the command that has waited longest, if that is longer than ``LATE``."""
+        """Return the command that has been waiting longest, if for longer than ``LATE``."""
         given = min(self._given.values(), key=lambda given: given.at, default=None)
         return given if given is not None and now - given.at > LATE else None
 
     def all_kill(self, now: float) -> Standing | None:
         """Return ALL KILL if race control has not accepted it for longer than ``LATE``."""
-        return next((stop for stop in self._late(now) if _is_all_kill(stop)), None)
+        late = (each for each in self._late(now) if each.given.command is CommandKind.ALL_KILL)
+        return next(late, None)
 
     def other_stops(self, now: float) -> list[Standing]:
         """Return the other stops that race control has not accepted for longer than ``LATE``."""
-        return [stop for stop in self._late(now) if not _is_all_kill(stop)]
+        return [each for each in self._late(now) if each.given.command is not CommandKind.ALL_KILL]
 
     def _late(self, now: float) -> list[Standing]:
         return [stop for stop in self.stops if now - stop.since > LATE]
-
-
-def _is_all_kill(stop: Standing) -> bool:
-    return stop.given.command is CommandKind.ALL_KILL

@@ -5,9 +5,9 @@
 """
 The officials' terminal client as a process: it keeps the deadline and prints the answer.
 
-It contains none of the rules. ROS code may hang inside DDS while it holds the interpreter's
-lock; in that case the C library prints that there is no answer and ends the process
-(`end_within`). ROS is imported only to give a command, so that Tab completion stays fast.
+It contains none of the rules. ROS code may hang inside DDS while it holds the interpreter's lock.
+In that case, the C library prints that there is no answer and ends the process (`end_within`).
+ROS is imported only to send a command or show the race, so that Tab completion stays fast.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.command_line import (
     COMMANDS,
     Exit,
-    no_answer,
     NO_STOP_SENT,
     NOTHING_SENT,
     parse,
     parser,
     STARTING,
 )
+from evgp_rcs_console.commands import Given
 from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
 
 TIDY = 1.0
 """Maximum time to leave the ROS domain after the answer is printed, in seconds."""
 
 STALLED = 5.0
-"""How long one round of a `watch` may take before it counts as hung, in seconds. A round normally
-takes 1 s at most."""
+"""Time after which one round of a `watch` counts as hung, in seconds. It normally takes at most
+1 s."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
-    """Carry out the command with ROS, and print the answer before anything is torn down."""
+    """Carry out the command with ROS, and print the answer before ROS is shut down."""
     from evgp_node.deadline import end_within
 
     _let_a_second_interrupt_kill()
@@ -106,14 +106,14 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
 
 
 def _let_a_second_interrupt_kill() -> None:
-    """Make the first Ctrl-C reset SIGINT to the kernel's default, because Python may hang."""
+    """Have the first Ctrl-C restore the kernel's default for SIGINT, because Python may hang."""
     handle = ctypes.CDLL(None).sysv_signal
     handle.restype, handle.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
     handle(signal.SIGINT, handle(signal.SIGINT, None))
 
 
 def _complete() -> NoReturn:
-    """Answer the shell's completion request and exit; a completion must never send a command."""
+    """Print what the shell asks for on Tab, and exit: Tab must never send a command."""
     import argcomplete
 
     argcomplete.autocomplete(parser())
@@ -121,7 +121,7 @@ def _complete() -> NoReturn:
 
 
 def _ask_for_name(wanted: argparse.Namespace) -> None:
-    """Ask the official at the terminal for a name, once, but never before a stop."""
+    """Ask the official at the terminal for a name once, but never before a stop or RACE OVER."""
     command = COMMANDS.get(wanted.command)
     if command is None or CATALOGUE[command].overtakes:
         return
@@ -155,7 +155,8 @@ def _no_answer(wanted: argparse.Namespace, waited: float, why: str) -> str:
     details = f'{why}; ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command not in COMMANDS:
         return f'{texts.NOT_YET}: {texts.USE_MSR} ({details})'
-    return no_answer(COMMANDS[wanted.command], waited, details)
+    given = Given(COMMANDS[wanted.command], getattr(wanted, 'kart', 0))
+    return texts.no_answer(given, waited, details)
 
 
 if __name__ == '__main__':

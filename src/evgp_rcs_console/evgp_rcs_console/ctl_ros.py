@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The ROS part of `rcs_ctl`. It returns the text to print, and prints only a `watch` itself."""
+"""The ROS part of `rcs_ctl`. It returns the text to print; only a `watch` prints by itself."""
 
 from __future__ import annotations
 
@@ -19,33 +19,26 @@ from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Answer, Availability, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
+from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, PRESENCE_PERIOD
-from evgp_rcs_console.command_line import (
-    broken_off,
-    COMMANDS,
-    Exit,
-    GRACE,
-    no_answer,
-    STARTING,
-)
-from evgp_rcs_console.commands import effects, Given, Standing
+from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING
+from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import aligned, danger, is_gone, present, show, silence, table
 import rclpy
 
 SETTLED = 1.0
-"""All past events count as received once no event has arrived for this long, in seconds."""
+"""Time without an event after which all past events count as received, in seconds."""
 
 Told = dict[str, object]
 
 
 class Hearing:
-    """Keeps what the client receives, for a caller that waits for it."""
+    """Keeps what the client receives, so that a caller can wait for it."""
 
     def __init__(self) -> None:
         self.news = threading.Condition()
@@ -62,7 +55,7 @@ class Hearing:
 
     @contextlib.contextmanager
     def _hears(self) -> Iterator[None]:
-        """Change what was heard, and wake the caller that waits for it."""
+        """Wake the caller that waits, once what this keeps has changed."""
         with self.news:
             yield
             self.news.notify_all()
@@ -86,12 +79,10 @@ class Hearing:
             self.answer = given, answer
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Keep the stops that race control has not accepted, with its reasons."""
         if stops:
             self.standing = stops
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Keep the stop that is no longer being sent, and the reason."""
         with self._hears():
             self.dropped = given, why
 
@@ -110,7 +101,8 @@ def attend(
     """
     Carry out a command line; return the exit code and the text to print.
 
-    :param began: when `rcs_ctl` was called, in seconds; `--wait` counts once ROS has started.
+    :param began: when `rcs_ctl` was called, in seconds. The time of `--wait` begins once ROS has
+        started.
     :param parts: collects the callbacks that leave the ROS domain after the answer is printed.
     :param alive: called after each round of a `watch`.
     """
@@ -140,8 +132,8 @@ def attend(
     except KeyboardInterrupt:
         if hearing.given is None:
             raise
-        said = hearing.answer[1].message if hearing.answer else _broken_off(hearing, hearing.given)
-        told = {'code': Exit.NOT_THERE, 'error': said}
+        error = hearing.answer[1].message if hearing.answer else _interrupted(hearing)
+        told = {'code': Exit.NOT_THERE, 'error': error}
     return _under_banner(told, hearing.race)
 
 
@@ -159,12 +151,11 @@ def _give(
 
     :param starting: how long ROS took to start, in seconds.
     """
-    command = COMMANDS[wanted.command]
+    command, kart = COMMANDS[wanted.command], getattr(wanted, 'kart', 0)
     entry = CATALOGUE[command]
     where = _where(client)
-    unanswered = no_answer(
-        command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
-    )
+    waited = until - now()
+    details = f'once ROS had started, which took {starting:.1f} s; {where}'
     if not entry.stop and not client.wait_for(command, until - now()):
         error = f'{texts.not_there(command, entry.label)} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
@@ -174,29 +165,31 @@ def _give(
     released = ''
     if (entry.names_karts and (entry.names_number or not karts)) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
-            return {'code': Exit.NOT_THERE, 'error': unanswered}
+            return {
+                'code': Exit.NOT_THERE,
+                'error': texts.no_answer(Given(command, kart), waited, details),
+            }
         assert hearing.race is not None
         assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
-        # IN GARAGE may concern no kart; then no kart must be named.
+        # If IN GARAGE concerns no kart, none need be named.
         unnamed = concerned.karts or not concerned.available or not wanted.stated
         unnamed = entry.names_karts and not karts and unnamed
-        if entry.names_number:  # among commands that name karts: the track's last opening
+        if entry.names_number:  # of a command that names karts: the track's last opening
             track = hearing.race.track
             number = track.opening if wanted.closes is None else wanted.closes
             unnamed = unnamed or (track.open and wanted.closes is None)
         if unnamed:
-            # Wait for the timekeeper's facts; the question is asked without them if none come.
+            # The answer mentions the timekeeper's results, if any arrive.
             hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
             return _name_them(wanted, hearing.race, hearing.results)
-        kart = hearing.race.kart(wanted.kart) if entry.names_hold else None
-        if kart is not None:
-            hold = kart.hold
-            told = said_of(command, hearing.race, kart.offered(command), kart, hearing.results)
-            released = '\n'.join(told)
+        held = hearing.race.kart(kart) if entry.names_hold else None
+        if held is not None:
+            hold = held.hold
+            released = '\n'.join(_effects(command, hearing.race, kart, hearing.results))
     given = Given(
         command,
-        getattr(wanted, 'kart', 0),
+        kart,
         wanted.stated,
         karts,
         hold,
@@ -211,17 +204,16 @@ def _give(
     if hearing.dropped is not None:
         return {'code': Exit.OUTLIVED, 'error': hearing.dropped[1]}
     if hearing.answer is None:
-        said = ''.join(
-            f' Race control said: {stop.said}' for stop in hearing.standing if stop.said
-        )
-        return {'code': Exit.NOT_THERE, 'error': f'{unanswered}{said}'}
+        reason = ' '.join(stop.said for stop in hearing.standing if stop.said)
+        error = texts.no_answer(given, waited, details, reason)
+        return {'code': Exit.NOT_THERE, 'error': error}
     answer = hearing.answer[1]
     if answer.success:
         return {
             'code': Exit.ACCEPTED,
             'output': f'{released}\n{answer.message}' if released else answer.message,
         }
-    # The race usually arrived long ago; this only limits the wait if it did not.
+    # The race has usually arrived long before; this limits the wait for it if it has not.
     hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
@@ -236,14 +228,16 @@ def _not_found(client: Client) -> Told:
     return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({_where(client)})'}
 
 
-def _broken_off(hearing: Hearing, given: Given) -> str:
-    """Return what is known about an unanswered command that an official interrupts."""
-    stop = next(iter(hearing.standing), Standing(given, given.at))
-    return broken_off(given.command, now() - given.at, stop.presses, stop.said)
+def _interrupted(hearing: Hearing) -> str:
+    """Return what is known about an unanswered command when an official interrupts `rcs_ctl`."""
+    assert hearing.given is not None
+    stop = next(iter(hearing.standing), Standing(hearing.given, hearing.given.at))
+    details = f'interrupted; sent {stop.presses} times' if stop.presses else 'interrupted'
+    return texts.no_answer(hearing.given, now() - hearing.given.at, details, stop.said)
 
 
 def _under_banner(told: Told, race: Snapshot | None) -> Told:
-    """Put race control's banner above each text that does not contain it."""
+    """Put race control's banner above each text that does not contain the banner yet."""
     banner = race.banner if race is not None else ''
     return {
         key: f'{texts.BANNER.format(banner=banner)}\n{said}'
@@ -256,7 +250,7 @@ def _under_banner(told: Told, race: Snapshot | None) -> Told:
 def _next_step(
     wanted: argparse.Namespace, given: Given, race: Snapshot, found: Standings | None
 ) -> list[str]:
-    """Return what to type instead of a refused command that lacked karts or a statement."""
+    """Return what to type after a refusal, if only karts or a statement were missing."""
     form = CATALOGUE[given.command]
     kart = race.kart(given.kart) if form.to_one_kart else None
     if not isinstance(given.command, CommandKind) or (form.to_one_kart and kart is None):
@@ -269,8 +263,8 @@ def _next_step(
     unsaid = '' if given.stated or form.call_is_statement else offered.statement
     if not others and not unsaid:
         return []
-    said = said_of(given.command, race, offered, kart, found) if others else []
-    return [*said, _again(wanted, race, karts, unsaid)]
+    effects = _effects(given.command, race, 0, found) if others else []
+    return [*effects, _line(wanted, race, karts, unsaid)]
 
 
 def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | None) -> Told:
@@ -284,45 +278,38 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
         error = f'{label}: nothing was sent. The command is not possible now: {reason}.'
         return {'code': Exit.USAGE, 'error': error}
     names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
-    said = [
+    lines = [
         f'{label}: nothing was sent. The command is for {names}.',
-        *said_of(command, race, offered, None, found),
-        _again(wanted, race, offered.karts, '' if wanted.stated else offered.statement),
+        *_effects(command, race, 0, found),
+        _line(wanted, race, offered.karts, '' if wanted.stated else offered.statement),
     ]
-    return {'code': Exit.USAGE, 'error': '\n'.join(said)}
+    return {'code': Exit.USAGE, 'error': '\n'.join(lines)}
 
 
-def _again(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
-    """Return the line to type to send a command, with these karts and the missing statement."""
-    condition = f'If you state that {unsaid}' if unsaid else 'To send it'
-    return f'{condition}, type: {_line(wanted, race, karts, wanted.stated or bool(unsaid))}'
+def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
+    """
+    Return the line to type so that a command is sent with these karts.
 
-
-def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], stated: bool) -> str:
-    """Return the command line that sends a command again, with these karts."""
+    :param unsaid: the statement that the line adds; empty if none is missing.
+    """
     entry = CATALOGUE[COMMANDS[wanted.command]]
     flag, _ = entry.flag or ('', '')
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
-    parts.append(flag if stated else '')
+    parts.append(flag if wanted.stated or unsaid else '')
     parts += ['--closes', race.track.opening] if entry.names_number and race.track.open else []
     parts += ['--official', tidy(wanted.official)] if wanted.official else []
     called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
-    return called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
+    line = called.replace('%s', shlex.join(str(part) for part in parts if part != ''))
+    return f'{f"If you state that {unsaid}" if unsaid else "To send it"}, type: {line}'
 
 
-def said_of(
-    command: CommandKind,
-    race: Snapshot,
-    offered: Availability,
-    kart: KartSnapshot | None,
-    found: Standings | None,
+def _effects(
+    command: CommandKind, race: Snapshot, kart: int, found: Standings | None
 ) -> list[str]:
-    """Return the effects of a command and the warnings against it, as sentences."""
-    said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
-    warning = texts.warning(command, race)
-    said += [texts.ASK_WARNING.format(warning=warning)] if warning else []
-    caution = texts.caution(command, race, offered.karts, found)
-    return [*said, caution] if caution else said
+    """Return the sentences of the window's question before a command."""
+    button = show(race, 0.0, {}, None, found).button(command, kart)
+    assert button is not None
+    return [*button.sentences, *filter(None, [button.caution])]
 
 
 def _watch(
@@ -359,7 +346,7 @@ def _watch(
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         alive()
-        # Early rather than late: snapshots arrive twice a second.
+        # Rounds begin with snapshots, every 0.5 s or a little less; none may be left out.
         if at - said_at >= PRESENCE_PERIOD / 2:
             client.announce(official, texts.GONE_REASON if is_gone(silent_for) else '')
             said_at = at

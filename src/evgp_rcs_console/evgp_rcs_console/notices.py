@@ -4,7 +4,7 @@
 """
 What the screen shows besides the state of the race: the alerts and the event log.
 
-Pure: the newest snapshot goes in, lines come out.
+The module is pure.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ class Notice:
     """
     An alert as it is shown to the official.
 
-    :param number: the alert's number; a higher one is newer.
+    :param number: its number. Newer alerts have higher numbers.
     :param alert: race control's alert; None for this console's own notice, which stays until seen.
-    :param lasts: its cause still exists.
-    :param said: text shown instead of the alert's sentence; if empty, the sentence is shown.
+    :param lasts: whether its cause still exists.
+    :param said: the text to show instead of the alert's sentence; empty to show the sentence.
     """
 
     number: int
@@ -45,12 +45,12 @@ class Notice:
 
     @property
     def use_msr(self) -> bool:
-        """Return whether it asks for the Master Safety Remote; never once its cause is gone."""
+        """Return whether it asks for the Master Safety Remote. It no longer does after its end."""
         return self.lasts and self.alert is not None and self.alert.use_msr
 
     @property
     def kart(self) -> int:
-        """Return the kart that it concerns; 0 if it concerns no single kart."""
+        """Return the kart that it is about; 0 if it is not about a single kart."""
         return self.alert.kart if self.alert else 0
 
     @property
@@ -62,9 +62,8 @@ class Notice:
 
     @property
     def text(self) -> str:
-        """Return the alert's sentence, or only its name once it has ended."""
-        # The sentence says what to do, which no longer applies. Several ended alerts share one
-        # text (``said``).
+        """Return the alert's sentence; once the alert has ended, what it was about."""
+        # The sentence also says what to do, which no longer applies.
         if self.said or self.alert is None:
             return self.said
         return self.alert.text if self.lasts else texts.alert_was(self.alert.kind, self.kart)
@@ -77,8 +76,8 @@ class AlertBook:
     """
     The alerts that an official has not seen yet, and those whose cause still exists.
 
-    An alert whose cause goes away and comes back is a new alert. So is an alert that begins to
-    ask for the MSR: it may have been marked as seen while the use of the MSR was on record.
+    If the cause of an alert goes away and comes back, the alert is new. So is an alert that begins
+    to ask for the MSR: an official may have seen it while the MSR was recorded as used.
     """
 
     def __init__(self) -> None:
@@ -86,15 +85,15 @@ class AlertBook:
         self._count = 0
 
     def begin_race(self) -> None:
-        """Remove the alerts that have ended, so that the next race starts without them."""
+        """Remove the alerts that have ended, so that the next race begins without them."""
         self._notices = [notice for notice in self._notices if notice.lasts]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
-        Update from the alerts of a snapshot, newest first; return whether there is a new one.
+        Update from a snapshot's alerts, newest first; return whether one of them is new.
 
-        :param two: snapshots come from two race controls in turn, so an alert that is missing in
-            this one may be in the next.
+        :param two: whether snapshots come from two race controls in turn. An alert that is not in
+            this one may then be in the next.
         """
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
@@ -120,12 +119,12 @@ class AlertBook:
         return bool(news)
 
     def add_own(self, text: str) -> None:
-        """Add an alert of this console, which stays until it is seen."""
+        """Add an alert of this console's own, which stays until it is seen."""
         self._count += 1
         self._notices.append(Notice(self._count, None, said=text))
 
     def see(self, numbers: Collection[int]) -> None:
-        """Mark alerts as seen; seeing one ended alert removes all ended ones."""
+        """Mark alerts as seen. Once one ended alert is seen, all ended alerts are removed."""
         if any(each.number in numbers and not each.lasts for each in self._notices):
             self.begin_race()
         self._notices = [
@@ -136,15 +135,16 @@ class AlertBook:
 
     @property
     def unseen(self) -> list[Notice]:
-        """Return the notices that the official has not marked as seen, newest first."""
+        """Return the notices that are not marked as seen, newest first."""
         return [notice for notice in reversed(self._notices) if not notice.seen]
 
     @property
     def shown(self) -> list[Notice]:
         """
-        Return the notices in the order shown: unseen ones first, those that need the MSR on top.
+        Return the notices in the order in which to show them.
 
-        All ended alerts share one notice, which comes after the unseen ones.
+        Unseen ones come first, and those that need the MSR at the top. All ended alerts share one
+        notice, which comes after the unseen ones.
         """
 
         def rank(notice: Notice) -> tuple[int, int]:
@@ -154,31 +154,30 @@ class AlertBook:
         ended = [notice for notice in self._notices if not notice.lasts]
         if len(ended) > 1:
             karts = sorted({notice.kart for notice in ended if notice.kart})
-            told = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
-            ended = [replace(ended[-1], said=told)]
+            about = f'{len(ended)} alerts: {numbered(karts) or texts.NO_SINGLE_KART}'
+            ended = [replace(ended[-1], said=about)]
         lasting = [notice for notice in self._notices if notice.lasts]
         return sorted([*lasting, *ended], key=rank)
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
-    """Return the number of notices, and the karts of those that are not shown in full."""
+    """Return how many notices there are, and the karts of those that are not shown in full."""
     if not notices:
         return '✓ No alerts'
     new = sum(not notice.seen and notice.lasts for notice in notices)
     seen = sum(notice.seen for notice in notices)
     counted = (new, 'new'), (seen, 'seen, ongoing'), (len(notices) - new - seen, 'ended')
-    told = [f'{count} {which}' for count, which in counted if count]
-    more = notices[places:]
+    parts = [f'{count} {which}' for count, which in counted if count]
     # All karts that need the MSR are named elsewhere, in large type.
-    those = [notice for notice in more if notice.lasts and not notice.use_msr]
-    if those:
-        karts = sorted({notice.kart for notice in those if notice.kart})
-        told.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')
-    return '; '.join(told)
+    hidden = [each for each in notices[places:] if each.lasts and not each.use_msr]
+    if hidden:
+        karts = sorted({notice.kart for notice in hidden if notice.kart})
+        parts.append(f'not shown: {numbered(karts) or texts.NO_SINGLE_KART}')
+    return '; '.join(parts)
 
 
 class Officials:
-    """The officials who have given commands, called by name unless two share a name."""
+    """The officials who have given commands. Each is called by name, unless two share a name."""
 
     def __init__(self) -> None:
         self._claims: dict[str, set[str]] = {}
@@ -189,7 +188,7 @@ class Officials:
 
     @property
     def names(self) -> list[str]:
-        """Return the officials' names, in the order of their first commands."""
+        """Return their names, in the order of their first commands."""
         return list(self._claims)
 
     def called(self, claim: str) -> str:
@@ -198,14 +197,14 @@ class Officials:
         return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
-        """Return one of race control's sentences with each official's shown name."""
+        """Return a sentence of race control's with the officials' shown names."""
         for claims in self._claims.values():
             for claim in claims:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
 
     def in_race(self, race: Snapshot) -> Snapshot:
-        """Return a snapshot with each official's shown name."""
+        """Return a snapshot with the officials' shown names."""
 
         def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
             return tuple(each._replace(reason=self.in_text(each.reason)) for each in commands)
@@ -227,9 +226,10 @@ class Line(NamedTuple):
     A line of the event log.
 
     :param clock: race control's wall time, as hours:minutes:seconds.
-    :param is_command: it shows an official's command and its answer.
-    :param karts: the numbers of the karts, for a line about several.
-    :param what: the text about them; the next event with the same text joins this line.
+    :param is_command: whether it shows an official's command and its answer.
+    :param karts: for a line that can be about several karts: their numbers.
+    :param what: what the line says about these karts. If the next event says the same about
+        another kart, it joins this line.
     """
 
     clock: str
@@ -249,21 +249,22 @@ _BY_LABEL = frozenset(
     or kind in (CommandKind.KART_IN_GARAGE, CommandKind.KART_FINISH)
 ) - {CommandKind.IN_GARAGE}
 """Commands that the log shows by name only, because the rows show their effect. IN GARAGE is not
-one: its sentence says which karts stay held."""
+among them, because its sentence says which karts stay held."""
 
 _OF_KARTS = {
     EventKind.CONNECTED: ' connected',
     EventKind.ACKNOWLEDGED: texts.LOG_ACKNOWLEDGED,
     EventKind.KART_STATE: ': {state}',
 }
-"""Events that one line can show for several karts, with their texts."""
+"""Events that one line can show for several karts, and what it says about them."""
 
 
 class EventLog:
     """
-    The newest events in order, as short texts without team names.
+    The newest events, oldest first, as short texts.
 
-    A command's consequences get no lines of their own. Karts share a line if they do the same.
+    The consequences of a command get no lines of their own. Karts that do the same in turn share a
+    line.
     """
 
     def __init__(self, most: int = 2000) -> None:
@@ -272,7 +273,7 @@ class EventLog:
         self.officials = Officials()
 
     def add(self, stamped: StampedEvent) -> None:
-        """Add an event: as a line of its own, as part of the last line, or not at all."""
+        """Add an event as a line of its own, as part of the last line, or not at all."""
         if stamped.sequence <= self._last:
             self._lines.append(Line('', 0, True, texts.NEW_RUN))
         self._last, event = stamped.sequence, stamped.event
@@ -280,7 +281,10 @@ class EventLog:
         line = self._line(at, event)
         if line is not None:
             if line.what and self._lines and line.what == self._lines[-1].what:
-                line = self._joined(self._lines.pop(), line)
+                before = self._lines.pop()
+                if line.karts:
+                    karts = tuple(sorted({*before.karts, *line.karts}))
+                    line = line._replace(text=self._of_karts(karts, line.what), karts=karts)
             # No later event joins a line about all karts.
             self._lines.append(line if line.karts else line._replace(what=''))
 
@@ -292,7 +296,7 @@ class EventLog:
         if follows and event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE):
             return None
         if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
-            return None  # every kart that connects gets it, and need not answer
+            return None  # every kart that connects is sent it, and none need answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
             return None  # the rows show it
         if (
@@ -320,14 +324,8 @@ class EventLog:
         named = numbered(karts)
         return f'{named[:1].upper()}{named[1:]}{what}'
 
-    def _joined(self, before: Line, line: Line) -> Line:
-        if not line.karts:  # about all karts
-            return line
-        karts = tuple(sorted({*before.karts, *line.karts}))
-        return line._replace(text=self._of_karts(karts, line.what), karts=karts)
-
     def _told(self, event: Event) -> str:
-        """Return the sentence or the command's label, and the official who caused it."""
+        """Return the event's sentence or its command's label, and the official who caused it."""
         self.officials.take(event.official)
         text = self.officials.in_text(event.text).removesuffix('.')
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
@@ -339,7 +337,7 @@ class EventLog:
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return the lines about a kart, oldest first, with those not about a single kart."""
+        """Return the lines about a kart and those that concern no kart, oldest first; 0: all."""
         return [
             each
             for each in self._lines

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The console's own texts: those used in several places, long ones, and sentences about a race.
+The texts that the console writes itself: long ones, shared ones, and sentences about a race.
 
-The console shows race control's sentences (reasons, answers, alerts, events) unchanged. The
+Race control's own sentences (reasons, answers, alerts, events) are shown as they arrive. The
 labels of the commands are in the catalogue.
 """
 
@@ -49,11 +49,11 @@ HOW_TO_BEGIN = (
 
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
-MSR_STOPS_IT = 'nothing but the MSR stops it: make it safe once the track is open'
+MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SAID_BEFORE = 'its {state} answered an earlier order: if it stays silent, have it reconnect'
-CONNECT_AGAIN = 'its {state} may answer an earlier order: have it reconnect (it comes back held)'
+SAID_BEFORE = 'its {state} report answered an older order: if still silent, have it reconnect'
+CONNECT_AGAIN = 'its {state} report may answer an older order: have it reconnect (it returns held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -61,11 +61,11 @@ ANSWERS = {
     RaceState.RED_FLAG: '✓ stopped',
     RaceState.RED_RED: '✓ stopped',
 }
-"""Answer shown for a kart that has acknowledged the state that it is being sent."""
+"""What a row shows once the kart has acknowledged the state that it is being sent."""
 
-NOT_RESUMED = 'a stopped race is not resumed: send a new GRID ACTIVE first'
+NOT_RESUMED = 'a stopped race cannot be resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop: race control hears no screen or button'
+NOBODY_CAN_STOP = 'No official can stop the race: no screen or button reports that it can'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -100,7 +100,7 @@ ALERT_WAS = {
     AlertKind.PART_FAILED: 'a part of race control had failed',
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
-"""Texts of alerts that have ended."""
+"""What each alert was about, for after it has ended."""
 
 ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
@@ -123,9 +123,8 @@ NOT_YET_DETAIL = (
 )
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_SINCE = (
-    'It was shut down normally {age} ago, when no kart could have been moving where it must not '
-    'move. '
-    'To start it again: make run ROSTER=…'
+    'Race control was shut down normally {age} ago. At that time, no kart could have been '
+    'moving where it must not move. To start it again: make run ROSTER=…'
 )
 GONE_REASON = 'race control is gone'
 NOT_YET_REASON = 'race control has not been found yet'
@@ -140,7 +139,6 @@ KEYS_OFF_LARGE = 'KEYS OFF'
 KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 
-GAVE_UP = '{command}: no answer within {age}. Check the {what} to see whether it took effect.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
@@ -213,13 +211,13 @@ def left(seconds: float) -> int:
 
 
 def alert_was(kind: AlertKind, kart: int) -> str:
-    """Return what an alert that has ended was about."""
-    said = ALERT_WAS[kind].format(kart=f'kart {kart}')
-    return f'{said[:1].upper()}{said[1:]}'
+    """Return what an alert that has ended was about, as a sentence."""
+    about = ALERT_WAS[kind].format(kart=f'kart {kart}')
+    return f'{about[:1].upper()}{about[1:]}'
 
 
 def without_teams(text: str, teams: Mapping[int, str]) -> str:
-    """Return one of race control's sentences without the team names."""
+    """Return a sentence of race control's without the teams' names."""
     for number, team in teams.items():
         text = text.replace(f' {number} ({team})', f' {number}')
     return text
@@ -237,7 +235,7 @@ def full_name(given: Given) -> str:
 def heat(
     each: Heat, timing: Standings | None, in_race: bool = False, is_next: bool = False
 ) -> str:
-    """Return a heat with its karts, in starting order if the timekeeper has set one."""
+    """Return a heat and its karts, in the starting order if the timekeeper has set one."""
     grid = grid_of(each.name, timing)
     text = f'{each.name}: {_numbers(grid or each.karts)}'
     notes = [f'run at {time_of_day(at)[:5]}' for at in runs_of(each.name, timing)[-1:]]
@@ -247,12 +245,12 @@ def heat(
 
 
 def runs_of(heat: str, timing: Standings | None) -> list[float]:
-    """Return the times (s) at which a heat was run, from the timekeeper; empty if it was not."""
+    """Return the times (s) at which the timekeeper saw a heat run; empty if it never did."""
     return [] if timing is None else [each.stamp for each in timing.races if each.heat == heat]
 
 
 def next_heat(race: Snapshot, timing: Standings | None) -> str:
-    """Return the next heat: the timekeeper's choice, or the first that has not been run."""
+    """Return the timekeeper's choice of the next heat, or the first heat that has not been run."""
     if timing is None or timing.next_heat:
         return timing.next_heat if timing is not None else ''
     left = (each.name for each in race.heats if not runs_of(each.name, timing))
@@ -266,17 +264,17 @@ def grid_of(heat: str, timing: Standings | None) -> tuple[int, ...]:
 
 
 def order_of_start(race: Snapshot, timing: Standings | None) -> str:
-    """Return the starting order of the race and the next single-kart heat; empty if neither."""
-    said = []
+    """Return the starting order and the next single-kart heat; empty if there is neither."""
+    orders = []
     grid = grid_of(race.heat, timing)
     if race.state in (RaceState.IN_GARAGE, RaceState.GRID_ACTIVE) and len(grid) > 1:
-        said.append(GRID.format(karts=_numbers(grid)))
-    said += [
+        orders.append(GRID.format(karts=_numbers(grid)))
+    orders += [
         f'Next: kart {_numbers(heat.karts)} ({heat.name})'
         for heat in race.heats
         if timing is not None and heat.name == timing.next_heat
     ]
-    return ' · '.join(said)
+    return ' · '.join(orders)
 
 
 def _numbers(karts: Iterable[int]) -> str:
@@ -285,9 +283,9 @@ def _numbers(karts: Iterable[int]) -> str:
 
 def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statement: str) -> str:
     """
-    Return what an official confirms.
+    Return what an official confirms with YES.
 
-    :param statement: what race control asks the official to state; empty if nothing.
+    :param statement: what race control asks the official to state; empty if it asks for nothing.
     """
     if command is CommandKind.OPEN_TRACK and race.track.msr_used:
         return f'{statement}; {OPEN_BY_MSR}' if statement else OPEN_BY_MSR
@@ -299,12 +297,12 @@ def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statemen
 
 
 def in_doubt(race: Snapshot) -> str:
-    """Return the karts that may be moving but should not be; empty if there are none."""
+    """Return the karts that may be moving although they should not be; empty if there are none."""
     return numbered([kart for kart in race.karts if kart.in_doubt])
 
 
 def against_humans(race: Snapshot) -> str:
-    """Return what keeps humans off the track whatever the state of the race; empty if nothing."""
+    """Return what keeps humans off the track in any state of the race; empty if nothing does."""
     if race.msr_alerts:
         return race.msr_alerts[0].text
     if race.track.msr_used:
@@ -314,7 +312,7 @@ def against_humans(race: Snapshot) -> str:
 
 
 def under_way(race: Snapshot) -> str:
-    """Return a warning if the race is under way or a kart is being sent onto the track, or ''."""
+    """Return a warning if the race is under way or a kart is being sent onto the track."""
     if race.state in UNDER_WAY:
         return f'the race is in {STATES[race.state]}'
     sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
@@ -323,20 +321,20 @@ def under_way(race: Snapshot) -> str:
 
 def warning(command: Kind, race: Snapshot) -> str:
     """
-    Return why an official should not confirm a command; empty if there is no known reason.
+    Return why an official should not confirm a command; empty if no reason is known.
 
-    A race that is under way is normal and causes no warning.
+    That the race is under way is normal, so it causes no warning.
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        settled = track.settled_by is command  # no warning about what the command resolves
+        settled = track.settled_by is command  # the command itself removes the reason
         barred = not (track.allowed or settled) and race.state not in UNDER_WAY
         why = track.reason if barred else against_humans(race)
         if why:
             return f'humans must stay off the track now: {why}'
         doubtful = in_doubt(race)
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'nothing but the MSR stops {doubtful}, so leave the MSR on'
+            return f'only the MSR can stop {doubtful}, so leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
 
@@ -353,17 +351,27 @@ def not_there(command: Kind, name: str) -> str:
     return f'{name} was not sent: {who} was not found.'
 
 
-def gave_up(given: Given, limit: str) -> str:
-    """Return the message that a command was not answered within the given time."""
-    what = 'results' if isinstance(given.command, Act) else 'race'
-    return GAVE_UP.format(command=full_name(given), age=limit, what=what)
+def no_answer(given: Given, waited: float, details: str = '', reason: str = '') -> str:
+    """
+    Return that a command has not been answered, and what the official must do now.
+
+    :param waited: time since the command was given, in seconds.
+    :param details: what else is known about this wait; empty if nothing.
+    :param reason: why race control has not accepted the command so far; empty if unknown.
+    """
+    within = f'no answer within {round(waited, 1):g} s{f" ({details})" if details else ""}'
+    where = 'results' if isinstance(given.command, Act) else 'race'
+    advice = f'Check the {where} to see whether it took effect.'
+    advice = 'USE THE MSR.' if CATALOGUE[given.command].stop else advice
+    because = f' Race control has not accepted it: {reason}' if reason else ''
+    return f'{full_name(given)}: {within}. {advice}{because}'
 
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command, although it does not forbid it.
+    Return what an official should know before giving a command, but which does not bar it.
 
-    :param karts: the karts that it would start or release.
+    :param karts: the karts that the command would start or release.
     """
     if command is CommandKind.GREEN_GREEN:
         return f'{can_stop(race)}.'
@@ -371,18 +379,18 @@ def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standi
         return ''
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
     late = f'The link to {numbered(poor)} was poor in the last minute: a stop may arrive late.'
-    said = [late] if poor else []
+    told = [late] if poor else []
     run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
     times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
-    said += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
-    return ' '.join(said)
+    told += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
+    return ' '.join(told)
 
 
 def can_stop(race: Snapshot) -> str:
-    """Return the number of officials' programs that can stop the race, and their names."""
+    """Return how many officials' programs can stop the race, and which ones."""
     count, who = race.able_to_stop, race.who_can_stop
     s = '' if count == 1 else 's'
-    return f'{count} official{s} can stop: {who}' if count else NOBODY_CAN_STOP
+    return f'{count} official{s} can stop the race: {who}' if count else NOBODY_CAN_STOP
 
 
 def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
@@ -394,7 +402,7 @@ def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
 def consequences(
     command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
 ) -> list[str]:
-    """Return what a command does, as sentences."""
+    """Return, in sentences, what a command would do."""
     entry = CATALOGUE[command]
     said = [entry.note] if entry.note else []
     if command is CommandKind.RECORD_MSR and race.banner:
@@ -405,13 +413,13 @@ def consequences(
         end = entry.then[len(does.now) > 1] if does.now else ''
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}. {end}'.rstrip())
     if does.later:
-        gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
-        said.append(f'Not connected now, {gets}: {numbered(does.later)}.')
+        when = 'when it connects' if len(does.later) == 1 else 'when they connect'
+        said.append(f'Sent {when}: {numbered(does.later)}.')
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
-            said.append('Takes it out of the race.')
+            said.append('Takes the kart out of the race.')
         if entry.names_hold and (why := under_way(race)):
-            said.append(f'Humans stay off the track: {why}.')
+            said.append(f'Humans must stay off the track: {why}.')
         return said
     if does.held:
         stays = 'Stays' if len(does.held) == 1 else 'Stay'
@@ -427,17 +435,17 @@ def consequences(
 
 
 UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
-"""The states of the race in which humans are always kept off the track."""
+"""The states of the race in which humans must always stay off the track."""
 
 FEW = 4
-"""Maximum number of held karts shown with reasons; beyond it, only their numbers are shown."""
+"""Maximum number of held karts that are shown with reasons; more are shown by number only."""
 
 
 def missing(race: Snapshot, counted: bool = False) -> str:
     """
-    Return the karts of the race that have not yet obeyed their order; empty if all have.
+    Return the karts of the race that have not obeyed their order yet; empty if all have.
 
-    :param counted: on the grid, also return how many are ready.
+    :param counted: on the grid, also count the karts that are ready.
     """
     racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
@@ -470,7 +478,7 @@ def held(kart: KartSnapshot) -> str:
 
 
 def present_state(given: Given, race: Snapshot) -> str:
-    """Return the current state of what a command changed; it replaces the command's answer."""
+    """Return the present state of what a command has changed, to show instead of its answer."""
     if CATALOGUE[given.command].result.track_open is not None:
         return 'the track is open' if race.track.open else 'the track is closed'
     kart = race.kart(given.kart)

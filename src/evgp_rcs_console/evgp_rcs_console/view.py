@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Turns a snapshot of the race into what a screen shows: texts, tones, buttons and their reasons.
+Turns a snapshot of the race into what screens show: texts, tones, buttons and their reasons.
 
-This module is pure and contains none of the rules. A button is enabled if race control says
-that its command is available; otherwise it shows race control's own reason. The module uses
-neither Qt nor ROS, so the terminal client shows the same things.
+It contains none of the rules. A button is enabled if race control says that its command is
+available; otherwise it shows race control's own reason. The module is pure and uses neither Qt
+nor ROS, so that the window and the terminal client can both show the race with it.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from evgp_rcs_console.notices import Notice
 
 GONE_AFTER = 0.9
 """
-How long snapshots may be missing before race control counts as gone, in seconds.
+Time without a snapshot after which race control counts as gone, in seconds.
 
-Race control publishes at least one every 0.5 s, and an official must know within 1 s that it is
-gone.
+Race control publishes a snapshot at least every 0.5 s, and officials must know within 1 s that it
+is gone.
 """
 
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
@@ -56,7 +56,7 @@ NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
     RaceState.RED_FLAG: (CommandKind.IN_GARAGE, CommandKind.RACE_OVER),
     RaceState.RED_RED: (CommandKind.IN_GARAGE,),
 }
-"""The usual next commands in each state of the race, the likeliest first."""
+"""The commands that usually come next in each state of the race, the likeliest first."""
 
 
 def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
@@ -66,10 +66,10 @@ def _placed(to_one_kart: bool) -> tuple[CommandKind, ...]:
 
 
 RACE_COMMANDS = _placed(to_one_kart=False)
-"""The commands to the karts of the race, in the order of a race (§4.B)."""
+"""The commands to the race, in the order in which a race needs them (§4.B)."""
 
 KART_COMMANDS = _placed(to_one_kart=True)
-"""The buttons of a kart's row. While a command's result holds, its button offers the undo."""
+"""The buttons of a kart's row. While a command is in effect, its button offers to undo it."""
 
 UNDONE_BY = {
     entry.undoes: kind for kind, entry in OF_RACE_CONTROL.items() if entry.undoes is not None
@@ -77,26 +77,26 @@ UNDONE_BY = {
 """The command that undoes each undoable command."""
 
 ANSWER_KEYS = ('Y', 'N')
-"""The letters that answer a question. They do nothing else, so typing one late does no harm."""
+"""The letters that answer a question. They do nothing else, so pressing one late is harmless."""
 
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys for karts that cross the line, by roster position, so each kart keeps its key."""
+"""The keys for karts that cross the line, by roster position, so that each kart keeps its key."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
-"""Number of bars, out of ``MOST_BARS``, for each link grade; 0 draws no bars."""
+"""Number of bars shown for each grade of link, out of ``MOST_BARS``; 0 draws no bars."""
 
 BEGINS_WITHIN = 30.0
-"""Time after GREEN_GREEN within which each kart must begin to drive, in seconds (§3.A)."""
+"""Time from GREEN_GREEN until each kart must be driving, in seconds (§3.A)."""
 
 REMINDS_FOR = 30.0
 """Minimum time to show the reminder of ``BEGINS_WITHIN``, in seconds. It stays until all karts
 have acknowledged."""
 
 Pending = Mapping[tuple[Kind, int], float]
-"""How long each command to each kart has waited for an answer, in seconds. The kart is 0 for a
+"""Time for which each command has been waiting for its answer, in seconds. The kart is 0 for a
 command that is not to one kart."""
 
 
@@ -105,21 +105,24 @@ class Button:
     """
     A command as a button.
 
-    :param enabled: pressing it sends the command, or asks for confirmation.
-    :param reason: why it is not enabled; empty if it is enabled.
+    :param enabled: whether a press sends the command or asks for its confirmation.
+    :param reason: why the button is not enabled; empty if it is.
     :param condition: what the official confirms; empty if the command needs no confirmation.
-    :param consequence: what it would do to each kart on the roster.
-    :param karts: the karts that race control says it would start or release, or those in its heat.
-    :param warning: why not to confirm it; empty if there is no known reason.
-    :param caution: what else to know before confirming; if it changes, the question stays valid.
-    :param number: the number of the last opening of the track, or of the roster reading, if the
-        command names one.
-    :param also: what the official can confirm with its second YES.
-    :param phrase: a few words. For a command to the race, they say since what time its result has
-        held, what it would do, or what it is waiting for. For a command to the track: for whom.
-    :param current: whether the race is in the state that a command to the race leads to.
-        ``is_next``: whether it is the usual next step.
+    :param consequence: what the command would do to each kart on the roster.
+    :param karts: the karts that the command would start or release according to race control, or
+        the karts in its heat.
+    :param warning: why an official should not confirm it; empty if no reason is known.
+    :param caution: what else an official should know before confirming; a change of it leaves the
+        question valid.
+    :param number: the number of the track's last opening, or of the roster reading, if the command
+        names one.
+    :param also: the commands that the second YES also confirms.
+    :param phrase: a few words. On a command to the race, they say since when its result has been
+        in effect, what the command would do, or what it is waiting for. On a command to the track,
+        they say whom it is for.
+    :param current: whether the race is in the state to which a command to the race leads.
     :param recedes: whether it is possible, but something else should be done first.
+    :param is_next: whether it is the usual next step.
     """
 
     command: Kind
@@ -145,7 +148,7 @@ class Button:
 
     def given(self, also: bool = False) -> Given:
         """
-        Return the command of an official who saw this button and confirmed its condition.
+        Return the command that an official gives by pressing this button and confirming.
 
         Race control gets a statement only if it asked for one and the question showed its words.
         """
@@ -161,27 +164,27 @@ class Button:
         )
 
     def asks_the_same(self, other: Button) -> bool:
-        """Return whether both would do the same, so that one confirmation covers both."""
-        said = 'condition', 'consequence', 'warning', 'statement'
+        """Return whether both buttons would do the same, so that one confirmation covers both."""
+        shown = 'condition', 'consequence', 'warning', 'statement'
         bound = 'karts', 'hold', 'number', 'also'
-        return all(getattr(self, each) == getattr(other, each) for each in said + bound)
+        return all(getattr(self, each) == getattr(other, each) for each in shown + bound)
 
     def differs_from(self, asked: Button) -> str:
         """Return what has changed since the official was asked."""
         if self.reason:
             return f'{self.reason[:1].upper()}{self.reason[1:]}.'
-        now, before = self._said(), asked._said()
+        now, before = (
+            [texts.ASK_STATE.format(condition=each.condition), *each.sentences]
+            for each in (self, asked)
+        )
         new = [each for each in now if each not in before]
         return ' '.join(new or [f'No longer true: {each}' for each in before if each not in now])
 
-    def _said(self) -> list[str]:
-        """Return the sentences of its question."""
-        said = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
-        return [
-            texts.ASK_STATE.format(condition=self.condition),
-            *said,
-            *self.consequence.splitlines(),
-        ]
+    @property
+    def sentences(self) -> list[str]:
+        """Return why not to confirm the command, and what it would do."""
+        warning = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
+        return [*warning, *self.consequence.splitlines()]
 
     @property
     def is_stop(self) -> bool:
@@ -189,11 +192,11 @@ class Button:
 
     @property
     def is_instant(self) -> bool:
-        """Return whether it is a stop that needs no confirmation and acts on the press."""
+        """Return whether it is a stop that acts on the press, without a confirmation."""
         return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
-        """Return whether the other one is the same command for the same kart or heat."""
+        """Return whether both buttons have the same command for the same kart or heat."""
         return (self.command, self.kart, self.heat) == (other.command, other.kart, other.heat)
 
     @property
@@ -208,13 +211,14 @@ class Row:
     """
     A kart as a row.
 
-    :param use_msr: an alert about it asks for the Master Safety Remote.
+    :param use_msr: whether an alert about the kart asks for the Master Safety Remote.
     :param link: the quality of its link in a word, or NO LINK.
-    :param bars: the same as a number of bars, out of ``MOST_BARS``; 0 draws no bars.
+    :param bars: the quality of its link as a number of bars, out of ``MOST_BARS``; 0: no bars.
     :param answer: its answer in a word or two; empty if no answer is expected.
     :param waits: whether it is connected and has not yet obeyed the state that it is being sent.
-    :param finish: FINISH, whatever the row's button offers; ``letter``: the action of its letter.
     :param place: its position and laps; without timing, its place in the order of FINISH.
+    :param finish: FINISH, whatever the row's button offers.
+    :param letter: what the kart's letter does.
     """
 
     number: int
@@ -241,10 +245,10 @@ class Row:
 @dataclass(frozen=True)
 class Column:
     """
-    A column of the karts, in the window and in the terminal.
+    A column of the list of karts, in the window and in the terminal.
 
     :param width: width in pixels on a 1366 by 768 screen; 0 takes the remaining width.
-    :param below: returns the small text below that.
+    :param below: returns the small text below the cell.
     """
 
     heading: str
@@ -268,9 +272,9 @@ class Danger:
     """
     A warning in the largest type, shown instead of the state of the race.
 
-    :param detail: the known facts, in a sentence or two.
+    :param detail: what is known, in a sentence or two.
     :param barred: why only stops can be pressed; empty if race control decides what is possible.
-    :param stale: the rest of the screen is out of date.
+    :param stale: whether the rest of the screen is out of date.
     """
 
     title: str
@@ -286,12 +290,12 @@ class Screen:
     Everything that a screen shows about the race itself.
 
     :param state: the state of the race, in the largest type; if no kart is being sent that state,
-        what the karts do instead.
+        what the karts are doing instead.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
     :param order: the starting order of its karts, and the next single-kart heat.
     :param tally: how many karts in the race are driving, stopped and so on; empty if the race has
         none.
-    :param missing: the karts of the race that have not yet obeyed the state they are being sent.
+    :param missing: the karts of the race that have not obeyed yet; empty if all have.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; empty if neither.
     :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
         now; empty if neither.
@@ -339,7 +343,7 @@ class Screen:
 
 
 def is_gone(silent_for: float | None) -> bool:
-    """Return whether race control counts as gone; ``silent_for`` is None if it was never heard."""
+    """Return whether race control counts as gone; None means that no snapshot ever arrived."""
     return silent_for is None or silent_for >= GONE_AFTER
 
 
@@ -351,15 +355,15 @@ def silence(
     ended: bool,
 ) -> Danger | None:
     """
-    Return the warning that race control is silent; None while it is heard.
+    Return the warning that race control is silent; None while its snapshots arrive.
 
-    The warning asks for the MSR if it is unknown what the karts are doing. It does not ask for it
-    before race control is first heard, nor after a normal shutdown with no kart in doubt.
+    The warning asks for the MSR if it is unknown what the karts are doing. It does not ask for the
+    MSR before the first snapshot, nor after a normal shutdown with no kart in doubt.
 
-    :param silent_for: time since race control was last heard, in seconds; None: it never was.
-    :param looking_for: time since the search for it began, in seconds.
+    :param silent_for: time since the last snapshot, in seconds; None if there never was one.
+    :param looking_for: time since the search for race control began, in seconds.
     :param looking: where the search looks, as part of a sentence.
-    :param ended: race control has announced a normal shutdown.
+    :param ended: whether race control has announced a normal shutdown.
     """
     if not is_gone(silent_for):
         return None
@@ -377,9 +381,9 @@ def silence(
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
     """
-    Return the warning about a race control that is heard but unreliable; None if all is well.
+    Return the warning that race control is unreliable, although its snapshots arrive; or None.
 
-    :param two: snapshots come from two race controls.
+    :param two: whether snapshots come from two race controls.
     """
     told = {alert.kind: alert.text for alert in race.alerts}
     if AlertKind.PART_FAILED in told:
@@ -394,14 +398,15 @@ def danger(race: Snapshot, two: bool) -> Danger | None:
 
 
 STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
-"""The state of the race that each command to the race leads to."""
+"""The state of the race to which each command to the race leads."""
 
 
 def present(results: Standings | None, at: float) -> Standings | None:
     """
-    Return the results; None if they are out of date, which means that there is no timing.
+    Return the results; None if they are out of date, so that there is no timing.
 
-    :param at: the time by the clock of race control's machine, which the timekeeper uses, in s.
+    :param at: the time by the clock of race control's machine, in seconds; the timekeeper uses the
+        same clock.
     """
     # A stamp in the future is as wrong as an old one.
     is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
@@ -457,9 +462,9 @@ def show(
 
 def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     """
-    Return the commands to the race; at most one is the next step.
+    Return the commands to the race, of which at most one is the next step.
 
-    While the MSR must be used, or only the MSR stops a kart, there is no next step.
+    While the MSR must be used, or only the MSR can stop a kart, there is no next step.
     """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
@@ -475,7 +480,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return how long the race has been in its state, and who caused it."""
+    """Return for how long and since when the race has been in its state, and who caused that."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = f'{since} · {race.state_cause}'
@@ -488,21 +493,23 @@ def _since(race: Snapshot, now: float) -> str:
 
 def _reminder(buttons: _Buttons) -> str:
     """
-    Return the reminder that each kart must be driving by now (§3.A); empty if it does not apply.
+    Return the reminder that each kart must be driving by now (§3.A); empty if none is needed.
 
-    Only an official can see whether a kart is driving, so the reminder always shows for a while.
-    It leaves out karts that were seen to cross the line.
+    Only an official can see whether a kart is driving, so the reminder is shown for a while
+    whatever the karts report. A kart that was seen to cross the line needs none.
     """
     race = buttons.snapshot
     late = buttons.now - race.state_since - BEGINS_WITHIN
     if race.state is not RaceState.GREEN_GREEN or late < 0.0:
         return ''
     sent = [kart for kart in race.karts if kart.in_race and kart.sent is RaceState.GREEN_GREEN]
-    sent = [kart for kart in sent if not buttons.has_crossed(kart)]
+    timing = buttons.timing
+    if timing is not None:
+        sent = [kart for kart in sent if not timed.has_crossed(timing, kart.number)]
     if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
         return ''
     within = duration(BEGINS_WITHIN, 0)
-    return f'over {within}: send RED FLAG if a kart is not driving yet' if sent else ''
+    return f'GREEN for over {within}: send RED FLAG if a kart is not driving yet' if sent else ''
 
 
 def _msr(race: Snapshot) -> Cell:
@@ -513,7 +520,7 @@ def _msr(race: Snapshot) -> Cell:
     if not race.track.msr_used:
         return Cell('')
     karts = texts.in_doubt(race)
-    used = f'MSR IN USE: nothing else stops {karts}' if karts else 'MSR IN USE'
+    used = f'MSR IN USE: nothing else can stop {karts}' if karts else 'MSR IN USE'
     return Cell(used, Tone.WAIT)
 
 
@@ -521,9 +528,9 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
 
-    They are not allowed while anything else on the screen contradicts this, and never before an
-    official has opened the track. If race control has no other information, it starts with the
-    track open, so an open track does not prove that an official opened it.
+    They are not while anything else on the screen speaks against it, and never before an official
+    has opened the track. If race control knows no better, it starts with the track open, so an
+    open track does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -536,7 +543,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
             reason = '; '.join(filter(None, reasons))
         reason = reason or against
         if is_open:
-            reason = f'humans could be on it: {reason}'
+            reason = f'humans could be on the track: {reason}'
             return Cell(texts.CLEAR_TRACK, Tone.BAD), reason
         unstated = race.track.settled_by is CommandKind.OPEN_TRACK
         if unstated and not (told or against or under_way):
@@ -549,17 +556,16 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     karts = texts.in_doubt(race)
     if karts:
         off = f'{karts} {"are" if "," in karts else "is"} switched off'
-        reason = f'{race.track.reason}. Nothing but the MSR stops {karts}. Leave it on until {off}'
+        reason = f'{race.track.reason}. Only the MSR can stop {karts}. Leave it on until {off}'
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:
         return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
-    closed = f'no one may enter until you open it: {race.track.reason}'
-    return Cell(texts.TRACK_CLOSED), closed
+    return Cell(texts.TRACK_CLOSED), f'nobody may enter until you open it: {race.track.reason}'
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return the karts that are due FINISH, which the letters in their rows send."""
+    """Return the karts that are due FINISH. The letters in their rows send it."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return f'FINISH {", ".join(done)}: last lap done' if done else ''
@@ -575,8 +581,8 @@ def _places(buttons: _Buttons) -> str:
 
 
 SAYS_NO_MORE = 5.0
-"""Time before a row says what to do about a kart whose last report matches its order but answered
-an earlier command, in seconds."""
+"""Time until a row says what to do about a kart whose last report names the state it is being sent
+but answered an earlier order, in seconds."""
 
 
 def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
@@ -615,7 +621,7 @@ def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
     if kart.connected and kart.reported not in (None, kart.sent):
         says = f'says {STATES[kart.reported]}'
     elif kart.counts_at is not None:
-        says = 'perhaps to an earlier order'
+        says = 'for an older order?'
     return Row(
         number=kart.number,
         team=kart.team,
@@ -651,7 +657,7 @@ def _link(kart: KartSnapshot, missing: Tone) -> Cell:
 
 
 def _link_time(link: LinkQuality) -> str:
-    """Return the round trip; for a link that is not good, its longest delay instead."""
+    """Return the link's round trip or, if it is not good, its longest delay."""
     if link.grade is Grade.UNKNOWN:
         return ''
     late = max(link.worst_answer or 0.0, link.behind)
@@ -677,7 +683,7 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
 
 
 def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) -> CommandKind:
-    """Return the command that a button offers; while its result holds, its undo command."""
+    """Return the command that a button offers; while it is in effect, the one that undoes it."""
     undone_by = UNDONE_BY.get(command)
     if undone_by is not None and shows_result(CATALOGUE[command].result, race, kart):
         return undone_by
@@ -689,8 +695,8 @@ class _Buttons:
     """
     The buttons of one snapshot.
 
-    :param results: the results, unless out of date; ``timing``: the same if they belong to
-        the race in the snapshot, otherwise None.
+    :param results: the newest results; None if they are out of date.
+    :param timing: these results if they belong to the race in the snapshot; otherwise None.
     """
 
     snapshot: Snapshot
@@ -707,9 +713,9 @@ class _Buttons:
     @property
     def shown(self) -> Standings | None:
         """
-        Return the results of this race, or of the last one while this race has none.
+        Return the results to show: once the race has begun, its own; before that, the newest.
 
-        None if there are none. A race without a timed lap has none.
+        None if there are none, or if they contain no timed lap.
         """
         has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
         shown = self.timing if has_begun else self.results
@@ -729,11 +735,8 @@ class _Buttons:
         is_on = self.snapshot.state is RaceState.GREEN_GREEN and kart.in_race
         return is_on and not kart.place
 
-    def has_crossed(self, kart: KartSnapshot) -> bool:
-        return self.timing is not None and timed.has_crossed(self.timing, kart.number)
-
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
-        """Return whether a racing kart has driven all its laps, so that FINISH is due."""
+        """Return whether a kart in the race has driven all its laps, so that it is due FINISH."""
         if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
             return False
         result = self.timing.kart(kart.number)
@@ -741,9 +744,9 @@ class _Buttons:
 
     def letter(self, kart: KartSnapshot, key: str) -> Button:
         """
-        Return the action of a kart's letter: count a lap, or send FINISH on its last lap.
+        Return what a kart's letter does: count a lap or, on the kart's last lap, send FINISH.
 
-        In a heat without timing, it is unknown which one applies, so the letter does nothing.
+        In a heat without timing, it is unknown which of them applies, so the letter does nothing.
         """
         timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
         if not self._races(kart) or (timing is None and not self.snapshot.heat):
@@ -763,7 +766,7 @@ class _Buttons:
         return replace(button, phrase=phrase, current=current)
 
     def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
-        """Return a command's phrase, and whether the race is in the state that it leads to."""
+        """Return a command's phrase, and whether the race is in the state to which it leads."""
         race, command = self.snapshot, button.command
         does, follows = CATALOGUE[command].does, CATALOGUE[command].follows
         if not does:
@@ -775,7 +778,7 @@ class _Buttons:
         if (command, 0) in self.pending and not button.enabled:
             return button.reason, current
         if current and command is CommandKind.RACE_OVER:
-            return 'the race is over', True  # perhaps in that state for longer
+            return 'the race is over', True  # it may have been in that state before
         if current:
             return f'since {time_of_day(race.state_since)}', True
         if button.enabled:
@@ -795,7 +798,7 @@ class _Buttons:
         return self._button(command, kart, kart.offered(command), key)
 
     def heats(self) -> Button:
-        """Return the button that opens the sheet of heats, where the roster can be read again."""
+        """Return the button that opens the heats. The roster can be read again from there."""
         button = self.race(CommandKind.SET_HEAT)
         if self.snapshot.heats:
             return button
@@ -803,7 +806,7 @@ class _Buttons:
         return replace(button, enabled=read.enabled, reason=read.reason)
 
     def heat(self, number: int, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race; typing its number focuses it."""
+        """Return the button that puts a heat into the race. Its number moves the focus to it."""
         is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
@@ -816,10 +819,10 @@ class _Buttons:
 
     def _also(self, offered: Availability) -> tuple[Given, ...]:
         """
-        Return what an official can confirm together with IN GARAGE.
+        Return the commands that an official can confirm together with IN GARAGE.
 
-        After use of the MSR: that the karts left held were made safe by hand. Otherwise: that
-        teams may go onto the track.
+        After use of the MSR, they release the karts that stay held, as made safe by hand. In any
+        other case, the command opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:
@@ -878,7 +881,7 @@ class _Buttons:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of a table as lines, each column as wide as its longest cell."""
+    """Return the rows of a table as lines of text, with aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         '  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -887,7 +890,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
-    """Return the race as lines: state, track, alerts, karts and possible commands."""
+    """Return the race as lines of text: state, track, alerts, karts and commands."""
     lines = [
         *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',

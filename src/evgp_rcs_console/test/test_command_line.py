@@ -6,14 +6,9 @@
 from __future__ import annotations
 
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs_console.command_line import (
-    broken_off,
-    COMMANDS,
-    Exit,
-    NO_STOP_SENT,
-    NOTHING_SENT,
-    parse,
-)
+from evgp_rcs_console import texts
+from evgp_rcs_console.command_line import COMMANDS, Exit, NO_STOP_SENT, NOTHING_SENT, parse
+from evgp_rcs_console.commands import Given
 import pytest
 
 
@@ -61,12 +56,12 @@ def test_a_name_keeps_its_letters() -> None:
 
 
 @pytest.mark.parametrize('command', [CommandKind.ALL_KILL, CommandKind.RACE_OVER])
-def test_a_command_that_is_broken_off_says_what_is_known(command: CommandKind) -> None:
-    unheard = broken_off(command, 1.24, 3, '')
-    heard = broken_off(command, 1.24, 3, 'the record fails.')
+def test_a_command_without_an_answer_says_what_is_known(command: CommandKind) -> None:
+    unheard = texts.no_answer(Given(command), 1.24, 'sent 3 times')
+    heard = texts.no_answer(Given(command), 1.24, reason='the record fails.')
 
-    assert '1.2 s' in unheard
-    assert '3 times' in unheard
-    assert 'the record fails.' in heard
+    assert 'no answer within 1.2 s (sent 3 times). ' in unheard
+    assert heard.endswith('not accepted it: the record fails.')
     for said in (unheard, heard):
         assert ('USE THE MSR' in said) is (command is CommandKind.ALL_KILL)
+        assert ('Check the race' in said) is (command is CommandKind.RACE_OVER)

@@ -483,12 +483,12 @@ def test_a_word_perhaps_for_the_earlier_command_shows_when_it_counts_or_the_cure
     waits = with_kart(counts_at=42.0, **says).rows[0]
     over = with_kart(counts_at=40.0, **says).rows[0]
 
-    assert (waits.answer.text, waits.says) == ('… in 2 s', 'perhaps to an earlier order')
-    assert (over.answer.text, over.says) == ('… not yet', 'perhaps to an earlier order')
-    assert over.note.text.startswith('its GRID ACTIVE may answer an earlier order: have')
+    assert (waits.answer.text, waits.says) == ('… in 2 s', 'for an older order?')
+    assert (over.answer.text, over.says) == ('… not yet', 'for an older order?')
+    assert over.note.text.startswith('its GRID ACTIVE report may answer an older order: have')
     said = with_kart(sent_since=34.0, **says).rows[0]
-    assert said.note.text.startswith('its GRID ACTIVE answered an earlier order: if it')
-    assert 'answered an earlier order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
+    assert said.note.text.startswith('its GRID ACTIVE report answered an older order: if')
+    assert 'answered an older order' not in with_kart(sent_since=36.0, **says).rows[0].note.text
 
 
 def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
@@ -539,7 +539,7 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert before is not None
 
     for said in (green.caution, screen.can_stop, '\n'.join(table(screen, ()))):
-        assert '2 officials can stop' in said
+        assert '2 officials can stop the race' in said
         assert 'Anna (window), button' in said
     assert '0' not in before.caution
     assert green.asks_the_same(before)
@@ -704,7 +704,7 @@ def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_b
     quiet = tuple(replace(alert, use_msr=False) for alert in lost)
     assert said(replace(race, alerts=quiet))[0] == ''
     in_use = replace(race, alerts=quiet, track=used)
-    assert said(in_use)[0] == 'MSR IN USE: nothing else stops karts 1, 2, 3, 4, 5, 6, 7'
+    assert said(in_use)[0] == 'MSR IN USE: nothing else can stop karts 1, 2, 3, 4, 5, 6, 7'
     stopped = tuple(replace(each, may_be_moving=False) for each in karts)
     assert said(replace(in_use, karts=stopped))[0] == 'MSR IN USE'
     unsafe = Alert(AlertKind.TRACK_UNSAFE, 0, 0.0, 'clear the track', True)

@@ -897,8 +897,8 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
     )
     console.tell(race)
     assert 'TRACK OPEN, MSR IN USE' in console.find('humans').whole
-    assert 'Nothing but the MSR stops kart 1' in console.find('humans_reason').whole
-    assert 'nothing but the MSR stops it' in console.says(1)
+    assert 'Only the MSR can stop kart 1' in console.find('humans_reason').whole
+    assert 'only the MSR can stop it' in console.says(1)
     assert 'USE THE MSR' not in console.find('banner').whole
 
     console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))
@@ -1133,7 +1133,7 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
 
     said = {
         'another kart': '3 karts: 1, 2, 3',
-        'no link': 'Not connected now, gets it when it connects: kart 1.',
+        'no link': 'Sent when it connects: kart 1.',
         'by hand': 'I state: it was made safe.',
         'against it': f'Kart 3 ({NAME})',
     }
