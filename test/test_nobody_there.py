@@ -8,17 +8,24 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import ANNOUNCE_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_race import WireRace
 import pytest
-from rclpy.qos import QoSProfile
+from rclpy.duration import Duration
+from rclpy.qos import LivelinessPolicy, QoSProfile
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 
 NOBODY_THERE = msg.Alert.NOBODY_THERE
 BUTTON_FAULT = msg.Alert.BUTTON_FAULT
+
+MANUAL = QoSProfile(
+    depth=10,
+    liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    liveliness_lease_duration=Duration(seconds=2),
+)
+"""What the publisher of another program may offer."""
 
 
 class Programs(RosSide):
@@ -70,7 +77,7 @@ def race(the_race: WireRace) -> WireRace:
 
 
 # Whatever its publisher offers, a program is heard.
-@pytest.fixture(params=[ANNOUNCE_QOS, QoSProfile(depth=10)], ids=['ours', 'plain'])
+@pytest.fixture(params=[QoSProfile(depth=10), MANUAL], ids=['ours', 'manual'])
 def programs(race: WireRace, request: pytest.FixtureRequest) -> Iterator[Programs]:
     side = Programs(race.domain, request.param)
     yield side

@@ -18,7 +18,6 @@ import tty
 from types import SimpleNamespace
 
 from evgp_rcs_console import button, button_devices
-from evgp_rcs_console.client import ANNOUNCE_QOS
 from evgp_rcs_console.presses import EVENT
 from evgp_rcs_msgs.msg import Presence
 from evgp_testing.part import Part
@@ -73,7 +72,7 @@ class Ear(RosSide):
     def __init__(self, domain: int) -> None:
         super().__init__('ear', domain)
         self.heard: list[Presence] = []
-        self.node.create_subscription(Presence, '/rcs/presence', self._hear, ANNOUNCE_QOS)
+        self.node.create_subscription(Presence, '/rcs/presence', self._hear, 10)
         self.spin()
 
     def _hear(self, message: Presence) -> None:

@@ -73,9 +73,7 @@ class Given:
         return replace(first, official=self.official, at=self.at, then=tuple(rest))
 
 
-def request(
-    given: Given, at: float
-) -> dict[str, float | bool | str | list[int] | RaceState | None]:
+def request(given: Given, at: float) -> dict[str, object]:
     """
     Return the fields of a command's request.
 
@@ -83,11 +81,7 @@ def request(
         request that DDS delivers late is older than it states, by that delay, and never younger.
     """
     entry = CATALOGUE[given.command]
-    fields: dict[str, float | bool | str | list[int] | RaceState | None] = {
-        'official': given.official,
-        **entry.fixed,
-        **given.taken,
-    }
+    fields: dict[str, object] = {'official': given.official, **entry.fixed, **given.taken}
     if entry.to_one_kart:
         fields['kart'] = given.kart
     if entry.statement:
@@ -141,20 +135,14 @@ def effects(
             if each.number in offered.karts and each.sent is not sends
         }
 
-    def those(wanted: bool, part: bool) -> tuple[KartSnapshot, ...]:
-        return tuple(
-            each
-            for each in race.karts
-            if (each.number in concerned) is wanted
-            and (each.connected if wanted else each.hold is not None) is part
-        )
-
+    sent = [each for each in race.karts if each.number in concerned]
+    others = [each for each in race.karts if each.number not in concerned]
     return Effects(
         sends,
-        now=those(True, True),
-        later=those(True, False),
-        held=those(False, True),
-        rest=those(False, False),
+        now=tuple(each for each in sent if each.connected),
+        later=tuple(each for each in sent if not each.connected),
+        held=tuple(each for each in others if each.hold is not None),
+        rest=tuple(each for each in others if each.hold is None),
     )
 
 
@@ -312,9 +300,7 @@ class StandingStops:
         return tuple(self._stops.values())
 
     def add(self, given: Given, now: float) -> None:
-        known = self._stops.get(_key(given))
-        if known is None:
-            known = Standing(given, since=now)
+        known = self._stops.get(_key(given)) or Standing(given, since=now)
         self._stops[_key(given)] = replace(known, given=given, due=now)
 
     def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
@@ -354,13 +340,13 @@ class StandingStops:
         """
         self._heard_at = now
         ended = [
-            (key, stop.given)
-            for key, stop in self._stops.items()
+            stop.given
+            for stop in self._stops.values()
             if now - stop.given.at > OUTLIVES and begun - stop.given.at > CERTAIN
         ]
-        for key, _ in ended:
-            del self._stops[key]
-        return [given for _, given in ended]
+        for given in ended:
+            del self._stops[_key(given)]
+        return ended
 
     def next_press(self, now: float) -> float | None:
         """Return the time until the next stop is due, in seconds; None if there are no stops."""
@@ -398,8 +384,7 @@ class StandingStops:
         if final:
             del self._stops[_key(given)]
         else:
-            stop = self._stops[_key(given)]
-            self._stops[_key(given)] = replace(stop, said=said)
+            self._stops[_key(given)] = replace(self._stops[_key(given)], said=said)
 
 
 def _key(given: Given) -> tuple[Kind, int]:

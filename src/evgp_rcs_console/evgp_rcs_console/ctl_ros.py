@@ -384,19 +384,13 @@ def _watch_events(
     until: float,
     alive: Callable[[], object],
 ) -> Told:
-    shown = 0
-    banner = ''
-    kept: list[str] = []
+    shown, banner = 0, ''
     # The snapshot has the banner, which is printed first.
     hearing.wait_for(lambda: hearing.race is not None, until)
     while True:
         # Past events arrive one by one; they are complete once no further event follows.
-        pause = now() + SETTLED
-        known = shown
-        hearing.wait_for(
-            lambda known=known: len(hearing.events) > known,
-            pause if shown or now() >= until else until,
-        )
+        ends = now() + SETTLED if shown or now() >= until else until
+        hearing.wait_for(lambda known=shown: len(hearing.events) > known, ends)
         with hearing.news:
             fresh = hearing.events[shown:]
             heard = hearing.race is not None
@@ -412,11 +406,9 @@ def _watch_events(
         ]
         if banner != said and banner:
             lines.insert(0, texts.BANNER.format(banner=banner))
-        if wanted.once:
-            kept += lines
-            if not fresh or now() >= until:
-                return {'code': Exit.ACCEPTED, 'output': '\n'.join(kept)}
-            continue
         if lines:
             print('\n'.join(lines), flush=True)
-        alive()
+        if not wanted.once:
+            alive()
+        elif not fresh or now() >= until:
+            return {'code': Exit.ACCEPTED}

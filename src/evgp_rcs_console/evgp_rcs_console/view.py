@@ -891,24 +891,24 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
     """Return the race as lines of text: state, track, alerts, karts and commands."""
-    lines = [
-        *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
+    found = [
+        screen.banner and texts.BANNER.format(banner=screen.banner),
         f'Race: {screen.state.text}  ({screen.since})',
-        *([f'Karts: {screen.tally}'] if screen.tally else []),
-        *filter(None, [screen.msr.text]),
-        *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
+        screen.tally and f'Karts: {screen.tally}',
+        screen.msr.text,
+        screen.reminder and f'{screen.reminder}  {screen.missing}'.rstrip(),
         f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),
-        *filter(None, [screen.places, screen.timing]),
-        *([screen.order] if screen.order else []),
+        screen.places,
+        screen.timing,
+        screen.order,
         screen.can_stop,
-        '',
     ]
     columns = [[column.heading for column in COLUMNS]]
     for row in screen.rows:
         cells = [(column.cell(row).text, column.below(row).text) for column in COLUMNS]
         columns.append([' '.join(filter(None, each)) for each in cells])
-    lines += [*aligned(columns), '']
+    lines = [*filter(None, found), '', *aligned(columns), '']
     lines += [_line(button) for button in screen.race]
     lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
     lines += map(_line, screen.rosters)
