@@ -69,7 +69,7 @@ _ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 @functools.lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
-    """Return a sentence of race control's with states and commands named as on the screen."""
+    """Return a sentence from race control, with states and commands named as on the screen."""
     return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
 
 
@@ -250,8 +250,11 @@ class Client:
                     with self._lock:
                         self._standing.add(given, now())
                         self._stop_given_at = now()
+                elif self._finds(given):
+                    self._request(given)
                 else:
-                    self._call(given)
+                    why = texts.not_there(given.command, texts.full_name(given))
+                    self._listener.on_answer(given, Answer(False, why))
             # After each item of the queue, so that announcements never delay stops or time limits.
             self._press()
             self._give_up()
@@ -274,20 +277,13 @@ class Client:
             pressed = self._standing.press(now(), self._finds)
         for given in pressed:
             self._request(given)
-        # Called with the lock held, so that no acceptance can be reported before this.
+        # With the lock held, no stop is reported here after its acceptance was reported.
         with self._lock:
             if self._standing.pressed:
                 self._listener.on_pressing(self._standing.pressed)
 
     def _finds(self, given: Given) -> bool:
         return bool(self._services[CATALOGUE[given.command].service].service_is_ready())
-
-    def _call(self, given: Given) -> None:
-        if self._finds(given):
-            self._request(given)
-            return
-        why = texts.not_there(given.command, texts.full_name(given))
-        self._listener.on_answer(given, Answer(False, why))
 
     def _request(self, given: Given) -> None:
         service = self._services[CATALOGUE[given.command].service]

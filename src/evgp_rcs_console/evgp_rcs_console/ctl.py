@@ -20,7 +20,7 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any, NoReturn
+from typing import Any
 
 from evgp_node.official import tidy
 from evgp_protocol.clock import now
@@ -52,8 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :return: a code of ``Exit``.
     """
-    if '_ARGCOMPLETE' in os.environ:  # the shell asks for completions
-        _complete()
+    if '_ARGCOMPLETE' in os.environ:  # the shell asks for what Tab completes
+        import argcomplete
+
+        argcomplete.autocomplete(parser())
+        raise AssertionError('argcomplete exits')  # Tab must never send a command
     given = list(sys.argv[1:] if arguments is None else arguments)
     wanted = parse(given)
     # A shell that starts a program in the background makes it ignore SIGINT; Python keeps that.
@@ -110,14 +113,6 @@ def _let_a_second_interrupt_kill() -> None:
     handle = ctypes.CDLL(None).sysv_signal
     handle.restype, handle.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_void_p)
     handle(signal.SIGINT, handle(signal.SIGINT, None))
-
-
-def _complete() -> NoReturn:
-    """Print what the shell asks for on Tab, and exit: Tab must never send a command."""
-    import argcomplete
-
-    argcomplete.autocomplete(parser())
-    raise AssertionError('argcomplete exits')
 
 
 def _ask_for_name(wanted: argparse.Namespace) -> None:

@@ -197,7 +197,7 @@ class Officials:
         return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
-        """Return a sentence of race control's with the officials' shown names."""
+        """Return a sentence from race control with the officials' shown names."""
         for claims in self._claims.values():
             for claim in claims:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')

@@ -217,7 +217,7 @@ def alert_was(kind: AlertKind, kart: int) -> str:
 
 
 def without_teams(text: str, teams: Mapping[int, str]) -> str:
-    """Return a sentence of race control's without the teams' names."""
+    """Return a sentence from race control without the teams' names."""
     for number, team in teams.items():
         text = text.replace(f' {number} ({team})', f' {number}')
     return text
@@ -334,7 +334,7 @@ def warning(command: Kind, race: Snapshot) -> str:
             return f'humans must stay off the track now: {why}'
         doubtful = in_doubt(race)
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'only the MSR can stop {doubtful}, so leave it on'
+            return f'only the MSR can stop {doubtful}, so leave the MSR on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
     return ''
 
@@ -369,7 +369,7 @@ def no_answer(given: Given, waited: float, details: str = '', reason: str = '') 
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before giving a command, but which does not bar it.
+    Return what an official should know before a command, although it does not rule it out.
 
     :param karts: the karts that the command would start or release.
     """
@@ -414,7 +414,7 @@ def consequences(
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}. {end}'.rstrip())
     if does.later:
         when = 'when it connects' if len(does.later) == 1 else 'when they connect'
-        said.append(f'Sent {when}: {numbered(does.later)}.')
+        said.append(f'Sends {STATES[does.state]} to {numbered(does.later)} {when}.')
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
             said.append('Takes the kart out of the race.')

@@ -405,8 +405,7 @@ def present(results: Standings | None, at: float) -> Standings | None:
     """
     Return the results; None if they are out of date, so that there is no timing.
 
-    :param at: the time by the clock of race control's machine, in seconds; the timekeeper uses the
-        same clock.
+    :param at: the time by race control's clock, which the timekeeper uses as well, in seconds.
     """
     # A stamp in the future is as wrong as an old one.
     is_new = results is not None and abs(at - results.stamp) < TIMING_GONE

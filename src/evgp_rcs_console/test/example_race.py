@@ -25,7 +25,7 @@ def replace(value: _Value, **changes: Any) -> _Value:
 
 
 def offers(*others: Availability) -> tuple[Availability, ...]:
-    """Return that race control offers every command, but these as they are here."""
+    """Return the availability of every command: as passed, or else available."""
     by_kind = {each: Availability(each, True) for each in CommandKind}
     return tuple((by_kind | {each.command: each for each in others}).values())
 

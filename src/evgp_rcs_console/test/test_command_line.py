@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a line of the terminal client asks for, and what it says if it asks for nothing."""
+"""How `rcs_ctl` reads a command line, and what it prints if the line is wrong."""
 
 from __future__ import annotations
 

@@ -4,8 +4,8 @@
 """
 No two statements of one screen contradict each other, whatever race control says.
 
-The snapshots are any at all, also such as the rules never come to: a screen may be wrong in one
-way only, too careful.
+The snapshots are random, and the rules never lead to some of them. A screen may be wrong in only
+one way: it may be too careful.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def karts(draw: st.DrawFn, number: int) -> KartSnapshot:
 
 @st.composite
 def races(draw: st.DrawFn) -> Snapshot:
-    """Return any snapshot, with up to four karts and three alerts."""
+    """Return a random snapshot, with at most four karts and three alerts."""
     alert = st.builds(
         Alert,
         kind=st.sampled_from(MSR_KINDS),
@@ -98,13 +98,13 @@ def races(draw: st.DrawFn) -> Snapshot:
 
 
 def dangers(race: Snapshot) -> list[Danger | None]:
-    """Return what can be said of race control while this is the newest snapshot."""
+    """Return the warnings about race control that are possible with this newest snapshot."""
     gone = silence(5.0, 60.0, 'here', race, False)
     return [danger(race, two=False), danger(race, two=True), gone]
 
 
 def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> list[str]:
-    """Return what is said against humans on the track, anywhere on the screen."""
+    """Return all texts on the screen that speak against humans on the track."""
     book = AlertBook()
     book.update(race.alerts)
     said = [str(notice) for notice in book.shown if notice.use_msr]
@@ -151,13 +151,13 @@ def what_is_largest_is_true_of_a_kart_of_the_race(race: Snapshot, screen: Screen
     shown = {STATE_CELLS[each].text: each for each in RaceState}
     state = shown.get(screen.state.text)
     if state in (RaceState.RED_RED, RaceState.IN_GARAGE) and not sent:
-        # A kart without a link stops, and in the garage it may come yet.
+        # A kart without a link stops, and in the garage it may still connect.
         assert state is race.state
     elif state is not None:
         assert screen.state.text in sent
     else:
         assert not any(STATES[race.state] in each for each in sent)
-    # The state of the race is told in any case, and who brought it about.
+    # The screen always shows the state of the race and who caused it.
     assert STATES[race.state] in f'{screen.state.text} {screen.since}'
     assert race.state_cause in screen.since
     assert time_of_day(race.state_since) in screen.since
@@ -181,7 +181,7 @@ def an_open_track_never_looks_like_a_closed_one(race: Snapshot, screen: Screen) 
 
 def red_is_only_what_is_wrong(race: Snapshot, screen: Screen) -> None:
     wrong = any(alert.use_msr for alert in race.alerts)
-    # To be told to stop, and not to have stopped yet, is nothing wrong.
+    # Nothing is wrong with a kart that is being stopped and has not stopped yet.
     doubtful = any(
         kart.in_doubt and not (kart.connected and kart.sent in RED) for kart in race.karts
     )
@@ -265,7 +265,7 @@ SENTENCES = (
 @given(races())
 def test_no_two_statements_of_one_screen_contradict_each_other(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
-    for holds in SENTENCES:  # to draw a race takes longer than to look at its screen
+    for holds in SENTENCES:  # drawing a race takes longer than checking its screen
         holds(race, screen)
 
 

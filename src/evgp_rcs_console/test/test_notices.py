@@ -23,7 +23,7 @@ def alert(kart: int) -> Alert:
 
 
 def sentences(book: AlertBook) -> list[str]:
-    """Return what is not seen yet."""
+    """Return the texts of the notices that are not seen yet."""
     return [notice.text for notice in book.unseen]
 
 
@@ -32,12 +32,12 @@ def see_all(book: AlertBook) -> None:
 
 
 def told(book: AlertBook) -> list[str]:
-    """Return all that is said of what is not seen yet."""
+    """Return the notices that are not seen yet, with their headings."""
     return [str(notice) for notice in book.unseen]
 
 
 def msr_alert(kart: int) -> Alert:
-    """Return an alert of a kart for which the MSR is to be used."""
+    """Return an alert that asks for the MSR because of a kart."""
     text = f'Kart {kart} has not acknowledged RED_RED'
     return Alert(AlertKind.RED_UNACKNOWLEDGED, kart, 0.0, text, True)
 
@@ -208,7 +208,7 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
 
 
 def said_in_a_race(*karts: int) -> list[str]:
-    """Return what the log says of a race of some karts, whose first two finish."""
+    """Return the log of a race in which the first two karts finish."""
     paper, log = PaperRace({each: f'Team {each} (FH)' for each in karts}), EventLog()
     official = 'Anna (pc 1)'
     paper.connect(*karts)
@@ -269,7 +269,7 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     log = EventLog()
 
     def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> int:
-        """Return the number of lines then."""
+        """Add an event; return the number of lines afterwards."""
         log.add(StampedEvent(sequence, 0, 0.0, Event(kind, 'so it is', kart, state)))
         return len(log.lines())
 
@@ -284,10 +284,10 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
     assert (other, gone) == ('Kart 5 acknowledged RED FLAG', 'so it is')
     assert [line.text for line in log.lines(12)] == [both]
     assert [line.text for line in log.lines(5)] == [other, gone]
-    # What all have done is never replaced by what one does.
+    # A line about all karts is never replaced by a line about one.
     assert add(5, 0, EventKind.ALL_ACKNOWLEDGED, flag) == 4
     assert add(6, 9, EventKind.ACKNOWLEDGED, flag) == 5
-    # Of a new run nothing joins the last one.
+    # No event of a new run joins a line of the last run.
     assert add(1, 1, EventKind.CONNECTED) == 7
     assert log.lines()[5].text == texts.NEW_RUN
 

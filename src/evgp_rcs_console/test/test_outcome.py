@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""How long the answer to a command still describes what is so."""
+"""For how long the answer to a command is still true."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FLAG = replace(GRID, state=RaceState.RED_FLAG)
 
 
 def with_kart(**changes: object) -> Snapshot:
-    """Return a race whose kart 7 is different."""
+    """Return a race in which some fields of kart 7 differ."""
     return replace(GRID, karts=(GRID.karts[0], replace(KART, **changes)))
 
 
@@ -101,7 +101,7 @@ def test_an_answer_about_a_heat_stands_until_other_karts_are_in_the_race() -> No
 def test_no_answer_stands_for_ever_in_a_race_that_shows_nothing_of_it(
     command: CommandKind,
 ) -> None:
-    """Every command is known here: none is taken for another one."""
+    """No command is mistaken for another one."""
     result = CATALOGUE[command].result
     other = replace(
         with_kart(

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Presses of a stop button: none is lost, and none is made of nothing."""
+"""Presses of a stop button: none is lost, and none is invented."""
 
 from __future__ import annotations
 

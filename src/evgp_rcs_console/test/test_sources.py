@@ -12,7 +12,7 @@ import pytest
 
 
 def heard(numbers: Iterable[int], every: float = 0.25) -> tuple[Sources, float]:
-    """Return what has heard these numbers, and when the last one came."""
+    """Return the sources after snapshots with these numbers, and when the last one arrived."""
     sources = Sources()
     now = 0.0
     for number in numbers:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Stops that race control has not accepted are pressed again."""
+"""A stop is sent again until race control accepts it."""
 
 from __future__ import annotations
 
@@ -212,7 +212,7 @@ def test_when_a_race_began_is_known_by_the_snapshot_that_came_fastest() -> None:
     # Their clock is 1000 s ahead of ours.
     assert began.hear(1100.0, None, 100.2) == -math.inf
     assert began.hear(1150.0, 1140.0, 150.1) == pytest.approx(140.1)
-    # One that waited for a minute, as while this machine was suspended, makes no race later.
+    # A snapshot that waited for a minute, as during a suspend, makes no race seem later.
     assert began.hear(1160.0, 1140.0, 220.0) == pytest.approx(140.1)
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the window has sent, until it is answered."""
+"""The commands that the window has sent, until they are answered."""
 
 from __future__ import annotations
 

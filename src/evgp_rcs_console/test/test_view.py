@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""From a snapshot to what is shown."""
+"""What a screen shows for a snapshot."""
 
 from __future__ import annotations
 
@@ -62,18 +62,18 @@ def link(grade: Grade, **figures: float) -> LinkQuality:
 
 
 def with_kart(**changes: object) -> Screen:
-    """Return the screen of a race whose one kart is different."""
+    """Return the screen of a race in which some fields of the only kart differ."""
     kart = replace(KART, **changes)  # type: ignore[arg-type]
     return show(replace(RACE, karts=(kart,)), 0.0, {})
 
 
 def timing(**fields: object) -> Standings:
-    """Return what the timekeeper says of the race of the tests now."""
+    """Return the timekeeper's present results of the race in these tests."""
     return replace(Standings(RACE.stamp, laps=6), **fields)
 
 
 def driven(kart: int, laps: int) -> KartResult:
-    """Return the result of a kart that has driven so many laps of 10 s."""
+    """Return the result of a kart that has driven some laps, each in 10 s."""
     return KartResult(kart, 1, Status.RUNNING, laps, 10.0 * laps, (10.0,) * laps, ())
 
 
@@ -110,7 +110,7 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
 
 
 def button_of(command: CommandKind, offered: Availability, **changes: object) -> Button:
-    """Return the button of a command that race control offers so, to a race or a kart so."""
+    """Return the button of a command, given its availability and the fields of the kart."""
     commands = offers(offered._replace(command=command))
     kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
     others = tuple(replace(KART, number=n, sent=RaceState.RED_RED) for n in (1, 2, 3))
@@ -175,7 +175,7 @@ def offering(
     track: TrackAccess = RACE.track,
     state: RaceState = RACE.state,
 ) -> Button:
-    """Return the button of a command to the race which race control offers for kart 7."""
+    """Return the button of a command to the race that race control offers for kart 7."""
     commands = offers(Availability(command, True, karts=(7,)))
     race = replace(RACE, state=state, commands=commands, karts=karts, track=track)
     button = show(race, 0.0, {}).button(command)
@@ -337,7 +337,7 @@ def test_no_step_is_the_next_while_karts_drive_to_their_flag_or_only_the_msr_sto
 
 
 def with_heats() -> Snapshot:
-    """Return a race of kart 7, with a heat of it and another one."""
+    """Return a race of kart 7 with two heats: one of this kart, and another."""
     karts = (replace(KART, number=3, in_race=False), KART)
     heats = (Heat('Heat A', (3,)), Heat('Final', (7,)))
     return replace(RACE, karts=karts, heats=heats, heat='Final')
@@ -581,7 +581,7 @@ def test_a_kart_that_was_seen_to_cross_the_line_has_begun_whatever_it_acknowledg
         return show(race, 0.0, {}, None, Standings(over, karts=results)).reminder
 
     assert reminder()
-    assert reminder(7)  # of kart 8 nobody knows
+    assert reminder(7)  # kart 8 was not seen
     assert not reminder(7, 8)
     line = Passing('line', '', 1)
     crossed = tuple(Judged(line, each, Mark.COUNTED, over, '') for each in (7, 8))
@@ -652,7 +652,7 @@ def test_race_control_is_gone_within_a_second(
     assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
     if said:
-        # Before it is heard at all there is no sign of any race.
+        # Before the first snapshot, there is no sign of any race.
         assert (said.advice == texts.USE_MSR) is (silent_for is not None)
 
 
@@ -784,7 +784,7 @@ def test_the_letter_is_lap_until_only_the_last_lap_is_left_and_then_finish() -> 
         kart = replace(KART, sent=RaceState.GREEN_GREEN, **changes)  # type: ignore[arg-type]
         screen = show(replace(race, karts=(kart,)), 0.0, {}, None, results)
         assert screen.button(CommandKind.KART_FINISH, 7) == screen.rows[0].finish
-        assert screen.rows[0].finish.enabled  # by the number of the kart it is given at any time
+        assert screen.rows[0].finish.enabled  # it can always be sent by the kart's number
         assert screen.rows[0].letter.enabled
         return screen.rows[0].letter.command
 

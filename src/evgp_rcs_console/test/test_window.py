@@ -1133,7 +1133,7 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
 
     said = {
         'another kart': '3 karts: 1, 2, 3',
-        'no link': 'Sent when it connects: kart 1.',
+        'no link': 'Sends IN GARAGE to kart 1 when it connects.',
         'by hand': 'I state: it was made safe.',
         'against it': f'Kart 3 ({NAME})',
     }
