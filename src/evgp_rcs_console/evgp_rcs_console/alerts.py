@@ -1,9 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-The alerts, in an area that is always visible, and a sound that repeats until they are seen.
-"""
+"""The alerts, in an area that is always visible, and a sound that repeats until they are seen."""
 
 from __future__ import annotations
 
