@@ -63,7 +63,7 @@ class ConsoleWindow(Areas):
         inbox.pressing.connect(display.take_pressing, queued)
         inbox.dropped.connect(presses.take_dropped, queued)
         self._timer = QtCore.QTimer(self)
-        self._timer.timeout.connect(self._look)
+        self._timer.timeout.connect(self.look)
         self._timer.start(LOOK)
         application = QtWidgets.QApplication.instance()
         assert application is not None
@@ -71,9 +71,10 @@ class ConsoleWindow(Areas):
         self.foot.show_name(signature.name)
         self.fit()
         self.setFocus()
-        self._look()
+        self.look()
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Show what has arrived, and what has changed because time has passed."""
         self.display.take_races()
         now = clock.now()
         self.display.look(now)
