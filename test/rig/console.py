@@ -222,21 +222,27 @@ class Console(Program):
 
 def probe(window: Any, address: str) -> None:
     """Answer the questions of a ``Console`` from within the window's process."""
+    from evgp_rcs_console.alerts import AlertsArea
     from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+    from evgp_rcs_console.widgets import Text
 
     talking = socket.socket(socket.AF_UNIX)
     talking.connect(address)
 
     def describe(widget: Any) -> dict[str, Any]:
         corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
-        text = getattr(widget, 'whole', None)
-        if isinstance(widget, QtWidgets.QListWidget):
+        if isinstance(widget, AlertsArea):
+            text = widget.whole
+        elif isinstance(widget, QtWidgets.QListWidget):
             text = '\n'.join(widget.item(place).text() for place in range(widget.count()))
-        elif text is None and hasattr(widget, 'text'):
-            text = widget.text()
+        elif hasattr(widget, 'text') and widget.text():
+            text = widget.text().replace('&&', '&')
+        else:
+            parts = widget.findChildren(Text)
+            text = '\n'.join(each.text() for each in parts if each.isVisibleTo(widget))
         return {
             'visible': widget.isVisible(),
-            'text': text or '',
+            'text': text,
             'tip': widget.toolTip(),
             'enabled': widget.isEnabled(),
             'button': isinstance(widget, QtWidgets.QPushButton),

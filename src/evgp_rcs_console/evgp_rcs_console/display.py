@@ -50,7 +50,6 @@ from evgp_rcs_console.view import (
     Button,
     Danger,
     danger,
-    Row,
     Screen,
     show,
     silence,
@@ -84,16 +83,10 @@ class SeenCommands(Aim[Shown]):
         self._window = window
         self.screen: Screen | None = None
 
-    def change_to(self, screen: Screen, now: float, moving: bool = False) -> None:
-        """
-        Switch to a new screen; call this before any widget shows it.
-
-        :param moving: buttons are about to move, even if their commands stay the same.
-        """
+    def change_to(self, screen: Screen, now: float) -> None:
+        """Switch to a new screen; call this before any widget shows it."""
         before, self.screen = self.screen, screen
-        if before is None:
-            return
-        if moving or (before.rows and _commands(before) != _commands(screen)):
+        if before is not None and before.rows and _commands(before) != _commands(screen):
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
@@ -120,10 +113,10 @@ class SeenCommands(Aim[Shown]):
         return Shown(screen, tuple(buttons))
 
 
-def _commands(screen: Screen) -> list[tuple[Kind, int]]:
-    """Return the command of each button of a screen, place by place."""
+def _commands(screen: Screen) -> list[object]:
+    """Return the commands of the buttons that can move or change, in the order of their places."""
     buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
-    return [(button.command, button.kart) for button in buttons]
+    return [*((button.command, button.kart) for button in buttons), *_heats(screen)]
 
 
 class Areas(QtWidgets.QWidget):
@@ -215,7 +208,7 @@ class Areas(QtWidgets.QWidget):
         self.fit()
 
     def show_banner(self, banner: str) -> None:
-        if banner != self._banner.whole:
+        if banner != self._banner.text():
             self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
             self.setWindowTitle(f'{banner}: {texts.TITLE}' if banner else texts.TITLE)
@@ -243,7 +236,9 @@ class Areas(QtWidgets.QWidget):
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
         """Return whether a widget is part of a sheet, which covers what was there before."""
-        return any(sheet.has(widget) for sheet in self.findChildren(Sheet))
+        return widget is not None and any(
+            sheet is widget or sheet.isAncestorOf(widget) for sheet in self.findChildren(Sheet)
+        )
 
     def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
         if isinstance(widget, CommandButton) and widget.button is not None:
@@ -292,21 +287,11 @@ class ChosenKart(KartField):
     def __init__(self, areas: Areas) -> None:
         super().__init__()
         self._areas = areas
-        self._rows: tuple[Row, ...] = ()
-        self._stale = False
-        self._marked = 0
-        self._scrolls = True
-
-    def show(self, rows: tuple[Row, ...], stale: bool) -> None:
-        self._rows, self._stale = rows, stale
-        self.show_roster({row.number: row.team for row in rows})
-        self._mark()
 
     def choose_in_sight(self, number: int) -> None:
         """Choose a kart whose row was clicked, without scrolling under the pointer."""
-        self._scrolls = False
+        self._areas.karts.mark(number)
         self.choose(number)
-        self._scrolls = True
 
     def choose_next(self, step: int) -> None:
         """Choose the kart some rows below (negative: above) the chosen one, or the first."""
@@ -316,15 +301,11 @@ class ChosenKart(KartField):
             self.choose(numbers[max(0, min(place, len(numbers) - 1))])
 
     def changed(self) -> None:
+        karts = self._areas.karts
         self._areas.number_field.show_cells(*self.cells(), self._areas.isActiveWindow())
-        if self.kart != self._marked:
-            self._mark()
-            if self._scrolls:
-                self._areas.karts.bring_into_view(self._marked)
-
-    def _mark(self) -> None:
-        self._marked = self.kart
-        self._areas.karts.show_rows(self._rows, self._marked, self._stale)
+        if self.kart != karts.table.chosen:
+            karts.mark(self.kart)
+            karts.bring_into_view(self.kart)
 
 
 READ = 5.0
@@ -432,7 +413,7 @@ class BottomLine:
 def _explanation(pointed: object) -> str:
     """Return why a command is not possible, or the whole of a text that is cut."""
     if isinstance(pointed, Text):
-        return pointed.whole.replace('\n', ', ') if pointed.cut else ''
+        return pointed.text().replace('\n', ', ') if pointed.cut else ''
     if isinstance(pointed, CommandButton) and pointed.button is not None:
         return pointed.button.explanation
     return pointed if isinstance(pointed, str) else ''
@@ -467,7 +448,7 @@ class Display(QtCore.QObject):
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._danger_title = ''
-        self._drawn: object = None
+        self._news: object = None
 
     # ----- what is heard ------------------------------------------------------------------
 
@@ -481,7 +462,8 @@ class Display(QtCore.QObject):
             self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
-            changed = changed or self._news != self._drawn
+            before, self._news = self._news, self._without_measurements()
+            changed = changed or self._news != before
         if changed:
             self.refresh()  # else only numbers change, which need not be shown twice a second
 
@@ -504,8 +486,7 @@ class Display(QtCore.QObject):
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
         self.unanswered.stops = stops
-        self._show_kill()
-        self.bottom.show()
+        self.refresh()
 
     def take_dropped(self, why: str) -> None:
         """Show that a stop is no longer being sent, until the official has seen the message."""
@@ -514,9 +495,8 @@ class Display(QtCore.QObject):
 
     # ----- what is shown ------------------------------------------------------------------
 
-    @property
-    def _news(self) -> object:
-        """Return what was heard, without its time and what was measured for the links' grades."""
+    def _without_measurements(self) -> object:
+        """Return the newest snapshot and results without their times and the links' figures."""
         race = self._race or NOTHING
         results = None if self._results is None else self._results._replace(stamp=0.0)
         karts = [
@@ -527,20 +507,16 @@ class Display(QtCore.QObject):
     def look(self, now: float) -> None:
         """Show what has changed because time (s) has passed, and sound the alarm if needed."""
         danger_now = self._danger(now)
-        old = now - self._shown_at >= AGES
-        if danger_now or self._danger_title or self.unanswered or old:
+        waits = self.unanswered or self.unanswered.stops
+        if danger_now or self._danger_title or waits or now - self._shown_at >= AGES:
             self.refresh()
         self.areas.clock.look()
-        self._show_kill()
-        if self.unanswered.stops:
-            self.bottom.show()
         self.alarm.look(now, alarming=danger_now is not None and self._race is not None)
 
     def refresh(self) -> None:
         """Show the newest snapshot as it is now."""
         now = clock.now()
         self._shown_at = now
-        self._drawn = self._news
         danger_now = self._danger(now)
         title = danger_now.title if danger_now else ''
         if title != self._danger_title:
@@ -565,7 +541,8 @@ class Display(QtCore.QObject):
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats, screen.rosters)
         areas.officials.show_names(race.officials)
-        self.chosen.show(screen.rows, stale)
+        areas.karts.show_rows(screen.rows, stale)
+        self.chosen.show_roster({row.number: row.team for row in screen.rows})
         areas.events.show_karts(screen.rows)
         self.alarm.show(race.stamp + now - self._heard_at, known=not stale)
         asked = areas.question.button
@@ -590,7 +567,7 @@ class Display(QtCore.QObject):
             and _heats(before) != _heats(screen)
         )
         # A click meant for the sheet must not hit what is below it.
-        self.areas.seen.change_to(screen, now, moving=heats_changed)
+        self.areas.seen.change_to(screen, now)
         if heats_changed:
             self.areas.heats.close_sheet()
             self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
@@ -613,7 +590,6 @@ class Display(QtCore.QObject):
             hint = Cell(f'all {karts} · SPACE BAR or F12')
         else:
             hint = Cell('KEYS OFF: click this window', Tone.BAD)
-        self.chosen.changed()
         self.areas.kill.show_hint(hint, pressing=stop is not None)
 
 

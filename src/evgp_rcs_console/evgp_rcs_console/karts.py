@@ -212,8 +212,8 @@ class Tiles(QtWidgets.QWidget):
         """Draw the tiles again if they look different now."""
         table = self._table
         looks = [(row.number, row.link.tone, row.sent, row.answer.tone) for row in table.rows]
-        if self._shown != (looks, table.chosen, table.stale):
-            self._shown = looks, table.chosen, table.stale
+        if self._shown != (looks, table.stale):
+            self._shown = looks, table.stale
             self.update()
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
@@ -280,11 +280,11 @@ class KartTable(QtWidgets.QTableWidget):
         self.horizontalHeader().setDefaultAlignment(LEFT)
         self.verticalHeader().hide()
 
-    def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
+    def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
         """Show the karts; unchanged cells are not drawn again."""
-        if (chosen, stale) != (self.chosen, self.stale):
+        if stale != self.stale:
             self.viewport().update()
-        self.rows, self.chosen, self.stale = rows, chosen, stale
+        self.rows, self.stale = rows, stale
         self.setRowCount(len(rows))
         self._shown = {cell: shown for cell, shown in self._shown.items() if cell[0] < len(rows)}
         for place, row in enumerate(rows):
@@ -362,9 +362,15 @@ class KartList(Panel):
         )
         return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
 
-    def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
+    def mark(self, number: int) -> None:
+        """Mark the kart that commands by key act on; 0: none."""
+        self.table.chosen = number
+        self.table.viewport().update()
+        self._tiles.update()
+
+    def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
         count = len(self.table.rows)
-        self.table.show_rows(rows, chosen, stale)
+        self.table.show_rows(rows, stale)
         self._tiles.look()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]

@@ -96,7 +96,6 @@ class ClockPanel(Panel):
         age = screen.clock * (not stale)
         self._race.show_text(f'GREEN for {age}' if age else '')
         self._heat.show_text(screen.heat)
-        self.look()
 
     def look(self) -> None:
         self._now.show_text(time.strftime('%H:%M:%S'))
@@ -147,11 +146,6 @@ class Strip(Panel):
         fixed(self.heat, 128)
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
-
-    @property
-    def whole(self) -> str:
-        shown = self._tally, self._msr, self._reminder, self._rest, self._officials
-        return '\n'.join(each.whole for each in shown if each.whole)
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
         by = f'commands by {", ".join(officials)}' * bool(officials)

@@ -28,7 +28,6 @@ from evgp_rcs_console.widgets import (
     fixed,
     lay,
     mark,
-    needed_height,
     Panel,
     Pressed,
     Push,
@@ -61,20 +60,15 @@ class Sheet(Panel):
         self._column.addWidget(part)
         self.parts.append(part)
 
-    @property
-    def whole(self) -> str:
-        said = (getattr(part, 'whole', '') for part in self.parts if not part.isHidden())
-        return '\n'.join(filter(None, said))
-
-    def has(self, widget: QtWidgets.QWidget | None) -> bool:
-        return widget is not None and (widget is self or self.isAncestorOf(widget))
-
     def lay_out(self, room: QtCore.QRect) -> None:
         """Fill the width of a room, as high as the texts need, in smaller type if necessary."""
         rescale(self)
         for kind in ('sheet', 'sheet tight'):
             mark(self, kind=kind)
-            high = needed_height(self, room.width())
+            self._column.activate()
+            high = self.heightForWidth(room.width())
+            if high < 0:  # no text in it wraps into more room
+                high = self._column.totalSizeHint().height()
             if high <= room.height():
                 break
         self.setGeometry(room.left(), room.top(), room.width(), min(high, room.height()))
@@ -184,7 +178,7 @@ class Question(Sheet):
         self._caution.show_cell(Cell(button.caution, Tone.WAIT))
         for text in self._texts:  # a text hidden by a problem keeps its room
             policy = text.sizePolicy()
-            policy.setRetainSizeWhenHidden(bool(text.whole))
+            policy.setRetainSizeWhenHidden(bool(text.text()))
             text.setSizePolicy(policy)
 
     @property
@@ -196,7 +190,7 @@ class Question(Sheet):
         problem = self._problem_text
         # The texts of the question are no longer true.
         for text in self._texts:
-            text.setVisible(bool(text.whole) and not problem)
+            text.setVisible(bool(text.text()) and not problem)
         self._problem.show_cell(Cell(problem, Tone.BAD))
         self._problem.setVisible(bool(problem))
         self._problem.raise_()

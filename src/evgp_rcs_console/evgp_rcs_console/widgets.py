@@ -153,15 +153,6 @@ def rescale(owner: QtWidgets.QWidget) -> None:
             part.setFixedHeight(height)
 
 
-def needed_height(part: QtWidgets.QWidget, width: int) -> int:
-    """Return the height of a part's content at a width, in pixels."""
-    layout = part.layout()
-    layout.activate()
-    if layout.hasHeightForWidth():
-        return int(layout.totalHeightForWidth(width))
-    return int(layout.totalSizeHint().height())
-
-
 class Text(QtWidgets.QLabel):
     """
     A text that stays within its room, so that no text moves what is beside it.
@@ -196,17 +187,12 @@ class Text(QtWidgets.QLabel):
         policy.setHorizontalPolicy(_Policy.Maximum if flows and not wrap else _Policy.Ignored)
         policy.setVerticalPolicy(_Policy.Minimum if flows and wrap else _Policy.Ignored)
         self.setSizePolicy(policy)
-        self.cell = Cell(text)
         self._fills = fills
 
     @property
-    def whole(self) -> str:
-        return self.cell.text
-
-    @property
     def cut(self) -> bool:
-        room, of = self.contentsRect(), self.font()
-        return bool(self.whole) and not fits(self.whole, room, of, self.wordWrap())
+        text, room = self.text(), self.contentsRect()
+        return bool(text) and not fits(text, room, self.font(), self.wordWrap())
 
     def hasHeightForWidth(self) -> bool:  # noqa: N802 - Qt's name
         return self._flows and self.wordWrap()
@@ -216,19 +202,17 @@ class Text(QtWidgets.QLabel):
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
         """Show a text in its tone, or greyed out if it is stale."""
-        self.cell = cell
-        if cell.text != self.text():
-            self.setText(cell.text)
+        self.setText(cell.text)
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
         ground = cell.tone.value if is_filled else ''
         mark(self, tone='stale' if stale else cell.tone.value, ground=ground)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         QtWidgets.QFrame.paintEvent(self, event)
-        if self.whole:
+        if self.text():
             painter, ink = QtGui.QPainter(self), self.palette().color(self.foregroundRole())
             align, wrap = self.alignment(), self.wordWrap()
-            draw(painter, self.contentsRect(), self.whole, self.font(), ink, align, wrap)
+            draw(painter, self.contentsRect(), self.text(), self.font(), ink, align, wrap)
             painter.end()
 
 
@@ -270,12 +254,6 @@ class Push(QtWidgets.QPushButton):
                 label.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
         self.show_words(text, key)
 
-    @property
-    def whole(self) -> str:
-        return (
-            '\n'.join(each.whole for each in self._labels) or f'{self.words}  {self.key}'.strip()
-        )
-
     def bar(self, barred: bool) -> None:
         """Set whether it is barred, so that it looks disabled and does nothing."""
         mark(self, barred='true' if barred else 'false')
@@ -287,9 +265,7 @@ class Push(QtWidgets.QPushButton):
         if self._labels:
             self.setAccessibleName(text)
             return
-        said = f'{text}  {key}'.strip().replace('&', '&&')  # no letter of a name is a shortcut
-        if said != self.text():
-            self.setText(said)
+        self.setText(f'{text}  {key}'.strip().replace('&', '&&'))  # no letter is a shortcut
 
 
 class CommandButton(Push):

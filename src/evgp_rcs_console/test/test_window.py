@@ -127,6 +127,15 @@ class Console:
         assert found is not None, name
         return found
 
+    def text(self, name: str) -> str:
+        """Return the text of a widget, or the texts in it."""
+        widget = self.find(name)
+        if isinstance(widget, AlertsArea):
+            return widget.whole
+        own = [widget] if isinstance(widget, (Text, Push)) else []
+        parts = (each.text() for each in (*own, *widget.findChildren(Text)))
+        return '\n'.join(filter(None, parts))
+
     @property
     def buttons(self) -> list[Any]:
         return list(self.window.findChildren(CommandButton))
@@ -330,10 +339,11 @@ def misfits(window: Any) -> Iterator[str]:
             if isinstance(widget, Push):
                 wide = widget.fontMetrics().horizontalAdvance(widget.text())
                 cut = wide > widget.width() - style.look.px(6)
-            sentence = name in SENTENCES or ' ' in widget.whole[24:]
+            said = widget.whole if isinstance(widget, AlertsArea) else widget.text()
+            sentence = name in SENTENCES or ' ' in said[24:]
             sentence = sentence and name not in ('reminder', 'msr', 'banner', 'danger_advice')
             if cut and not sentence:
-                yield f'{name}: {widget.whole!r} is cut'
+                yield f'{name}: {said!r} is cut'
     karts = window.karts
     for place, number in enumerate(karts.numbers):
         index = karts.table.model().index(place, 0)
@@ -382,7 +392,7 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
         ]
         if name == 'killed':
             named = ', '.join(map(str, range(1, 17)))
-            assert console.find('msr').whole == f'USE THE MSR: karts {named}'
+            assert console.text('msr') == f'USE THE MSR: karts {named}'
     console.inbox.on_results(timing(8))
     console.tell(STATES['green'])
     console.settle(0.05)
@@ -391,7 +401,7 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
     found += [f'timing: {each}' for each in misfits(console.window)]
     console.inbox.on_race(STATES['green'], clock.now(), True)
     console.settle()
-    assert console.find('danger_advice').whole == texts.TWO_ADVICE
+    assert console.text('danger_advice') == texts.TWO_ADVICE
     found += [f'two: {each}' for each in misfits(console.window)]
     console.settle(1.2)
     found += [f'gone: {each}' for each in misfits(console.window)]
@@ -530,12 +540,12 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
     console.settle(0.1)
     assert not console.window.isActiveWindow()
     field = console.find('number')
-    assert field.whole == texts.KEYS_OFF_LARGE
+    assert field.text() == texts.KEYS_OFF_LARGE
     assert field.font().pixelSize() * 2 > console.find('all_kill').font().pixelSize()
 
     console.click('kart_finish_1')
     assert not console.sent
-    assert 'click again' in console.find('status').whole.lower()
+    assert 'click again' in console.text('status').lower()
     other.activateWindow()
     console.settle(0.1)
     console.click('kart_red_red_1')
@@ -546,7 +556,7 @@ def test_a_window_that_is_not_active_says_so_and_takes_the_first_click_for_no_co
     other.close()
     console.window.activateWindow()
     console.settle(0.3)
-    assert field.whole == ''
+    assert field.text() == ''
 
 
 def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) -> None:
@@ -593,19 +603,19 @@ def test_after_an_orderly_end_the_window_asks_for_no_msr_until_another_run_is_go
     console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='one'))
     console.window.display.take_event(event(1, 'it ends', kind=EventKind.ENDED))
     console.settle(1.1)
-    assert console.find('danger_title').whole == texts.ENDED
-    assert texts.USE_MSR not in console.find('danger_advice').whole
+    assert console.text('danger_title') == texts.ENDED
+    assert texts.USE_MSR not in console.text('danger_advice')
 
     console.tell(race_of(2, RaceState.IN_GARAGE, track=fine, run='two'))
     console.settle(1.1)
-    assert console.find('danger_title').whole == texts.GONE
-    assert console.find('danger_advice').whole == texts.USE_MSR
+    assert console.text('danger_title') == texts.GONE
+    assert console.text('danger_advice') == texts.USE_MSR
 
 
 def test_while_there_is_no_kart_the_window_says_how_to_begin(opened: Any) -> None:
     console = opened()
     lines = console.window.how_to_begin
-    assert lines.whole.split('\n\n') == list(texts.HOW_TO_BEGIN)
+    assert lines.text().split('\n\n') == list(texts.HOW_TO_BEGIN)
     assert console.window.childAt(lines.geometry().center()) is lines
     assert not lines.cut
 
@@ -632,14 +642,14 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
 def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8, alerts=(alert(1), alert(2))))
-    assert 'USE THE MSR' in console.find('banner').whole
+    assert 'USE THE MSR' in console.text('banner')
     assert texts.USE_MSR in console.says(1)
     console.tell(race_of(8))
 
-    assert '2 alerts: karts 1, 2' in console.find('banner').whole
-    assert console.find('banner').whole.count('ENDED') == 1
+    assert '2 alerts: karts 1, 2' in console.text('banner')
+    assert console.text('banner').count('ENDED') == 1
     console.tell(race_of(8, RaceState.GRID_ACTIVE))
-    assert not console.find('banner').whole
+    assert not console.text('banner')
 
 
 @pytest.mark.parametrize(
@@ -693,8 +703,8 @@ def test_all_kill_says_to_how_many_karts(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8))
 
-    assert 'all 8 karts' in console.find('kill_hint').whole
-    assert '2 karts in the race' in console.find('grid_active').whole
+    assert 'all 8 karts' in console.text('kill_hint')
+    assert '2 karts in the race' in console.text('grid_active')
 
 
 # ----- nothing moves, and a press is for what the official saw ------------------------------
@@ -774,7 +784,7 @@ def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any, s
     console.click_at(point)
 
     assert [given.kart for given in console.sent] == [8] * stop
-    assert stop or 'WAS NOT SENT' in console.find('status').whole
+    assert stop or 'WAS NOT SENT' in console.text('status')
 
 
 @pytest.mark.parametrize('stop', [True, False])
@@ -819,7 +829,7 @@ def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
 
     console.click_at(console.row(cut).topLeft() + QtCore.QPoint(20, 2))
 
-    assert console.find('number').whole == f'KART {cut}'
+    assert console.text('number') == f'KART {cut}'
     assert console.row(1001) == first
 
 
@@ -833,7 +843,7 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opene
     console.strike('Ctrl+J')
 
     assert not console.sent
-    assert 'LEAVE kart 4 WAS NOT SENT' in console.find('status').whole
+    assert 'LEAVE kart 4 WAS NOT SENT' in console.text('status')
 
 
 def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
@@ -854,15 +864,15 @@ def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened:
     console = opened()
     console.tell(race_of(8))
     console.press('7', '2')
-    assert console.find('number').whole == 'NO KART 72'
+    assert console.text('number') == 'NO KART 72'
     console.press('Ctrl+R')
 
     assert not console.sent
-    assert 'RED RED WAS NOT SENT' in console.find('status').whole
+    assert 'RED RED WAS NOT SENT' in console.text('status')
     console.press('7', '2', 'Backspace')
-    assert console.find('number').whole == 'KART 7'
+    assert console.text('number') == 'KART 7'
     console.settle(FORGOTTEN + 0.2)  # nobody uses it: it is cleared in sight
-    assert console.find('number').whole == ''
+    assert console.text('number') == ''
 
 
 def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(opened: Any) -> None:
@@ -874,14 +884,14 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
         race, karts=(kart,), alerts=(lost,), track=TrackAccess(True, True, 'the MSR', True)
     )
     console.tell(race)
-    assert 'TRACK OPEN, MSR IN USE' in console.find('humans').whole
-    assert 'Only the MSR can stop kart 1' in console.find('humans_reason').whole
+    assert 'TRACK OPEN, MSR IN USE' in console.text('humans')
+    assert 'Only the MSR can stop kart 1' in console.text('humans_reason')
     assert 'only the MSR can stop it' in console.says(1)
-    assert 'USE THE MSR' not in console.find('banner').whole
+    assert 'USE THE MSR' not in console.text('banner')
 
     console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))
 
-    assert 'USE THE MSR' in console.find('banner').whole
+    assert 'USE THE MSR' in console.text('banner')
     assert console.find('humans').property('tone') == 'bad'
 
 
@@ -891,7 +901,7 @@ def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
     assert not console.find('top_line').isVisible()
     console.tell(race_of(1, banner='REHEARSAL'))
     top = console.find('top_line')
-    assert top.whole == 'REHEARSAL'
+    assert top.text() == 'REHEARSAL'
     ground = top.grab().toImage().pixelColor(12, top.height() // 2)
     assert ground.name().upper() == FILLS[style.Tone.BANNER][1]
     assert console.place('top_line').y() < console.place('state_panel').y()
@@ -911,7 +921,7 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
     console.settle()
 
     assert not shown
-    assert 'Kart 1' in console.find('banner').whole
+    assert 'Kart 1' in console.text('banner')
 
 
 def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
@@ -993,12 +1003,12 @@ def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
     console.inbox.on_dropped(Given(CommandKind.RED_FLAG), 'RED FLAG is no longer sent')
     console.tell(replace(RACE, state=RaceState.GRID_ACTIVE))
 
-    assert 'RED FLAG is no longer sent' in console.find('banner').whole
+    assert 'RED FLAG is no longer sent' in console.text('banner')
     console.settle(2 * LOOK / 1000)
     assert sounds
     assert console.commands == []
     console.press('F10')
-    assert 'RED FLAG' not in console.find('banner').whole
+    assert 'RED FLAG' not in console.text('banner')
 
 
 def test_all_kill_that_is_still_held_when_it_is_no_longer_sent_is_a_new_press(opened: Any) -> None:
@@ -1033,7 +1043,7 @@ def test_a_key_that_was_too_old_is_named_if_it_means_anything(
         QtTest.QTest.keyClick(console.window.windowHandle(), key)
         console.settle()
 
-        assert bool(console.find('status').whole) is told
+        assert bool(console.text('status')) is told
         assert not console.commands
 
 
@@ -1074,13 +1084,13 @@ def test_a_refusal_is_said_until_it_no_longer_holds(opened: Any, how: str) -> No
         given = Given(CommandKind.GREEN_GREEN)
         console.inbox.on_answer(given, Answer(False, f'GREEN GREEN refused: {WHY}'))
     console.tell(barred)
-    assert 'no GRID ACTIVE yet' in console.find('status').whole
+    assert 'no GRID ACTIVE yet' in console.text('status')
     console.tell(replace(barred, stamp=barred.stamp + 1))
-    assert 'no GRID ACTIVE yet' in console.find('status').whole
+    assert 'no GRID ACTIVE yet' in console.text('status')
 
     console.tell(race_of(2, RaceState.GRID_ACTIVE))
 
-    assert not console.find('status').whole
+    assert not console.text('status')
 
 
 @pytest.mark.parametrize('change', ['another kart', 'no link', 'by hand', 'against it'])
@@ -1093,9 +1103,9 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
     console = opened()
     console.tell(race)
     console.press(*('1 Ctrl+G' if change == 'by hand' else 'F6').split())
-    assert 'to 2 karts: 1, 2' in console.find('question_consequence').whole or change == 'by hand'
+    assert 'to 2 karts: 1, 2' in console.text('question_consequence') or change == 'by hand'
     warning = console.find('question_warning')
-    assert f'Kart 2 ({NAME})' in warning.whole
+    assert f'Kart 2 ({NAME})' in warning.text()
     assert warning.property('tone') == 'bad'
 
     first, *rest = race.karts
@@ -1115,15 +1125,15 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         'by hand': 'I state: it was made safe.',
         'against it': f'Kart 3 ({NAME})',
     }
-    assert said[change] in console.find('question_problem').whole
+    assert said[change] in console.text('question_problem')
     assert not console.find('yes').isEnabled()
     for part in ('consequence', 'warning', 'statement'):
         assert not console.find(f'question_{part}').isVisible()
     console.press('Y')
     assert not console.commands
-    assert texts.ANSWER_NO in console.find('status').whole
+    assert texts.ANSWER_NO in console.text('status')
     console.press('F2')
-    assert texts.ANSWER_NO in console.find('status').whole
+    assert texts.ANSWER_NO in console.text('status')
 
 
 def test_a_kart_that_was_typed_for_a_question_is_still_chosen_after_no(opened: Any) -> None:
@@ -1149,7 +1159,7 @@ def test_all_of_a_sheet_is_read(opened: Any, size: tuple[int, int]) -> None:
         console.settle(0.05)
         shown = [each for each in console.find(sheet).findChildren(Text) if each.isVisible()]
         assert shown
-        assert not [each.whole for each in shown if each.cut]
+        assert not [each.text() for each in shown if each.cut]
         assert not [*misfits(console.window)]
         console.press('N' if sheet == 'question' else 'Esc')
 
@@ -1170,7 +1180,7 @@ def test_a_rehearsal_says_who_uses_the_msr_there(opened: Any) -> None:
     for banner in ('', 'REHEARSAL'):
         console.tell(race_of(1, banner=banner))
         console.press('F9')
-        assert ('instructor' in console.find('question_consequence').whole) is bool(banner)
+        assert ('instructor' in console.text('question_consequence')) is bool(banner)
         console.press('N')
 
 
@@ -1188,7 +1198,7 @@ def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answe
     console.tell(replace(race, karts=poor))
     console.press('F2')
     caution = console.find('question_caution')
-    assert 'karts 2, 3 was poor' in caution.whole
+    assert 'karts 2, 3 was poor' in caution.text()
     assert caution.isVisible()
     yes = console.place('yes')
 
@@ -1213,7 +1223,7 @@ def test_the_second_one_of_two_slow_clicks_on_finish_does_not_ask_to_undo_it(ope
 
     assert console.commands == [(CommandKind.KART_FINISH, 1)]
     assert not console.find('question').isVisible()
-    assert 'WAS NOT SENT' in console.find('status').whole
+    assert 'WAS NOT SENT' in console.text('status')
     console.settle(UNDO_AFTER)
     console.click('kart_undo_finish_1')
     assert console.find('question').isVisible()
@@ -1231,7 +1241,7 @@ def test_every_key_of_a_stop_acts_while_the_officials_are_offered(opened: Any) -
         console.press(*keys.split())
         assert console.commands == [stop]
     console.press('Tab', 'Return')
-    assert console.find('official').whole == texts.NAME_IS.format(name='Ben')
+    assert console.text('official') == texts.NAME_IS.format(name='Ben')
     assert not console.find('officials').isVisible()
 
 
@@ -1244,7 +1254,7 @@ def test_a_letter_that_was_meant_to_count_a_crossing_finishes_no_kart(opened: An
     console.strike('A')
 
     assert not console.sent
-    assert 'WAS NOT SENT' in console.find('status').whole
+    assert 'WAS NOT SENT' in console.text('status')
 
 
 def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: Any) -> None:
@@ -1258,7 +1268,7 @@ def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: An
     console.settle(1.1)
     console.tell(race_of(1))
 
-    assert 'it counts' in console.find('status').whole
+    assert 'it counts' in console.text('status')
 
 
 def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pressed(
@@ -1280,5 +1290,5 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
         console.window.display.bottom.say('')
         act()
         console.settle()
-        assert why in status.whole
+        assert why in status.text()
     assert not console.sent
