@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the window shows, and where.
+Shows the race in the areas of the window, and the official's commands in its bottom line.
 
-Each area has its place and shows what was received, updated as time passes, and the chosen kart.
-The window also remembers what each place showed a moment ago.
+The areas follow the newest snapshot, the passing of time and the choice of a kart. The window
+also remembers what each of its places showed a moment ago, because an official who presses a
+button has aimed at what was there before.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, re
 
 @dataclass(frozen=True)
 class Shown:
-    """What an official saw: the screen, and where each command's button was."""
+    """What an official saw: the screen, and each command's button with the place where it was."""
 
     screen: Screen
     buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
@@ -73,7 +74,7 @@ class Shown:
 
 class SeenCommands(Aim[Shown]):
     """
-    Remembers what the official sees.
+    Remembers the screens that the official has just seen.
 
     :ivar screen: the current screen; None before the first one.
     """
@@ -84,14 +85,14 @@ class SeenCommands(Aim[Shown]):
         self.screen: Screen | None = None
 
     def change_to(self, screen: Screen, now: float) -> None:
-        """Switch to a new screen; call this before any widget shows it."""
+        """Replace the current screen; this must be called before any widget shows the new one."""
         before, self.screen = self.screen, screen
         if before is not None and before.rows and _commands(before) != _commands(screen):
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """Record that the window itself scrolls and moves other buttons under the pointer."""
+        """Record what the official saw before the window itself scrolls the buttons."""
         before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
@@ -120,10 +121,10 @@ def _commands(screen: Screen) -> list[object]:
 
 
 class Areas(QtWidgets.QWidget):
-    """Everything that the official sees, in its place."""
+    """The areas of the window, each in its place, and the sheets that open over them."""
 
     commanded = Signal(object, object)
-    """A button was pressed: its command when it went down, and when it was released."""
+    """A button was pressed; with the command it had when it went down, and on its release."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -187,7 +188,7 @@ class Areas(QtWidgets.QWidget):
         grid.addWidget(self.foot, 5, 0, 1, 2)
 
     def fit(self) -> None:
-        """Apply the size of the window and the palette."""
+        """Adapt everything to the size of the window and to the palette."""
         look.by = style.scale(self.width(), self.height())
         if self._style != (look.by, look.palette):
             self._style = look.by, look.palette
@@ -215,27 +216,27 @@ class Areas(QtWidgets.QWidget):
             self.fit()
 
     def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
-        """Show a sheet instead of the others, with the focus on one of its parts."""
+        """Close the other sheets and show this one, with the focus on one of its parts."""
         self.close_sheets()
         sheet.show()
         self.place_sheets()
         focus.setFocus()
 
     def close_sheets(self) -> None:
-        """Hide every sheet but the question, which only an answer ends."""
+        """Close every sheet except the question, which only an answer can close."""
         for sheet in self.findChildren(Sheet):
             if sheet is not self.question:
                 sheet.close_sheet()
 
     def place_sheets(self) -> None:
-        """Place the open sheets over the karts without covering their numbers or stops."""
+        """Place the open sheets so that they cover neither a kart's number nor its stops."""
         for sheet in self.findChildren(Sheet):
             if not sheet.isHidden():
                 room = self.karts.room_of_sheets
                 sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is part of a sheet, which covers what was there before."""
+        """Return whether a widget is part of a sheet, and so covers what was there before."""
         return widget is not None and any(
             sheet is widget or sheet.isAncestorOf(widget) for sheet in self.findChildren(Sheet)
         )
@@ -252,17 +253,17 @@ Heard = tuple[Snapshot, float, bool]
 
 class Inbox(QtCore.QObject):
     """
-    A ``Listener`` of the client that delivers its news in the Qt thread.
+    A ``Listener`` that passes the client's news to the Qt thread.
 
-    After a hang, the window must not show one old snapshot after the other, each of which makes
-    race control look silent. Snapshots therefore wait together until the window processes them
-    all at once.
+    After a hang, the window must not show one old snapshot after the other, because each of them
+    would make race control look silent. Snapshots therefore wait until the window processes all
+    of them at once.
 
-    :ivar waiting: the snapshots that were not processed yet, newest last.
+    :ivar waiting: the snapshots that have not been processed yet, newest last.
     """
 
     came = Signal()
-    """A snapshot arrived; it may already have been processed together with an earlier one."""
+    """A snapshot has arrived. The window may already have processed it with an earlier one."""
     event = Signal(object)
     results = Signal(object)
     answer = Signal(object, object)
@@ -313,7 +314,13 @@ READ = 5.0
 
 
 class BottomLine:
-    """Decides what the bottom line says."""
+    """
+    The line at the bottom of the window.
+
+    It shows the first of these that there is: stops that race control does not accept, an
+    explanation of what the pointer or the focus is on, a command without an answer, the last
+    message.
+    """
 
     def __init__(self, label: Text, unanswered: Unanswered) -> None:
         self._label = label
@@ -321,13 +328,14 @@ class BottomLine:
         self._message = Cell('Ready.  F1 shows the keys.')
         self._said_at = 0.0
         self._outcome: Outcome | None = None
-        self._refused: tuple[Kind, int, bool] | None = None  # whether by the letter of the kart
-        self._holds = False
+        # The command and kart of the last refusal, and whether the kart's letter was pressed.
+        self._refused: tuple[Kind, int, bool] | None = None
+        self._holds = False  # whether the screen has shown that refusal
         self._changed: tuple[Given, str] | None = None
         self._pointed: object = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Show what has just happened, with the time, instead of the last message."""
+        """Replace the last message by what has just happened, with the time of day."""
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
         self._outcome = None
@@ -337,7 +345,7 @@ class BottomLine:
         self.show()
 
     def say_answer(self, given: Given, answer: Answer) -> None:
-        """Show race control's answer until it is no longer true."""
+        """Show race control's answer until a snapshot contradicts it."""
         mark = '✓ ' if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
@@ -347,13 +355,13 @@ class BottomLine:
             self._refused, self._holds = (given.command, given.kart, False), False
 
     def say_barred(self, button: Button) -> None:
-        """Show why a command is not possible, until it is."""
+        """Show why a command is not possible, until it is possible."""
         self.say(button.explanation, Tone.WAIT)
         self._refused = button.command, button.kart, bool(button.kart and button.key)
         self._holds = True
 
     def take_screen(self, screen: Screen) -> None:
-        """Update from the screen: a refusal that no longer holds disappears."""
+        """Remove a refusal from the line once the screen shows that it no longer applies."""
         button = screen.shown(*self._refused) if self._refused is not None else None
         if button is None or button.is_stop:
             return
@@ -363,7 +371,7 @@ class BottomLine:
             self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
-        """Update from a snapshot and its arrival time (s): the last answer may be out of date."""
+        """Replace an answer that this snapshot, which arrived at a time (s), contradicts."""
         if self._outcome is not None and not self._outcome.agrees_with(race, at):
             self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:
@@ -373,12 +381,12 @@ class BottomLine:
                 self._say_changed(given, what)
 
     def point_at(self, widget: object) -> None:
-        """Explain what the pointer or the focus is on."""
+        """Explain the widget, or show the text, that the pointer or the focus is on."""
         self._pointed = widget
         self.show()
 
     def leave(self, widget: object) -> None:
-        """Stop explaining something that the pointer or the focus has left."""
+        """Stop explaining a widget that the pointer or the focus has left."""
         if self._pointed is widget:
             self._pointed = None
             self.show()
@@ -411,7 +419,7 @@ class BottomLine:
 
 
 def _explanation(pointed: object) -> str:
-    """Return why a command is not possible, or the whole of a text that is cut."""
+    """Return why a button's command is not possible, or the full text if it is cut off."""
     if isinstance(pointed, Text):
         return pointed.text().replace('\n', ', ') if pointed.cut else ''
     if isinstance(pointed, CommandButton) and pointed.button is not None:
@@ -425,9 +433,10 @@ AGES = 1.0
 
 class Display(QtCore.QObject):
     """
-    Makes every area show the newest snapshot of the race.
+    Shows the newest snapshot of the race in every area.
 
-    :ivar unanswered: this official's commands that race control has not answered or accepted yet.
+    :ivar unanswered: this official's commands that race control has not answered yet, and the
+        stops that it has not accepted yet.
     """
 
     def __init__(self, areas: Areas, looking: str, waiting: deque[Heard]) -> None:
@@ -453,7 +462,7 @@ class Display(QtCore.QObject):
     # ----- what is heard ------------------------------------------------------------------
 
     def take_races(self) -> None:
-        """Process all waiting snapshots with all their alerts, and show the newest."""
+        """Process every waiting snapshot, so that no alert is missed, and show the newest."""
         if not self._waiting:
             return
         changed = bool(self._danger_title)
@@ -465,10 +474,10 @@ class Display(QtCore.QObject):
             before, self._news = self._news, self._without_measurements()
             changed = changed or self._news != before
         if changed:
-            self.refresh()  # else only numbers change, which need not be shown twice a second
+            self.refresh()  # otherwise only figures have changed, which can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event, except a delivery in time, which would only hide others."""
+        """Show an event, unless it is a delivery in time, which would push others out of sight."""
         event = stamped.event
         if event.kind is EventKind.ENDED and event.success and self._race is not None:
             self._ended_run = self._race.run
@@ -489,7 +498,7 @@ class Display(QtCore.QObject):
         self.refresh()
 
     def take_dropped(self, why: str) -> None:
-        """Show that a stop is no longer being sent, until the official has seen the message."""
+        """Raise an alert that a stop is no longer being sent; it stays until it is seen."""
         self.alarm.take_own(why)
         self.refresh()
 
@@ -505,7 +514,7 @@ class Display(QtCore.QObject):
         return race._replace(stamp=0.0, karts=()), karts, results, self._two
 
     def look(self, now: float) -> None:
-        """Show what has changed because time (s) has passed, and sound the alarm if needed."""
+        """Show what the passing of time (s) has changed, and sound the alarm if it is due."""
         danger_now = self._danger(now)
         waits = self.unanswered or self.unanswered.stops
         if danger_now or self._danger_title or waits or now - self._shown_at >= AGES:
@@ -514,7 +523,7 @@ class Display(QtCore.QObject):
         self.alarm.look(now, alarming=danger_now is not None and self._race is not None)
 
     def refresh(self) -> None:
-        """Show the newest snapshot as it is now."""
+        """Show the newest snapshot, with all ages as of now."""
         now = clock.now()
         self._shown_at = now
         danger_now = self._danger(now)
@@ -554,21 +563,20 @@ class Display(QtCore.QObject):
 
     @property
     def unheard(self) -> str:
-        """Return why a stop may not reach race control; empty if race control is heard."""
+        """Return why a stop may not reach race control; empty if race control is not silent."""
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None and danger_now.stale else ''
 
     def _see(self, screen: Screen, now: float) -> None:
-        """Remember what the official saw until now; close the sheet of heats if they changed."""
+        """Record the old screen as seen, and close the sheet of heats if the heats changed."""
         before = self.areas.seen.screen
         heats_changed = (
             self.areas.heats.isVisible()
             and before is not None
             and _heats(before) != _heats(screen)
         )
-        # A click meant for the sheet must not hit what is below it.
         self.areas.seen.change_to(screen, now)
-        if heats_changed:
+        if heats_changed:  # a click meant for the sheet does not count for what is below it
             self.areas.heats.close_sheet()
             self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
 

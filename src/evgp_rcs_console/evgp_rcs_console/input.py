@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The official's keys and clicks: which of them act, and what they do.
+Decides which of the official's keys and clicks act, and carries them out.
 
-The window handles each before any widget does. A key or click may be too old, or meant for
-another button.
+The window passes every key and click to this module before any widget gets it, because a key or
+click may be too old, or may have been meant for a button that has moved.
 """
 
 from __future__ import annotations
@@ -30,15 +30,18 @@ from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
 from evgp_rcs_console.widgets import CommandButton
 
 UNDO_AFTER = 2.0
-"""Time after a command to a kart within which a click does not undo it, in seconds: the click may
-be the second one of a slow double click."""
+"""
+Time after a command to a kart before a click can undo it, in seconds.
+
+An earlier click may be the second one of a slow double click.
+"""
 
 Give = Callable[[Given], None]
 """Sends a command, and returns at once."""
 
 
 class CommandInput(QtCore.QObject):
-    """Carries out what the official pressed."""
+    """Carries out what the official has pressed."""
 
     def __init__(
         self, give: Give, signature: Signature, display: Display, late: LateInput
@@ -61,12 +64,12 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def hold_kill(self) -> None:
-        """Handle a held ALL KILL key: if its press was dropped, that is a new press."""
+        """Handle the repeats of a held ALL KILL key: send it again if its press was dropped."""
         if self._all_kill_was_dropped:
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Handle a stop that is no longer being sent; if ALL KILL is held, send it again."""
+        """Handle a stop that is no longer being sent; if it is ALL KILL and held, send it again."""
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -74,7 +77,11 @@ class CommandInput(QtCore.QObject):
                 self.kill()
 
     def let_go(self, down: Button, button: Button) -> None:
-        """Handle the release of a button, if its command is still the one that was pressed."""
+        """
+        Handle the release of a button that does not act on the press.
+
+        :param down: its command when it went down; another one on the release is not sent.
+        """
         if not down.is_same_command(button):
             self.refuse_changed(down)
         elif (done := self._just_done(down)) is not None:
@@ -85,7 +92,7 @@ class CommandInput(QtCore.QObject):
             self.press(button)
 
     def _just_done(self, button: Button) -> Given | None:
-        """Return the command just sent to a kart, if a click on this button would undo it."""
+        """Return the command that this button would undo, if it was sent a moment ago."""
         sent = self._last_sent
         if sent is None or clock.now() - sent.at >= UNDO_AFTER or not button.kart:
             return None
@@ -93,7 +100,7 @@ class CommandInput(QtCore.QObject):
         return sent if (sent.command, sent.kart) == undoes else None
 
     def press(self, button: Button) -> None:
-        """Send a button's command, ask for its confirmation, or show why it cannot be sent."""
+        """Send a button's command, ask the official to confirm it, or show why it is refused."""
         areas = self._areas
         if not button.enabled:
             self._bottom.say_barred(button)
@@ -107,7 +114,11 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def answer(self, yes: bool, also: bool = False) -> None:
-        """Handle the answer to the open question."""
+        """
+        Close the question, and send its command if the answer is YES.
+
+        :param also: the second command was confirmed as well.
+        """
         asked = self._areas.question.button
         # Hidden first, so that a second press of the same key finds no question.
         self._areas.question.close_sheet()
@@ -120,12 +131,13 @@ class CommandInput(QtCore.QObject):
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Handle a press meant for a command that is no longer there; return whether it was one.
+        Handle a press that was meant for another command than the one that is there now.
 
-        A stop goes to the kart whose button was there. Any other command is not sent, and the
+        A stop goes to the kart that the official aimed at. Any other command is not sent, and the
         bottom line says so.
 
         :param aimed: the command that was there when the official aimed.
+        :return: whether it was such a press.
         """
         there = target.button if isinstance(target, CommandButton) else None
         if aimed is None and (there is None or there.is_stop):
@@ -141,7 +153,7 @@ class CommandInput(QtCore.QObject):
         return True
 
     def refuse_changed(self, button: Button) -> None:
-        """Show a message that a command was not sent because its button had just changed."""
+        """Show that a command was not sent, because its button had just changed."""
         name = texts.command_name(button.command, button.kart)
         self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
         self._chosen.clear()
@@ -158,7 +170,7 @@ class CommandInput(QtCore.QObject):
         self._bottom.say(f'Your commands are now sent as: {self._signature.claim}')
 
     def toggle_events(self) -> None:
-        """Show the events of the chosen kart only, or of all karts."""
+        """Switch between the events of the chosen kart and those of all karts."""
         if not self._areas.events.toggle(self._chosen.kart):
             self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
 
@@ -175,7 +187,7 @@ class CommandInput(QtCore.QObject):
 
 class LateInput:
     """
-    Measures how long a key or click has waited, and drops inputs that are too old.
+    Measures how long keys and clicks have waited, and reports those that were dropped as too old.
 
     :param period: normal time between two calls of ``beat``, in seconds.
     :ivar waited: how long the last key or click had waited, in seconds.
@@ -191,19 +203,24 @@ class LateInput:
 
     def beat(self, now: float) -> None:
         self._beat.beat(now)
-        # Digits typed while the window hung must be handled before they expire.
+        # Digits that were typed while the window hung are still in the queue, and must be handled
+        # before the number expires.
         if not self._beat.held_up(now):
             self._chosen.expire(now)
 
     def age(self, event: QtGui.QInputEvent) -> float:
-        """Return how long a key or click has waited at least, in seconds."""
+        """Return the longer of a key's or click's two measured waiting times, in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
         self.waited = max(waited, self._beat.held_up(clock.now()))
         return self.waited
 
     def drop(self, name: str, age: float) -> bool:
-        """Show a message that a key or click was too old (s); return True, as it is used up."""
-        # It would have ended the number, so digits typed after it begin another one.
+        """
+        Show that a key or click was dropped because of its age (s).
+
+        :return: True, because no widget may get it.
+        """
+        # If it had acted, it would have ended the number: digits after it begin a new one.
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
@@ -212,7 +229,7 @@ class LateInput:
         return True
 
     def in_time(self) -> None:
-        """Record that an input was in time; inputs dropped before it are no longer named."""
+        """Record that an input was in time; later messages do not name those dropped before."""
         self._dropped.clear()
 
 
@@ -220,11 +237,11 @@ MOVE_KEYS = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
 """The keys that move to another button."""
 
 FORWARD = 0.3
-"""Time after a window has come forward until clicks act on its content, in seconds."""
+"""Time after a window comes forward before a click in it acts, in seconds. Stops act at once."""
 
 
 class Mouse:
-    """Turns the mouse into presses, and drops those that an official cannot have meant."""
+    """Lets the official's clicks through to the widgets, except those that cannot be meant."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
@@ -250,7 +267,7 @@ class Mouse:
         return since is None or clock.now() - since < FORWARD
 
     def take(self, event: QtGui.QMouseEvent) -> bool:
-        """Handle a movement or click; return whether it is used up, so that no widget gets it."""
+        """Handle a movement or a click; return True if no widget may get it."""
         age = self._late.age(event)
         kind = event.type()
         if kind == QtCore.QEvent.Type.MouseButtonRelease:
@@ -286,7 +303,7 @@ class Mouse:
         return double and button is not None
 
     def _let_go(self, age: float) -> None:
-        """Cancel a button that was pressed in time but released too late."""
+        """Cancel the press of a button that was pressed in time but whose release came too late."""
         for button in self._areas.findChildren(QtWidgets.QAbstractButton):
             if button.isDown() and not self._areas.is_stop(button):
                 button.setDown(False)
@@ -322,7 +339,7 @@ class Keyboard:
         }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
-        """Handle a key; return whether it is used up, so that no widget gets it."""
+        """Handle a key; return True if no widget may get it."""
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
         if keys.is_kill(_alone(event), event.nativeScanCode()):
@@ -332,7 +349,7 @@ class Keyboard:
         stroke = keys.meaning(name)
         asking = self._areas.question.isVisible()
         if age >= STALE and not self._acts_late(stroke):
-            # A key without a meaning here, such as Shift alone, needs no message.
+            # No message is needed for a key that means nothing here, such as Shift alone.
             named = stroke is not None or asking or name in MOVE_KEYS
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
@@ -353,13 +370,13 @@ class Keyboard:
             self._chosen.add(stroke.digit, at)
             self._areas.heats.focus_on(self._chosen.digits)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
-            pass  # the same press again: the first one has used the kart number
+            pass  # the first press has already used the kart number
         elif stroke.stop or not twice:
             self._press(stroke, at)
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
-        """Return whether a key acts at any age: a stop, or the choice of a kart for one."""
+        """Return whether a key acts however old it is: it stops, or chooses the kart to stop."""
         if stroke is None:
             return False
         if stroke.act is Act.PRESS:
@@ -368,7 +385,7 @@ class Keyboard:
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
-        """Handle a key while a question is open; return True, as it is used up."""
+        """Handle a key while a question is open; return True, because no widget may get it."""
         question = self._areas.question
         answers = [question.no, question.yes]
         answers += [] if question.also.isHidden() else [question.also]
@@ -402,7 +419,7 @@ class Keyboard:
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
-        """Press the button that belongs to a key."""
+        """Press the button of a key, if the screen has one and it is still the one seen."""
         screen = self._areas.seen.screen
         assert screen is not None
         kart = 0
@@ -446,7 +463,7 @@ class Keyboard:
             self._areas.setFocus()
 
     def _press_focused(self, at: float) -> None:
-        """Press the focused button, if it is still the one that the official saw."""
+        """Press the focused button, if its command is still the one that the official saw."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
@@ -461,33 +478,28 @@ class Keyboard:
 
 
 def _alone(event: QtGui.QKeyEvent) -> str:
-    """Return the name of a key without its modifiers."""
+    """Return the name of the key alone, without the modifiers held with it."""
     return QtGui.QKeySequence(event.key()).toString()
 
 
 def _name(event: QtGui.QKeyEvent) -> str:
-    """Return the name of a key in this program."""
+    """Return the name of a key, with its modifiers, as the module ``keys`` uses it."""
     modifiers = QtCore.Qt.KeyboardModifier
     name = QtGui.QKeySequence(event.keyCombination()).toString()
     if event.modifiers() & modifiers.KeypadModifier:
         name = _alone(event)
-    return keys.key_name(name, _typed(event), event.nativeScanCode())
-
-
-def _typed(event: QtGui.QKeyEvent) -> str:
-    """Return the text that a key types; empty with Ctrl, Alt or Meta."""
-    modifiers = QtCore.Qt.KeyboardModifier
     commanding = modifiers.ControlModifier | modifiers.AltModifier | modifiers.MetaModifier
-    return '' if event.modifiers() & commanding else event.text()
+    typed = '' if event.modifiers() & commanding else event.text()
+    return keys.key_name(name, typed, event.nativeScanCode())
 
 
 def _kart_at(screen: Screen, place: int) -> int:
-    """Return the kart at a position on the roster; 0 if there is none."""
+    """Return the number of the kart at a position on the roster; 0 if there is none."""
     return screen.rows[place].number if place < len(screen.rows) else 0
 
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
-    """Return a screen's button for the command that a key sends to a kart (0: to none)."""
+    """Return the button that a key presses on a screen; ``kart`` is 0 if it is not for a kart."""
     if stroke.finish is not None:
         return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What each key does, wherever the focus is.
+Defines what each key of the window does, wherever the focus is.
 
-Keys have the names that Qt gives them ('F2', 'Ctrl+R', 'Shift+A'), but this module does not use
-Qt.
+The keys have their names from Qt ('F2', 'Ctrl+R', 'Shift+A'), but this module does not use Qt, so
+that it can be tested without a screen.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from evgp_rcs_console.view import FINISH_KEYS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
-"""The keys of ALL KILL, by name and by Linux's numbers of their places on the keyboard."""
+"""The keys of ALL KILL, by their names and by the codes of their positions on the keyboard."""
 
 FORGOTTEN = 5.0
-"""Time after the last digit until a typed kart number is cleared, in seconds."""
+"""Time after the last digit before a typed kart number is cleared, in seconds."""
 
 MOST_DIGITS = 6
 """Maximum number of typed digits shown; a kart's number has at most four."""
 
 _ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
-"""The rows of letters on a keyboard: Linux's code of the first key, and the letters."""
+"""The rows of letters on a keyboard: the code of the first key's position, and the letters."""
 
 _LETTER_AT = {
     code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
@@ -40,11 +40,11 @@ _LETTER_AT = {
 
 def key_name(name: str, text: str, code: int) -> str:
     """
-    Return the name of a key, whatever the layout of the keyboard.
+    Return the name of a key, which does not depend on the layout of the keyboard.
 
     :param name: its name in Qt.
-    :param text: the text it types; empty with Ctrl, Alt or Meta.
-    :param code: the number of its place on the keyboard, from the display server.
+    :param text: the text that it types; empty with Ctrl, Alt or Meta.
+    :param code: the code of its position on the keyboard, from the display server.
     """
     if len(text) == 1 and text in string.digits:
         return text  # some layouts need Shift for digits
@@ -56,18 +56,18 @@ def key_name(name: str, text: str, code: int) -> str:
 
 def is_kill(name: str, code: int) -> bool:
     """
-    Return whether a key is one of ALL KILL's, with any modifier and whatever it types.
+    Return whether a key means ALL KILL, whatever it types and whatever is held with it.
 
     On some layouts, the space bar with a modifier types a no-break space, a digit or another sign.
 
     :param name: its name in Qt, without modifiers.
-    :param code: the number of its place on the keyboard, from the display server.
+    :param code: the code of its position on the keyboard, from the display server.
     """
     return name in _KILL_NAMES or name.isspace() or code in _KILL_CODES
 
 
 class Act(enum.Enum):
-    """What a key does instead of sending a command; the value is the name of the key."""
+    """Something that a key does other than send a command. The value is the name of the key."""
 
     HELP = 'F1'
     SEEN = 'F10'
@@ -87,19 +87,23 @@ KEYS = {
     key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
     for key in sorted({entry.key for entry in OF_RACE_CONTROL.values() if entry.key}, key=len)
 }
-"""The commands of each key, except ALL KILL's. A screen always has a button for one of them."""
+"""
+The commands of each key, except the keys of ALL KILL.
+
+A screen always has a button for one of them.
+"""
 
 
 @dataclass(frozen=True)
 class Stroke:
     """
-    What a key means.
+    The meaning of a key.
 
-    :param commands: the key sends the first of these for which the screen has a button.
-    :param to_chosen: the command goes to the chosen kart.
-    :param finish: for a letter: position on the roster of the kart that has crossed the line; its
-        row shows the action. None: the key is not a letter.
-    :param digit: the digit, if the key types part of a kart's number.
+    :param commands: the commands of the key. It sends the first one for which there is a button.
+    :param to_chosen: whether the command goes to the chosen kart.
+    :param finish: for a letter, the position on the roster of the kart that has crossed the line,
+        whose row says what the letter does; otherwise None.
+    :param digit: the digit, if the key types a part of a kart's number.
     """
 
     commands: tuple[Kind, ...] = ()
@@ -118,7 +122,7 @@ class Stroke:
 
 
 def meaning(key: str) -> Stroke | None:
-    """Return the meaning of a key; None if it has none here."""
+    """Return the meaning of a key, from its name; None if it has none."""
     if key in KEYS:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
@@ -143,11 +147,10 @@ def key_help() -> list[tuple[str, str]]:
 
 class KartField:
     """
-    The kart that a command by key acts on: the one in the window's field, if any.
+    The field with the kart that a command by key acts on.
 
-    A typed digit shows at once. A kart chosen in the list stays in the field until a digit is
-    typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``. After that the
-    field is empty and a command does not act on any kart.
+    Typed digits show at once, and replace a kart that was chosen in the list. Every command clears
+    them, and so does a pause of ``FORGOTTEN``. With an empty field, a command acts on no kart.
     """
 
     def __init__(self) -> None:
@@ -163,18 +166,18 @@ class KartField:
         self.changed()
 
     def changed(self) -> None:
-        """React to a change of the field; for the subclass that shows it."""
+        """Called after each change; a subclass that shows the field overrides this."""
 
     @property
     def kart(self) -> int:
-        """Return the kart that a command would act on now; 0 if none."""
+        """Return the kart that a command would act on now; 0 for no kart."""
         number = int(self.digits) if self.digits else self._chosen
         return number if number in self._teams else 0
 
     def add(self, digit: str, at: float) -> None:
         """Add a digit that was typed at a time (s)."""
         self.expire(at)
-        # Surplus digits are dropped, so the field never shows only the end of a longer number.
+        # Surplus digits are ignored; otherwise the field would show only the end of a number.
         self.digits += digit if len(self.digits) < MOST_DIGITS else ''
         self._typed_at = at
         self._chosen = 0
@@ -193,13 +196,13 @@ class KartField:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the typed digits; a kart that was chosen in the list stays."""
+        """Clear the typed digits, but not the kart that was chosen in the list."""
         self.digits = ''
         self._refusal = ''
         self.changed()
 
     def expire(self, now: float) -> None:
-        """Clear digits and refusals that are too old at a time (s)."""
+        """Clear the digits and the refusal if they are too old at a time (s)."""
         if self.digits and now - self._typed_at >= FORGOTTEN:
             self.digits = ''
         if self._refusal and now - self._refused_at >= FORGOTTEN:
@@ -208,9 +211,9 @@ class KartField:
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """
-        Return the kart for a command given at a time (s), or 0 and the reason.
+        Return the kart that a command given at a time (s) acts on, and clear the digits.
 
-        Either way it clears the typed digits.
+        If there is no such kart, return 0 and the message for the official.
         """
         before = self.digits
         self.expire(at)
@@ -231,7 +234,7 @@ class KartField:
         return 0, why
 
     def cells(self) -> tuple[Cell, Cell]:
-        """Return the field's large text and the text below it."""
+        """Return the field's large text and the explanation beside it."""
         if self._refusal:
             return Cell(self._refusal, Tone.BAD), Cell('nothing was sent', Tone.BAD)
         number = int(self.digits) if self.digits else self._chosen
