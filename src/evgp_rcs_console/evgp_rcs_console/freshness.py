@@ -2,17 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Whether a key or a click still means what it meant when the official made it.
+Finds out whether a key or a click still means what it meant when the official made it.
 
-If the window's thread has hung, its queue contains everything pressed meanwhile. It must not act
-on a key that was pressed 15 s ago as if it were new. Either of two signs shows an old input:
+If the window's thread hangs, everything that is pressed meanwhile waits in its queue. A key that
+was pressed 15 s ago must not act as if it were new. Two signs show that an input is old:
 
-- the time stamp of the input, by the clock of the display server (``age``);
-- the window's own beat: if it was late, the inputs in the queue have waited (``held_up``).
+- its time stamp, by the clock of the display server (``InputClock``);
+- the window's own beat: if it was late, the inputs in the queue have waited (``Beat``).
 
-A press is also meant for what was on the screen when the official aimed (``Aim``).
+A press is meant for what was on the screen when the official aimed (``Aim``).
 
-Pure: stamps and times go in. The window decides whether an old input is a stop, which acts anyway.
+Pure: stamps and times go in. The caller lets stops act however old they are.
 """
 
 from __future__ import annotations
@@ -22,25 +22,25 @@ from typing import Generic, TypeVar
 T = TypeVar('T')
 
 STALE = 0.5
-"""Maximum age of a key or click that acts, in seconds. Stops have no such limit."""
+"""Age from which a key or click no longer acts, in seconds. Stops act at any age."""
 
 SETTLE = 0.3
-"""Time after a hang during which inputs count as having waited, in seconds."""
+"""Minimum time after a hang for which inputs still count as having waited, in seconds."""
 
 SEEN = 0.3
-"""Time a question must have been visible before a click on its YES counts, in seconds."""
+"""Time for which a question must be open before a click on its YES counts, in seconds."""
 
 AGAIN = 0.4
-"""Time within which pressing the same key again is one press, as in a double click, in seconds."""
+"""Time within which two presses of the same key in a row count as one, in seconds."""
 
 AIM = 0.5
-"""Time an official needs to notice that their target on the screen has changed, in seconds."""
+"""Time that an official needs to notice that the target has changed, in seconds."""
 
 DRIFT = 1e-4
-"""Maximum rate at which the display server's clock may lose time against ours, in s per s."""
+"""Maximum rate at which the display server's clock loses time against ours, in s per s."""
 
 ANOTHER = 600.0
-"""Difference between two stamps' ages above which they come from different clocks, in seconds."""
+"""Difference in age from which two stamps come from different clocks, in seconds."""
 
 _WRAP = 1 << 32
 """The display server's clock counts milliseconds in 32 bits."""
@@ -51,11 +51,12 @@ class InputClock:
     Computes the age of an input from the stamp that the display server gave it.
 
     The server's clock has its own epoch. The smallest difference seen between our clock and a
-    stamp belongs to the fastest input; an input with a larger difference has waited. The smallest
-    difference may grow by ``DRIFT``, because the server may be another machine.
+    stamp belongs to the input that arrived fastest; an input with a larger difference has waited.
+    The smallest difference may grow by ``DRIFT``, because the server may be on another machine.
 
-    The toolkit makes some inputs itself, with yet another epoch, and a server's clock may jump, as
-    after a suspend. A stamp that differs by more than ``ANOTHER`` comes from another clock.
+    The toolkit makes some inputs itself, by a clock with yet another epoch. The server's clock may
+    also jump, for example after a suspend. A stamp that differs by ``ANOTHER`` or more therefore
+    counts as one from another clock.
     """
 
     def __init__(self) -> None:
@@ -65,8 +66,8 @@ class InputClock:
         """
         Return how long an input has waited, in seconds.
 
-        :param stamp: when it was made (ms, modulo 2**32); 0: the server does not say.
-        :param now: our clock, which stops while the machine is suspended, in seconds.
+        :param stamp: the time at which it was made (ms, modulo 2**32); 0 if it is not known.
+        :param now: the time by our clock, which stops while the machine is suspended, in seconds.
         """
         if not stamp:
             return 0.0
@@ -84,7 +85,7 @@ class InputClock:
 
 class Beat:
     """
-    Detects that the window's thread hung.
+    Detects that the thread of the window has hung.
 
     :param period: normal time between two calls of ``beat``, in seconds.
     """
@@ -98,13 +99,13 @@ class Beat:
     def beat(self, now: float) -> None:
         """Record that the thread is alive."""
         self._look(now)
-        # After two beats in time, everything that waited in the queue has been handled.
+        # Once two beats in a row are in time, everything that had waited has been handled.
         if now >= self._until and now - self._last < self._period + SETTLE:
             self._late = 0.0
         self._last = now
 
     def held_up(self, now: float) -> float:
-        """Return how long the thread has just hung, in seconds; 0.0 if it has not."""
+        """Return for how long the thread has just hung, in seconds; 0.0 if it has not."""
         self._look(now)
         return self._late
 
@@ -116,21 +117,21 @@ class Beat:
 
 
 class Repeats:
-    """Detects keys that are pressed twice in a row, as in a double click."""
+    """Detects that a key is pressed twice in a row, as in a double click."""
 
     def __init__(self) -> None:
         self._name = ''
         self._at = 0.0
 
     def same_press(self, name: str, at: float) -> bool:
-        """Record a key press (time in s); return whether it repeats the one just before."""
+        """Record a press of a key at a time (s); return whether it repeats the last press."""
         same = name == self._name and at - self._at < AGAIN
         self._name, self._at = name, at
         return same
 
 
 class Aim(Generic[T]):
-    """Remembers what the official saw before the screen changed under their hand."""
+    """Remembers what the official saw before the screen changed."""
 
     def __init__(self) -> None:
         self._shown: list[tuple[T, float]] = []
@@ -140,5 +141,5 @@ class Aim(Generic[T]):
         self._shown = [*self._shown[-9:], (before, at)]
 
     def seen(self, at: float) -> T | None:
-        """Return what was shown ``AIM`` before a press (s); None: what is shown now."""
+        """Return what was shown ``AIM`` before a press (time in s); None: it is still shown."""
         return next((shown for shown, until in self._shown if until > at - AIM), None)

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The officials' window as a process: `ros2 run evgp_rcs_console rcs_gui`."""
+"""Runs the officials' window: `ros2 run evgp_rcs_console rcs_gui`."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 BATTERY_LOW = 25
-"""Charge of the battery at or below which the window warns, in percent."""
+"""Highest charge of the battery at which the window warns, in percent."""
 
 BATTERY_PERIOD = 30.0
-"""Time between two looks at the battery, in seconds."""
+"""Time between two readings of the battery, in seconds."""
 
 END_TIMEOUT = 5.0
-"""Maximum time the process takes to end after its window is closed, in seconds."""
+"""Time after its window is closed at which the process ends at the latest, in seconds."""
 
 
 def main(
@@ -43,8 +43,9 @@ def main(
     Open the window and run until it is closed.
 
     :param on_window: called with the window once it is open.
-    :return: 0 after an orderly end, 2 if Qt or a screen is missing or a setting is wrong. If ROS
-        does not end in time, the process exits with 1 and prints on stderr where it hung.
+    :return: 2 if Qt or a screen is missing, or a setting is wrong. Otherwise the process ends in
+        here: with 0 after an orderly end; with 1 if ROS does not end in time, after it has printed
+        on stderr where it hung.
     """
     try:
         from evgp_rcs_console.display import Inbox
@@ -56,8 +57,8 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(texts.NO_DISPLAY, file=sys.stderr)
         return 2
-    # The window reads every key itself. An input method could only swallow keys, such as the space
-    # bar while an accent is being composed.
+    # The window reads every key itself. All that an input method could do is swallow keys, such as
+    # the space bar while an accent is composed.
     os.environ['QT_IM_MODULE'] = 'none'
     # The thread that sends ALL KILL must not wait for the thread that draws.
     sys.setswitchinterval(0.001)
@@ -68,8 +69,9 @@ def main(
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
     application = QtWidgets.QApplication(remove_ros_args(given))
-    # Python runs these handlers when the window's timer lets it. Quitting directly has no effect
-    # before the event loop runs. A KeyboardInterrupt inside Qt would be a crash.
+    # Python runs these handlers when the window's timer gives it the chance. They quit through the
+    # event loop, because a direct call has no effect before the loop runs. A KeyboardInterrupt
+    # inside Qt would be a crash.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     application.setStyle('Fusion')
@@ -82,14 +84,15 @@ def main(
         return 2
     signature = Signature(_official(client.node), os.getpid())
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
-    # Without a window manager, as on a screen for this window alone, it is not maximised.
+    # Without a window manager, as on a screen for this window alone, nothing maximises it.
     window.setGeometry(application.primaryScreen().availableGeometry())
     window.showMaximized()
     battery = QtCore.QTimer(window)
     level = Battery()
     battery.timeout.connect(lambda: window.foot.show_battery(level.low))
     battery.start(1000)
-    # In the thread that handles keys and clicks: if it hangs, the announcements end.
+    # The thread that handles keys and clicks announces the window, so that the announcements end
+    # if it hangs.
     there = QtCore.QTimer(window)
     there.timeout.connect(lambda: client.announce(signature.name, window.display.unheard))
     there.timeout.emit()
@@ -99,13 +102,13 @@ def main(
     try:
         application.exec()
     finally:
-        # Works whatever DDS does, because this thread needs no lock of the interpreter.
+        # This works whatever DDS does, because its thread needs no lock of the interpreter.
         faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
         window.close()
         client.close()
         rclpy.try_shutdown()
     sys.stdout.flush()
-    # Exit at once: a library's clean-up could hang with nothing left to end it.
+    # Exit at once: a library's clean-up could hang, and nothing would end it.
     os._exit(0)
 
 
@@ -113,7 +116,7 @@ def keep_awake() -> None:
     """
     Ask the desktop not to blank the screen while this process runs.
 
-    It does not wait for an answer, and it has no effect without such a desktop.
+    It does not wait for an answer. On a desktop without this service, it has no effect.
     """
     from evgp_rcs_console.qt import QtCore
 
@@ -132,7 +135,7 @@ def keep_awake() -> None:
 
 
 class Battery:
-    """The battery of this machine, read in its own thread because some batteries answer slowly."""
+    """The battery of this machine, which a thread reads because some batteries answer slowly."""
 
     def __init__(self) -> None:
         self.low: int | None = None
@@ -145,7 +148,7 @@ class Battery:
 
 
 def low_battery(folder: pathlib.Path) -> int | None:
-    """Return the charge of the machine's battery in percent; None if not low or not in use."""
+    """Return the charge of the battery in percent; None if it is not low or not in use."""
     charges = []
     for supply in folder.glob('*'):
         try:
@@ -158,7 +161,7 @@ def low_battery(folder: pathlib.Path) -> int | None:
 
 
 def _official(node: Node) -> str:
-    """Return the name given at start; empty if none was given."""
+    """Return the official's name that was given at the start; empty if none was given."""
     meaning = 'Official at this window; empty: the saved name, or one chosen in the window.'
     # ROS reads an unquoted name such as 7 or yes as a number or a truth value; accept that too.
     descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)

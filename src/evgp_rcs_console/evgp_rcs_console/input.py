@@ -69,7 +69,7 @@ class CommandInput(QtCore.QObject):
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Handle a stop that is no longer being sent; if it is ALL KILL and held, send it again."""
+        """Handle a stop that is no longer being sent; send ALL KILL again if it is still held."""
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -303,7 +303,7 @@ class Mouse:
         return double and button is not None
 
     def _let_go(self, age: float) -> None:
-        """Cancel the press of a button that was pressed in time but whose release came too late."""
+        """Cancel the press of a button that was pressed in time but released too late."""
         for button in self._areas.findChildren(QtWidgets.QAbstractButton):
             if button.isDown() and not self._areas.is_stop(button):
                 button.setDown(False)

@@ -1,7 +1,11 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The karts: a row for each with its commands, and tiles of all karts if the rows do not fit."""
+"""
+Shows the karts: a row for each kart with its commands.
+
+If the rows do not all fit, a tile for each kart above them keeps all karts in sight.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ from evgp_rcs_console.widgets import (
 )
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
-"""Context entered while the window itself scrolls; its argument is the moving bar."""
+"""Returns a context in which the window itself scrolls; the argument is the bar that moves."""
 
 COMMAND, BESIDE = 72, 10
 """Width of a command's column, and the margin in the other columns, in pixels."""
@@ -52,7 +56,7 @@ class Words(NamedTuple):
 
 
 class KartDelegate(QtWidgets.QStyledItemDelegate):
-    """Draws a cell: it draws the pictures itself, and the texts as Qt does."""
+    """Draws the cells of the karts, except the columns that contain buttons."""
 
     def __init__(self, table: KartTable) -> None:
         super().__init__()
@@ -75,7 +79,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         if not index.column() and (row.use_msr or is_chosen):
             edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
             painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
-        if index.column() < len(COLUMNS):  # the other columns contain buttons
+        if index.column() < len(COLUMNS):
             for each in self.words(row, index.column(), room, painter):
                 draw(painter, *each)
         painter.restore()
@@ -87,7 +91,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         cell: QtCore.QRect,
         painter: QtGui.QPainter | None = None,
     ) -> Iterator[Words]:
-        """Yield the texts of a cell; with a painter, draw the pictures under them."""
+        """Yield the texts of a cell; with a painter, also draw what is under and beside them."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
         said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
         if self._table.stale:
@@ -140,7 +144,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         below: Cell,
         painter: QtGui.QPainter | None,
     ) -> Iterator[Words]:
-        """Yield the state a kart is sent and for how long, striped until the kart has obeyed."""
+        """Yield the state that a kart is sent and its age, on stripes until the kart obeys."""
         chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
         ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
         _box(painter, chip, fill)
@@ -159,7 +163,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     def _bars(
         row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
     ) -> QtCore.QRect:
-        """Draw the bars of a link; return the room beside them."""
+        """Draw the bars of a link, and return the room to the right of them."""
         high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
         foot = room.top() + (room.height() + high) // 2
         for bar in range(1, MOST_BARS + 1):
@@ -191,14 +195,14 @@ def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
 
 
 def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """Return the room for a text and for the small one below it, which may have two lines."""
+    """Return the room for a text and for the small one below it, which has two lines if long."""
     inner = _centred(room, 56 if is_long else 38)
     upper = min(inner.height() * 11 // 20, look.px(21)) - inner.height()
     return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
 class Tiles(QtWidgets.QWidget):
-    """Every kart as a tile with number, state and trouble, for rosters too long for rows."""
+    """A tile for each kart, with its number, state and trouble, for rosters too long for rows."""
 
     chosen = Signal(int)
 
@@ -209,7 +213,7 @@ class Tiles(QtWidgets.QWidget):
         self._shown: object = None
 
     def look(self) -> None:
-        """Draw the tiles again if they look different now."""
+        """Draw the tiles again if any of them has changed."""
         table = self._table
         looks = [(row.number, row.link.tone, row.sent, row.answer.tone) for row in table.rows]
         if self._shown != (looks, table.stale):
@@ -223,7 +227,7 @@ class Tiles(QtWidgets.QWidget):
             self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw the tiles: number on top, the state's symbol and a mark below."""
+        """Draw the tiles, with the number at the top, and the state's symbol and a mark below."""
         rows = self._table.rows
         wide = self.width() / max(1, len(rows))
         painter = QtGui.QPainter(self)
@@ -249,8 +253,9 @@ class KartTable(QtWidgets.QTableWidget):
     """
     The rows of the karts.
 
-    :param scrolling: entered around each scrolling that the official did not do by hand.
-    :ivar chosen: the kart that commands by key act on; ``stale``: if the rows are out of date.
+    :param scrolling: wraps each scrolling that the official did not do by hand.
+    :ivar chosen: the kart that commands by key act on.
+    :ivar stale: whether the rows are out of date.
     """
 
     def __init__(self, scrolling: Scrolling) -> None:
@@ -265,7 +270,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
         self.setSelectionMode(self.SelectionMode.NoSelection)
         self.setEditTriggers(self.EditTrigger.NoEditTriggers)
-        self.setAutoScroll(False)  # nothing moves because of a click
+        self.setAutoScroll(False)  # a click must not move anything
         self.setTabKeyNavigation(False)
         self.setMouseTracking(True)
         self.setVerticalScrollMode(self.ScrollMode.ScrollPerPixel)
@@ -281,7 +286,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.verticalHeader().hide()
 
     def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
-        """Show the karts; unchanged cells are not drawn again."""
+        """Show the karts, and draw only those cells again that have changed."""
         if stale != self.stale:
             self.viewport().update()
         self.rows, self.stale = rows, stale
@@ -297,7 +302,7 @@ class KartTable(QtWidgets.QTableWidget):
                     self.setItem(place, number, QtWidgets.QTableWidgetItem(text))
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
-        """Move the focus and scroll to it."""
+        """Move the focus, and scroll to the row that has it."""
         moved = bool(super().focusNextPrevChild(following))
         focused = QtWidgets.QApplication.focusWidget()
         if focused is not None and focused.parentWidget() is self.viewport():
@@ -311,7 +316,7 @@ class KartTable(QtWidgets.QTableWidget):
 
 class KartList(Panel):
     """
-    Every kart on the roster, in the order of their numbers.
+    The list of all karts on the roster, in the order of their numbers.
 
     The place of a row depends only on the size of the window and the number of karts.
     """
@@ -321,7 +326,7 @@ class KartList(Panel):
     wanted = Signal(int)
     """A kart was chosen by a click on its tile; its row may be out of sight."""
     pointed = Signal(str)
-    """The full text of the cut-off row under the pointer; empty when the pointer leaves it."""
+    """The pointer is on a row: its full text if it is cut off, otherwise an empty text."""
 
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
@@ -345,13 +350,13 @@ class KartList(Panel):
 
     @property
     def room_of_sheets(self) -> QtCore.QRect:
-        """Return the room where sheets cover neither a kart's number nor a stop."""
+        """Return the room in which sheets cover neither the numbers of the karts nor a stop."""
         header, table = self.table.horizontalHeader(), self.table.geometry()
         first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
         return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
 
     def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
-        """Return the full text of some columns of a row; empty if all of it is visible."""
+        """Return the full text of columns of a row if any of it is cut off; otherwise empty."""
         said = [self.table.model().index(place, column) for column in columns]
         shows_all = all(
             fits(each.text, each.room, each.of, each.wrap)
@@ -393,7 +398,7 @@ class KartList(Panel):
         self.fit()
 
     def fit(self) -> None:
-        """Fit the rows to the window; if they do not all fit, add tiles and a scroll bar."""
+        """Adapt the rows to the window; if they do not all fit, add the tiles and a scroll bar."""
         count, table = len(self.table.rows), self.table
         room = self.contentsRect().height() - look.px(HEADING) - 4
         all_fit = count * look.px(LOWEST) <= room
@@ -417,7 +422,7 @@ class KartList(Panel):
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:
-    """Return whether a press there only chooses a kart, perhaps to stop it next."""
+    """Return whether a press on a widget only chooses a kart, perhaps to stop it next."""
     is_table = widget is not None and isinstance(widget.parentWidget(), KartTable)
     return isinstance(widget, Tiles) or (
         is_table and not isinstance(widget, (QtWidgets.QScrollBar, QtWidgets.QHeaderView))

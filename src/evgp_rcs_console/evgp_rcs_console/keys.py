@@ -40,7 +40,7 @@ _LETTER_AT = {
 
 def key_name(name: str, text: str, code: int) -> str:
     """
-    Return the name of a key, which does not depend on the layout of the keyboard.
+    Return the name that a key has in this program, whatever the layout of the keyboard.
 
     :param name: its name in Qt.
     :param text: the text that it types; empty with Ctrl, Alt or Meta.
@@ -166,7 +166,7 @@ class KartField:
         self.changed()
 
     def changed(self) -> None:
-        """Called after each change; a subclass that shows the field overrides this."""
+        """React to a change of the field; the subclass that shows it overrides this."""
 
     @property
     def kart(self) -> int:

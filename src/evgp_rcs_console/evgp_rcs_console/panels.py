@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The areas of the window around the karts: the race, the commands to it, the events."""
+"""The areas of the window around the karts, each of which shows its part of a screen."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ EVENTS = 100
 """Maximum number of events shown in the window."""
 
 LONG = 15
-"""Number of letters from which the advice takes two lines, in smaller type."""
+"""Number of letters from which the advice needs two lines and is set in smaller type."""
 
 
 class StatePanel(Panel):
-    """The state of the race in its colour, since when, and by whom."""
+    """The state of the race in its colour, when it began, and who caused it."""
 
     def __init__(self) -> None:
         super().__init__('state_panel', '')
@@ -102,7 +102,7 @@ class ClockPanel(Panel):
 
 
 class KillBox(Panel):
-    """The ALL KILL button with its keys, or how long it has had no answer."""
+    """The ALL KILL button, with its keys or the time for which it has had no answer."""
 
     def __init__(self) -> None:
         super().__init__('kill_box', '')
@@ -134,7 +134,7 @@ class Steps(QtWidgets.QWidget):
 
 
 class Strip(Panel):
-    """The race in one line: what the karts do, who is missing, who commands."""
+    """The race in one line: what the karts do, which are missing, and who gives commands."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
@@ -161,13 +161,13 @@ class Strip(Panel):
         ):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
-            part.setMinimumWidth(1)  # otherwise the hint never shrinks
-            part.setMinimumWidth(part.sizeHint().width())  # so that it is never cut
+            part.setMinimumWidth(1)  # otherwise the size hint never shrinks
+            part.setMinimumWidth(part.sizeHint().width())  # so that the text is never cut
         self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):
-    """The warning that race control is gone or unreliable, in the largest type."""
+    """A warning that race control is gone or unreliable, in the largest type."""
 
     def __init__(self) -> None:
         super().__init__('danger', '')
@@ -188,7 +188,7 @@ class DangerPanel(Panel):
 
 
 class NumberField(Panel):
-    """The kart that a command by key acts on, or the note that the keys do not work."""
+    """The kart that a command by key acts on, or a note that the keys do not work."""
 
     def __init__(self) -> None:
         super().__init__('number_field')
@@ -201,14 +201,14 @@ class NumberField(Panel):
         if not keys_work:
             title, detail, ground = Cell(texts.KEYS_OFF_LARGE), Cell(texts.KEYS_OFF_DETAIL), 'off'
         mark(self, ground=ground)
-        # A coloured ground sets its own text colours.
+        # On a coloured ground, the ground determines the colour of the text.
         self._title.show_text(title.text)
         self._title.setVisible(bool(title.text))
         self._detail.show_cell(detail._replace(tone=Tone.PLAIN) if ground else detail)
 
 
 class EventPanel(Panel):
-    """The events of all karts or of one, newest first; commands in bold, with the official."""
+    """The events of all karts or of one, newest first, with the commands in bold."""
 
     def __init__(self) -> None:
         super().__init__('events')
@@ -218,11 +218,11 @@ class EventPanel(Panel):
         self._list = QtWidgets.QListWidget()
         self._list.setObjectName('log')
         self._list.setWordWrap(True)
-        # Items cannot be selected and therefore not dragged: a drag takes every key and click.
+        # An item that can be selected can be dragged, and a drag takes every key and click.
         self._list.setSelectionMode(QtWidgets.QAbstractItemView.SelectionMode.NoSelection)
         self._list.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._list.setVerticalScrollMode(QtWidgets.QAbstractItemView.ScrollMode.ScrollPerPixel)
-        # Not a drop-down list: an open list takes every key and click, even those of stops.
+        # This is no drop-down list, because an open one takes every key and click, even of stops.
         self.filter = Push('filter', kind='quiet small')
         fixed(self.filter, 150, 24)
         title = Text('', 'small bold faint', text='Events')
@@ -230,36 +230,32 @@ class EventPanel(Panel):
         grid.addWidget(self._list, 1, 0, 1, 2)
         self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that have arrived
         self._later.timeout.connect(self.restyle)
-        self._show_one(0)
+        self.restyle()
 
     def add(self, event: StampedEvent) -> None:
         self.log.add(event)
         self._later.start()
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
-        """Update the karts on the roster; if the shown kart is gone, show all karts."""
         teams = {row.number: row.team for row in rows}
         if teams != self._teams:
             self._teams = teams
-            self._show_one(self._kart)
+            self.restyle()
 
     def toggle(self, kart: int) -> bool:
         """Switch between one kart's events and all; return False if there is no such kart."""
         if not self._kart and kart not in self._teams:
             return False
-        self._show_one(0 if self._kart else kart)
+        self._kart = 0 if self._kart else kart
+        self.restyle()
         return True
 
     def restyle(self) -> None:
-        """Show the events again: there are new ones, or the size or palette has changed."""
-        self._show_one(self._kart)
-
-    def _show_one(self, kart: int) -> None:
-        self._kart = kart if kart in self._teams else 0
-        shown = 'all karts'
-        if self._kart:
-            shown = f'kart {self._kart} {self._teams[self._kart]}'
-        self.filter.show_words(shown)
+        """Show the events again: they, the roster, the size or the palette have changed."""
+        if self._kart not in self._teams:
+            self._kart = 0
+        team = self._teams.get(self._kart)
+        self.filter.show_words(f'kart {self._kart} {team}' if self._kart else 'all karts')
         lines = self.log.lines(self._kart)[-EVENTS:][::-1]
         while self._list.count() > len(lines):
             self._list.takeItem(len(lines))
@@ -274,7 +270,7 @@ class EventPanel(Panel):
 
 
 class Foot(QtWidgets.QWidget):
-    """The bottom line, the battery warning, and the name with which this window commands."""
+    """The bottom line, the warning of a low battery, and the name of this window's official."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -287,7 +283,7 @@ class Foot(QtWidgets.QWidget):
         lay(self, (self.status, self._battery, self.official), gap=8, columns=(1, 0, 0))
 
     def show_battery(self, percent: int | None) -> None:
-        """Show the charge of a low battery, in percent; None: the battery is not low."""
+        """Show the charge of the battery, in percent, if it is low; None: it is not."""
         if percent is not None:
             self._battery.show_cell(Cell(f'BATTERY {percent} %: plug it in', Tone.BAD))
         self._battery.setVisible(percent is not None)

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Turns the key events of a stop button into presses.
+Counts the presses of a stop button from the key events of its device.
 
-A key counts when it goes down, and again only after it was seen up.
+A key counts when it goes down. It counts again only after it has been up.
 
 Pure: bytes and times go in.
 """
@@ -16,17 +16,17 @@ import math
 import struct
 
 EVENT = struct.Struct('@llHHi')
-"""Layout of an input event (linux/input.h): two parts of its time, type, code, value."""
+"""Layout of an input event (linux/input.h): its time in two parts, type, code, value."""
 
 HELD = 2.0
-"""Time after which a key that stays down is reported, in seconds: something may be lying on it."""
+"""Time after which a key that stays down is reported, in seconds. Something may be lying on it."""
 
 _SYN, _DROPPED = 0, 3
 _KEY = 1
 
 
 def changes(data: bytes) -> Iterator[tuple[int, bool] | None]:
-    """Yield each key and whether it is down; None where the kernel has dropped events."""
+    """Yield each key with whether it is down, and None where the kernel has dropped events."""
     whole = len(data) - len(data) % EVENT.size
     for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
         if kind == _KEY:
@@ -39,9 +39,9 @@ class PressCounter:
     """
     Counts the presses of one button.
 
-    Times are in seconds and never decrease.
+    Times are in seconds and must not decrease.
 
-    :param key: the code of the only key that counts; 0: every key.
+    :param key: the code of the only key that counts; 0: every key counts.
     :ivar count: number of presses.
     """
 
@@ -55,8 +55,8 @@ class PressCounter:
         """
         Process the keys that are down when the device is opened; return whether one is a press.
 
-        A key that is down at the first look is not a press: something may have been lying on it.
-        At a later look it is one: someone may have pressed it while the device was gone.
+        The first time, a key that is down is not a press, because something may be lying on it.
+        Later it is one, because somebody may have pressed it while the device was gone.
         """
         known, self._known = self._known, True
         if not known:
@@ -67,20 +67,20 @@ class PressCounter:
         return any([self.take(key, True, now) for key in down])  # noqa: C419 - each is taken
 
     def take(self, key: int, down: bool, now: float) -> bool:
-        """Process that a key is down or up; return whether that is a press."""
+        """Process a key that is down or up; return whether that is a press."""
         if self._key not in (0, key):
             return False
         if not down:
             self._down.pop(key, None)
             return False
         if key in self._down:
-            return False  # a held key that repeats
+            return False  # the key is held and repeats
         self._down[key] = now
         self.count += 1
         return True
 
     def miss(self, down: Set[int], now: float) -> bool:
-        """Count a press, because events were dropped and one may have been a press."""
+        """Count a press after events were dropped, because one of them may have been a press."""
         if not self.look(down, now):
             self.count += 1
         return True
@@ -91,5 +91,5 @@ class PressCounter:
         return any(since > -math.inf for since in self._down.values())
 
     def is_held(self, now: float) -> bool:
-        """Return whether a key is down for too long, or since the first look."""
+        """Return whether a key has been down for too long, or since the first look."""
         return any(now - since >= HELD for since in self._down.values())

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Qt for Python, from whichever of its two bindings is installed.
+Imports Qt 6 for Python from either of its two bindings.
 
 The project's own set-up installs PySide6. Ubuntu 24.04, on which ROS 2 Jazzy runs, has PyQt6 but
-not PySide6. Both bind Qt 6 with the same names, except for signals. If both are installed, QT_API
-(`pyside6` or `pyqt6`) chooses.
+not PySide6. The two use the same names, except for signals. If both are installed, the variable
+QT_API can choose one, with `pyside6` (the default) or `pyqt6`.
 
 :raises ImportError: if neither is installed.
 """

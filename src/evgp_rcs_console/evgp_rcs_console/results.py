@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Results as texts: the part in a kart's row, the tables, and the passings. Pure."""
+"""Turns results into texts: a kart's position, the tables, and the passings. Pure."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from evgp_rcs_console import texts
 
 
 def position(results: Standings, number: int) -> str:
-    """Return a kart's position, if any, and its laps; empty if it did not start."""
+    """Return a kart's position, if it has one, and its laps; empty if it did not start."""
     kart = results.kart(number)
     if kart is None:
         return ''
@@ -44,7 +44,7 @@ def _row(kart: KartResult, team: str) -> tuple[str, ...]:
 
 
 def title(results: Standings) -> str:
-    """Return the title of the results: heat, format and laps."""
+    """Return a title with the heat, the format and the number of laps."""
     if not (results.karts or results.overall):
         return 'No results yet'
     laps = f'{results.laps} laps' * bool(results.laps)
@@ -53,7 +53,7 @@ def title(results: Standings) -> str:
 
 
 def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
-    """Return the table, one row per kart, best first; then the standings over all heats."""
+    """Return the results as rows with headings; the standings over all heats, if any, follow."""
 
     def rows(karts: Iterable[KartResult]) -> Iterator[tuple[str, ...]]:
         return (_row(kart, teams.get(kart.kart, '')) for kart in karts)
@@ -67,7 +67,7 @@ def table(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, ...]]
 
 
 def races(results: Standings) -> list[tuple[str, ...]]:
-    """Return the races of the event by number, and whether each counts."""
+    """Return a row for each race of the event, which says whether the race counts."""
     return [
         (
             str(each.number),

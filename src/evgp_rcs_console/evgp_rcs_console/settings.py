@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Settings saved on this machine for its officials: their name, and whether the window is dark.
+Saves settings on this machine: the name of its official, and whether the window is dark.
 
-The name in the commands was given at start, saved earlier, or is unknown. The programs ask for it
-once and save it in a plain text file, for the window and `rcs_ctl`. This module uses neither Qt
-nor ROS.
+Commands carry the official's name, if it is known. It can be given at the start; otherwise the
+programs ask for it once and save it in a text file, which the window and `rcs_ctl` share. This
+module uses neither Qt nor ROS.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Signature:
     """
     The signature under which this program sends commands.
 
-    :param name: the official's name, if given at start; empty: the saved name.
-    :param process: the number of this process, if another may send under the same name.
-    :ivar name: the official's name; empty if unknown.
+    :param name: the official's name, if it was given at the start; empty: the saved name.
+    :param process: the number of this process, if another one may send under the same name.
+    :ivar name: the official's name; empty if it is not known.
     """
 
     def __init__(self, name: str = '', process: int | None = None) -> None:
@@ -46,7 +46,7 @@ class Signature:
         return claim(self.name, platform.node(), self._process)
 
     def sign(self, name: str) -> None:
-        """Use a name from now on and save it, in a thread in case the disk hangs."""
+        """Use a name from now on, and save it in another thread, because the disk may hang."""
         self.name = tidy(name)
         threading.Thread(target=self._keep, args=(self.name,), daemon=True).start()
 
@@ -67,9 +67,9 @@ def file_of_name() -> pathlib.Path:
 
 
 def kept_name() -> str | None:
-    """Return the saved name; None if it was never asked for or cannot be read."""
+    """Return the saved name; None if none was ever saved or it cannot be read."""
     try:
-        # The path may be anything, even a pipe; this must not block.
+        # Whatever the path is, even a pipe, this must not block.
         flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC
         with os.fdopen(os.open(file_of_name(), flags), 'rb', buffering=0) as file:
             data = file.read(MOST_BYTES)
@@ -80,7 +80,7 @@ def kept_name() -> str | None:
 
 def keep_name(name: str) -> None:
     """
-    Save a name for the next start; empty: the official wants none and is not asked again.
+    Save a name for the next start. An empty one means that the official wants no name.
 
     :raises OSError: if it cannot be written.
     :raises RuntimeError: if there is no home folder.
@@ -96,7 +96,7 @@ def is_night() -> bool:
 
 
 def keep_night(night: bool) -> None:
-    """Save whether the window is dark, in a thread in case the disk hangs."""
+    """Save whether the window is dark, in another thread, because the disk may hang."""
 
     def keep() -> None:
         with contextlib.suppress(OSError, RuntimeError):
@@ -110,7 +110,7 @@ def keep_night(night: bool) -> None:
 
 def _keep(path: pathlib.Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Replaced in one step, because another program may be reading it.
+    # The file is replaced in one step, because another program may be reading it.
     descriptor, other = tempfile.mkstemp(prefix=f'.{path.name}', dir=path.parent)
     try:
         with os.fdopen(descriptor, 'wb') as file:

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The sheets over the karts: the question, the heats, the officials, the keys.
+The sheets that open over the karts: the question, the heats, the officials, and the keys.
 
-They end to the left of the karts' stop buttons, so they never cover a stop.
+They end to the left of the karts' stop buttons, so that they never cover a stop.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Sheet(Panel):
     """
     A sheet over the karts.
 
-    A sheet is not a separate window, so everything beside it still works.
+    It is a part of the window, so that everything beside it still works.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
@@ -55,13 +55,13 @@ class Sheet(Panel):
         self.add(self.title, 36)
 
     def add(self, part: QtWidgets.QWidget, height: int = 0) -> None:
-        """Add a part at the bottom; without a given height, it is as high as its text."""
+        """Add a part at the bottom, with a height in pixels, or 0: as high as its text."""
         fixed(part, height=height)
         self._column.addWidget(part)
         self.parts.append(part)
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Fill the width of a room, as high as the texts need, in smaller type if necessary."""
+        """Fill the width of a room with the texts, in smaller type if they are too high for it."""
         rescale(self)
         for kind in ('sheet', 'sheet tight'):
             mark(self, kind=kind)
@@ -80,17 +80,17 @@ class Sheet(Panel):
         return button
 
     def close_sheet(self) -> None:
-        """Hide the sheet, and move the focus off anything that Enter could press."""
+        """Hide the sheet, and move the focus to the window, where Enter presses nothing."""
         if not self.isHidden():
             self.hide()
             self.window().setFocus()
 
 
 class Question(Sheet):
-    """Asks an official to confirm a loosening command, or the use of the MSR."""
+    """Asks the official to confirm a command, such as one that loosens or the use of the MSR."""
 
     answered = Signal(bool, bool)
-    """Whether the answer is YES, and whether it includes the second command."""
+    """The official has answered: whether with YES, and whether for the second command too."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'question')
@@ -106,7 +106,7 @@ class Question(Sheet):
         self._caution = Text('question_caution', 'bold', wrap=True, fills=True, flows=True)
         self._statement = Text('question_statement', 'bold', TOP, wrap=True, flows=True)
         self._texts = (self._consequence, self._warning, self._caution, self._statement)
-        # The problem covers these texts, so that YES and NO never move.
+        # A problem lies over these texts instead of beside them, so that YES and NO never move.
         self._problem = Text('question_problem', 'bold', wrap=True, fills=True)
         self._problem.setParent(self)
         self.yes, self.no = Push('yes', tall=True), Push('no', 'NO', 'N')
@@ -121,11 +121,7 @@ class Question(Sheet):
         self.add(answers, 60)
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """
-        Fill the bottom of a room, so that the first karts stay in sight.
-
-        A problem covers the texts that it makes untrue.
-        """
+        """Lie at the bottom of a room, so that the first karts stay in sight."""
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
         self._column.activate()
@@ -135,13 +131,13 @@ class Question(Sheet):
         self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
-        """Prepare the question for a command; the caller shows the sheet afterwards."""
+        """Fill the question with a command. It does not show the sheet."""
         self.button = button
         self.shown_at = clock.now()
         self._spoilt_at = self._problem_text = ''
         for yes in (self.yes, self.also):
-            yes.setDown(False)  # may still be held down from an earlier question
-        # YES ignores clicks at first: the click may be the second one of a double click.
+            yes.setDown(False)  # it may still be held down from an earlier question
+        # At first, YES ignores clicks: one may be the second click of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
         self.title.show_text(f'{command}?')
@@ -157,9 +153,11 @@ class Question(Sheet):
 
     def update_button(self, button: Button | None) -> None:
         """
-        Update to the command as race control offers it now; None if it no longer does.
+        Compare the question with the command as race control offers it now.
 
-        Once it differs from the question, YES stays off, even if the difference goes away.
+        Once the two differ, YES stays off, even if the difference goes away.
+
+        :param button: the command now; None if race control no longer offers it.
         """
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
@@ -176,20 +174,19 @@ class Question(Sheet):
         warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
         self._caution.show_cell(Cell(button.caution, Tone.WAIT))
-        for text in self._texts:  # a text hidden by a problem keeps its room
+        for text in self._texts:  # while a problem hides a text, its room stays
             policy = text.sizePolicy()
             policy.setRetainSizeWhenHidden(bool(text.text()))
             text.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
-        """Return whether it has been visible long enough for a click on YES to count."""
+        """Return whether the question has been open for long enough that a click on YES counts."""
         return not self._settling.isActive()
 
     def _show_problem(self) -> None:
         problem = self._problem_text
-        # The texts of the question are no longer true.
-        for text in self._texts:
+        for text in self._texts:  # with a problem, they are no longer true
             text.setVisible(bool(text.text()) and not problem)
         self._problem.show_cell(Cell(problem, Tone.BAD))
         self._problem.setVisible(bool(problem))
@@ -200,7 +197,7 @@ class Question(Sheet):
 
 
 class Choice(Sheet):
-    """Offers one button for each choice, below a sentence about the choice."""
+    """A sheet with a sentence about a choice, and a button for each option."""
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str, about: str) -> None:
         super().__init__(parent, name, title)
@@ -220,25 +217,25 @@ class Choice(Sheet):
 
     @property
     def first(self) -> QtWidgets.QWidget:
-        """Return the first button, or the closing button if there is no other."""
+        """Return the first option's button, or the closing button if there are no options."""
         return self._offered[0] if self._offered else self._close
 
     def focus_on(self, number: str) -> None:
-        """Move the focus to the button with a number, if any; Enter then presses it."""
+        """Move the focus to the button of a number, if there is one, so that Enter presses it."""
         for each in self._offered:
             if each.isVisible() and each.key == number:
                 each.setFocus()
 
 
 class Heats(Choice):
-    """Offers the heats in the roster, and the buttons that read the roster again."""
+    """The heats in the roster, and the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
     def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
-        """Show one button per heat, and those for the roster; reading keeps the sheet open."""
+        """Show the buttons; reading the roster is the only one that leaves the sheet open."""
         buttons = *heats, *rosters
         if len(buttons) != len(self._offered):
             chosen = [CommandButton(self._choose) for _ in buttons[1:]]
@@ -256,7 +253,7 @@ class Heats(Choice):
 
 
 class Officials(Choice):
-    """Offers the event's officials; one click sets who commands from this window."""
+    """The event's officials, of whom one click chooses the one who commands from this window."""
 
     signed = Signal(str)
     """An official has chosen their name."""
@@ -273,7 +270,7 @@ class Officials(Choice):
 
 
 class Help(Sheet):
-    """The keys, and what each does."""
+    """The keys and their effects."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')

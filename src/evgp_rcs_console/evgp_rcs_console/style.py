@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The look of the window: a day and a night palette, and the sizes of type.
+The look of the window: a palette for the day and one for the night, the type, the style sheet.
 
 All sizes are in pixels on a 1366 by 768 screen; ``look.px`` converts them to this screen. The
-module does not use Qt, so a test can compute contrasts from it.
+module does not use Qt, so that a test can compute the contrasts.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from evgp_rcs.words import Tone
 
 FAMILIES = ('Inter', 'Noto Sans', 'DejaVu Sans')
-"""Fonts, the preferred one first; the last one is wide but has every symbol."""
+"""The fonts, the preferred one first. The last one is wide, but has every symbol."""
 
 GAP = 8
 RADIUS = 6
@@ -24,7 +24,7 @@ TEXT = 14
 LARGE = 22
 NUMBER = 28
 HUGE = 35
-"""Sizes of type, in pixels; the last one is for the state of the race and the like."""
+"""Sizes of type, in pixels. The largest is for the state of the race, warnings and ALL KILL."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,12 @@ class Palette:
 
     :param ground: background behind the cards.
     :param card: background of the cards.
-    :param raised: pressed or chosen parts of a card, and the fill of IN GARAGE.
+    :param raised: background of pressed or chosen parts of a card, and of IN GARAGE.
     :param line: lines between rows and around cards.
+    :param ink: ordinary text.
     :param faint: less important text, and commands that are not possible.
-    :param good: text about things that are right.
-    :param bad: text about things that are wrong, and the labels of stops.
+    :param good: text about something that is right.
+    :param bad: text about something that is wrong, and the labels of stops.
     :param chosen: frame of focused and chosen parts.
     """
 
@@ -87,14 +88,14 @@ FILLS = {
     Tone.RED: (WHITE, '#B3001B'),
     Tone.BANNER: (WHITE, '#6A1B9A'),
 }
-"""Text and ground colours of each meaning, the same by day and by night."""
+"""The colours of a text and its ground for each tone, which are the same by day and by night."""
 
 
 class Look:
     """
-    The palette and scale in use, by which the window draws.
+    The palette and the scale that the window uses now.
 
-    :ivar by: scale of everything, relative to a 1366 by 768 screen.
+    :ivar by: the scale of everything, relative to a 1366 by 768 screen.
     """
 
     def __init__(self) -> None:
@@ -102,13 +103,14 @@ class Look:
         self.by = 1.0
 
     def px(self, size: float) -> int:
-        """Return a size on this screen, in pixels."""
+        """Return a size in pixels of this screen, from one on a 1366 by 768 screen."""
         return round(size * self.by)
 
     def text(self, tone: Tone) -> str:
         """Return the colour of a text on a card."""
-        by_name = {Tone.FAINT: self.palette.faint, Tone.GOOD: self.palette.good}
-        return {**by_name, Tone.BAD: self.palette.bad}.get(tone, self.palette.ink)
+        colours = self.palette
+        by_tone = {Tone.FAINT: colours.faint, Tone.GOOD: colours.good, Tone.BAD: colours.bad}
+        return by_tone.get(tone, colours.ink)
 
     def fill(self, tone: Tone) -> tuple[str, str]:
         """Return the colours of a text and its ground."""
@@ -121,19 +123,19 @@ look = Look()
 
 def scale(width: int, height: int) -> float:
     """
-    Return the scale of everything, relative to a 1366 by 768 screen.
+    Return the scale for a window, relative to one of 1366 by 768.
 
-    A desktop that enlarges everything by 150 % gives us a smaller screen with finer dots.
+    On a desktop that enlarges everything by 150 %, the window is smaller by that, in finer dots.
     """
     return max(0.6, min(width / 1366, height / 768))
 
 
 def sheet() -> str:
-    """Return the style sheet of the window: the type, and the look of each mark of a widget."""
+    """Return the style sheet of the window, which selects the look of a widget by its marks."""
     colours, px = look.palette, look.px
     line, strong = px(1), px(2)
-    tones = {Tone.FAINT: colours.faint, Tone.GOOD: colours.good, Tone.BAD: colours.bad}
-    rules = [f'[tone="{tone.value}"] {{ color: {ink}; }}' for tone, ink in tones.items()]
+    tones = Tone.FAINT, Tone.GOOD, Tone.BAD
+    rules = [f'[tone="{tone.value}"] {{ color: {look.text(tone)}; }}' for tone in tones]
     rules.append(f'[tone="stale"] {{ color: {colours.faint}; }}')
     fills = {**FILLS, Tone.GARAGE: (colours.ink, colours.raised)}
     fills |= dict.fromkeys((Tone.FAINT, Tone.PLAIN), (colours.faint, colours.raised))

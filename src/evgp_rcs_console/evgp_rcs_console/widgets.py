@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parts of the window's areas: texts, buttons, and the cells that contain them."""
+"""The parts of which the areas of the window are made: texts, buttons, panels and grids."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
 
 Pressed = Callable[[Button, Button], None]
-"""Called with the command a button had when it went down, and the one it has on release."""
+"""Takes the command that a button had when it went down, and the one it has on the release."""
 
 _FLAGS = QtCore.Qt.AlignmentFlag
 LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
@@ -47,7 +47,7 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
 def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
     metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
     needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
-    # The space below the letters of the last line may be cut.
+    # The room below the base line of the last line may be cut off.
     high = needed.height() - metrics.height() + metrics.ascent()
     return needed.width() <= room.width() and high <= room.height() + 1
 
@@ -61,14 +61,14 @@ def draw(
     align: QtCore.Qt.AlignmentFlag = LEFT,
     wrap: bool = False,
 ) -> None:
-    """Draw a text as Qt draws a list item; a text that does not fit ends with dots."""
+    """Draw a text; if it does not fit into the room, draw whole lines of it that end with dots."""
     metrics = QtGui.QFontMetrics(of)
     if fits(text, room, of, wrap):
         painter.setFont(of)
         painter.setPen(QtGui.QColor(colour))
         painter.drawText(room, align.value | (_WRAP if wrap else 0), text)
         return
-    if wrap and room.height() > metrics.height():  # whole lines only
+    if wrap and room.height() > metrics.height():
         over = room.height() % metrics.lineSpacing()
         room = room.adjusted(0, 0 if align & _FLAGS.AlignTop else over // 2, 0, 0)
         room.setHeight(room.height() - (over if align & _FLAGS.AlignTop else over - over // 2))
@@ -89,7 +89,7 @@ def draw(
 
 
 def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
-    """Give a widget marks from which the style sheet draws it and its content."""
+    """Set the properties of a widget by which the style sheet selects its look."""
     changed = [name for name, value in marks.items() if widget.property(name) != value]
     for name in changed:
         widget.setProperty(name, marks[name])
@@ -109,10 +109,11 @@ def lay(
     heights: Sequence[int] = (),
 ) -> QtWidgets.QGridLayout:
     """
-    Arrange parts in the cells of a grid.
+    Arrange parts in a grid; lengths are in pixels on a 1366 by 768 screen.
 
-    :param margins: left, top, right, bottom; like ``gap``, in pixels on a 1366 by 768 screen.
-    :param columns: the share of each column; ``heights``: of each row. 0: as much as it needs.
+    :param margins: left, top, right, bottom.
+    :param columns: the share of each column in the width that is left; 0: no more than it needs.
+    :param heights: the same for the rows and the height.
     """
     grid = QtWidgets.QGridLayout(owner)
     grid.setProperty('design', [gap, *margins])
@@ -128,7 +129,7 @@ def lay(
 
 
 def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
-    """Give a part a fixed size, in pixels on a 1366 by 768 screen; 0: the available room."""
+    """Fix the size of a part, in pixels on a 1366 by 768 screen; 0 leaves a direction free."""
     part.setProperty('design', [width, height])
     policy = part.sizePolicy()
     if width:
@@ -139,7 +140,7 @@ def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
 
 
 def rescale(owner: QtWidgets.QWidget) -> None:
-    """Scale every cell and gap to this screen."""
+    """Scale the fixed sizes, gaps and margins of all parts to this screen."""
     for layout in owner.findChildren(QtWidgets.QLayout):
         if layout.property('design'):
             gap, *margins = map(look.px, layout.property('design'))
@@ -155,14 +156,15 @@ def rescale(owner: QtWidgets.QWidget) -> None:
 
 class Text(QtWidgets.QLabel):
     """
-    A text that stays within its room, so that no text moves what is beside it.
+    A text that stays within its room, so that it never moves what is beside it.
 
-    If it does not fit, it ends with dots; when the pointer is on it, the bottom line shows the
-    full text.
+    A text that does not fit ends with dots. While the pointer is on it, the bottom line shows all
+    of it.
 
-    :param kind: its style names: size, ``bold``, ``faint``.
-    :param fills: its tone also colours its ground.
-    :param flows: it takes the room it needs: the width of one line, or the height of several.
+    :param kind: the names of its style: a size, ``bold``, ``faint``.
+    :param fills: whether its tone also colours its ground.
+    :param flows: whether it takes the room that it needs: with ``wrap`` the height, otherwise the
+        width.
     """
 
     def __init__(
@@ -201,7 +203,7 @@ class Text(QtWidgets.QLabel):
         self.show_cell(Cell(text))
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or greyed out if it is stale."""
+        """Show a text in its tone, or in grey if it is stale."""
         self.setText(cell.text)
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
         ground = cell.tone.value if is_filled else ''
@@ -230,7 +232,7 @@ class Push(QtWidgets.QPushButton):
     """
     A button.
 
-    :param tall: it shows its key at the right edge and a phrase below its text.
+    :param tall: whether it shows its key at the right edge, and a phrase below its text.
     """
 
     def __init__(
@@ -255,7 +257,7 @@ class Push(QtWidgets.QPushButton):
         self.show_words(text, key)
 
     def bar(self, barred: bool) -> None:
-        """Set whether it is barred, so that it looks disabled and does nothing."""
+        """Set whether the button looks disabled. It can still be pressed."""
         mark(self, barred='true' if barred else 'false')
 
     def show_words(self, text: str, key: str = '', phrase: str = '') -> None:
@@ -270,10 +272,10 @@ class Push(QtWidgets.QPushButton):
 
 class CommandButton(Push):
     """
-    A command's button.
+    The button of a command.
 
     If the command is not allowed, the button looks disabled but can still be focused or tapped. It
-    then says why, because a keyboard and a touch screen cannot hover.
+    then says why, because with a keyboard or a touch screen nobody can hover over it.
 
     A stop acts when the button goes down, whatever is there when it is released. Any other command
     acts on the release.
@@ -289,7 +291,7 @@ class CommandButton(Push):
         self.clicked.connect(self._let_go)
 
     def show_button(self, button: Button) -> None:
-        """Show a command and whether it is allowed."""
+        """Show a command, and whether it is allowed."""
         if button == self.button:
             return
         self.button = button

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The officials' window, with its parts and their connections.
+Connects the parts of the officials' window with each other and with the client.
 
 Everything here runs in the Qt thread. News from ROS arrives through the signals of ``Inbox``,
 which Qt queues. Commands go out through ``give``, which returns at once.
@@ -40,7 +40,7 @@ class ConsoleWindow(Areas):
         chosen, alarm, bottom = display.chosen, display.alarm, display.bottom
 
         self.commanded.connect(presses.let_go)
-        # On the press, not on the release: even a press that slips off the button counts.
+        # It acts on the press, so that a press also counts if the pointer then slips off.
         self.kill.button.pressed.connect(presses.kill)
         self.question.answered.connect(presses.answer)
         self.events.filter.clicked.connect(presses.toggle_events)
@@ -54,7 +54,7 @@ class ConsoleWindow(Areas):
         self.alerts.seen.connect(alarm.see)
         self.alerts.mute.clicked.connect(alarm.toggle_sound)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
-        # Always queued, because the signals come from other threads.
+        # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(display.take_races, queued)
         inbox.event.connect(display.take_event, queued)
@@ -89,10 +89,10 @@ class ConsoleWindow(Areas):
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
     ) -> bool:
-        """Handle keys and clicks before any widget does, and follow the pointer."""
+        """Handle keys and clicks before any widget gets them, and explain what is pointed at."""
         kind = event.type()
-        # Nothing may ever take a click or a key from a stop. A context menu or a tooltip would, so
-        # both are blocked; the bottom line shows the text of the tooltip instead.
+        # Nothing may ever take a click or a key from a stop. A context menu or a tooltip would do
+        # so, so neither opens; the bottom line shows the text of the tooltip instead.
         if kind in (QtCore.QEvent.Type.ContextMenu, QtCore.QEvent.Type.ToolTip):
             return True
         if isinstance(watched, QtGui.QWindow):
