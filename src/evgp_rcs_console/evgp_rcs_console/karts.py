@@ -16,7 +16,7 @@ from typing import NamedTuple
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
-from evgp_rcs_console.view import COLUMNS, KART_COMMANDS, MOST_BARS, Row
+from evgp_rcs_console.view import Column, COLUMNS, KART_COMMANDS, MOST_BARS, Row
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
@@ -210,15 +210,6 @@ class Tiles(QtWidgets.QWidget):
         super().__init__()
         self.setObjectName('overview')
         self._table = table
-        self._shown: object = None
-
-    def look(self) -> None:
-        """Draw the tiles again if any of them has changed."""
-        table = self._table
-        looks = [(row.number, row.link.tone, row.sent, row.answer.tone) for row in table.rows]
-        if self._shown != (looks, table.stale):
-            self._shown = looks, table.stale
-            self.update()
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         rows = self._table.rows
@@ -263,7 +254,6 @@ class KartTable(QtWidgets.QTableWidget):
         self.rows: tuple[Row, ...] = ()
         self.chosen = 0
         self.stale = False
-        self._shown: dict[tuple[int, int], object] = {}
         self._scrolling = scrolling
         self.setObjectName('karts')
         self.setShowGrid(False)
@@ -289,17 +279,14 @@ class KartTable(QtWidgets.QTableWidget):
         """Show the karts, and draw only those cells again that have changed."""
         if stale != self.stale:
             self.viewport().update()
-        self.rows, self.stale = rows, stale
+        before, self.rows, self.stale = self.rows, rows, stale
         self.setRowCount(len(rows))
-        self._shown = {cell: shown for cell, shown in self._shown.items() if cell[0] < len(rows)}
         for place, row in enumerate(rows):
-            looks = row.in_race, row.use_msr, row.waits, row.bars
             for number, column in enumerate(COLUMNS):
-                cells = column.cell(row), column.below(row)
-                if self._shown.get((place, number)) != (cells, looks):
-                    self._shown[place, number] = cells, looks
-                    text = '\n'.join(each.text for each in cells if each.text)
-                    self.setItem(place, number, QtWidgets.QTableWidgetItem(text))
+                if place >= len(before) or _looks(column, before[place]) != _looks(column, row):
+                    said = column.cell(row).text, column.below(row).text
+                    item = QtWidgets.QTableWidgetItem('\n'.join(filter(None, said)))
+                    self.setItem(place, number, item)
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
         """Move the focus, and scroll to the row that has it."""
@@ -312,6 +299,11 @@ class KartTable(QtWidgets.QTableWidget):
     def bring_into_view(self, place: int) -> None:
         with self._scrolling(self.verticalScrollBar()):
             self.scrollTo(self.model().index(place, 0))
+
+
+def _looks(column: Column, row: Row) -> object:
+    """Return all that a kart's cell shows, apart from what all cells share."""
+    return column.cell(row), column.below(row), row.in_race, row.use_msr, row.waits, row.bars
 
 
 class KartList(Panel):
@@ -376,7 +368,7 @@ class KartList(Panel):
     def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
         count = len(self.table.rows)
         self.table.show_rows(rows, stale)
-        self._tiles.look()
+        self._tiles.update()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
             self._buttons.append(buttons)

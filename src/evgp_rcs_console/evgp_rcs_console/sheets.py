@@ -48,7 +48,6 @@ class Sheet(Panel):
         super().__init__(name, 'sheet')
         self.setParent(parent)
         self.hide()
-        self.parts: list[QtWidgets.QWidget] = []
         self._column = QtWidgets.QVBoxLayout(self)
         self._column.setProperty('design', [10, 18, 14, 18, 16])
         self.title = Text(f'{name}_title', 'large bold', text=title)
@@ -58,7 +57,6 @@ class Sheet(Panel):
         """Add a part at the bottom, with a height in pixels, or 0: as high as its text."""
         fixed(part, height=height)
         self._column.addWidget(part)
-        self.parts.append(part)
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """Fill the width of a room with the texts, in smaller type if they are too high for it."""
@@ -116,16 +114,16 @@ class Question(Sheet):
         self.also.clicked.connect(lambda: self.answered.emit(True, True))
         for text in self._texts:
             self.add(text)
-        answers = QtWidgets.QWidget()
-        lay(answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
-        self.add(answers, 60)
+        self._answers = QtWidgets.QWidget()
+        lay(self._answers, (self.no, self.also, self.yes), gap=10, columns=(1, 1, 1))
+        self.add(self._answers, 60)
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """Lie at the bottom of a room, so that the first karts stay in sight."""
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
         self._column.activate()
-        top, bottom = self.title.geometry().bottom(), self.parts[-1].geometry().top()
+        top, bottom = self.title.geometry().bottom(), self._answers.y()
         there = self._column.contentsRect()
         high = max(bottom - top - look.px(10), look.px(46))
         self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
@@ -209,7 +207,6 @@ class Choice(Sheet):
     def _offer(self, buttons: Sequence[Push]) -> None:
         for each in self._offered:
             each.deleteLater()
-            self.parts.remove(each)
         self._offered = [*buttons]
         for each in buttons:
             self.add(each, 34)

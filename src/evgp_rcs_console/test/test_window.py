@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The window without a race control and without a screen: where things are, and what fits."""
+"""The window without race control and without a screen, at a simulated time."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ import pytest
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
 
 SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160), (911, 512)]
-"""The last one is 1366 by 768 on a desktop that enlarges everything by 150 %."""
+"""Sizes of the window; the last is 1366 by 768 on a desktop that enlarges all by 150 %."""
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
 ASKING = [kind for kind in CommandKind if CATALOGUE[kind].asks]
@@ -69,7 +69,7 @@ SENTENCES = (
     *('status', 'tally', 'rest', 'officials', 'humans_reason'),
     *('danger_detail', 'state_since', 'number_detail'),
 )
-"""Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
+"""Texts of any length: if they do not fit, they end with dots, and the bottom line shows all."""
 
 
 @pytest.fixture(scope='module')
@@ -81,9 +81,9 @@ def application() -> Any:
 
 class Console:
     """
-    A window, what it is told, and what it sent.
+    A window, and what it sent.
 
-    :cvar now: the time by the window's clock, in seconds; it passes only in `settle`.
+    :cvar now: the time of the window, in seconds; it passes only in ``settle``.
     """
 
     now = 1000.0
@@ -102,7 +102,7 @@ class Console:
         self.settle(FORWARD)
 
     def settle(self, seconds: float = 0.0) -> None:
-        """Let time pass, and have Qt do what is to be done; the window never hangs meanwhile."""
+        """Let time pass and Qt handle its events, in steps too short for a hang."""
         ends = self.now + seconds
         while True:
             self.window.look()
@@ -113,12 +113,13 @@ class Console:
             Console.now = min(ends, self.now + STALE)
 
     def tell(self, race: Snapshot) -> None:
+        """Send the window a snapshot."""
         self._race = race
         self.inbox.on_race(race, self.now, False)
         self.settle()
 
     def look(self) -> None:
-        """Look at the window for long enough to aim, while race control repeats the race."""
+        """Send the last snapshot again, and wait until an official has seen what it shows."""
         self.tell(self._race)
         self.settle(AIM)
 
@@ -141,7 +142,7 @@ class Console:
         return list(self.window.findChildren(CommandButton))
 
     def row(self, number: int) -> QtCore.QRect:
-        """Return where a kart's row is in the window: its upper left corner, unless it is cut."""
+        """Return the visible part of a kart's row, in the window; empty if it is out of sight."""
         karts = self.window.karts
         table = karts.table
         rect = table.visualRect(table.model().index(karts.numbers.index(number), 0))
@@ -150,24 +151,24 @@ class Console:
         return seen.translated(corner) if not seen.isEmpty() else seen
 
     def says(self, number: int) -> str:
-        """Return what a kart's row says."""
+        """Return the texts of a kart's row."""
         model, place = self.window.karts.table.model(), self.window.karts.numbers.index(number)
         return '\n'.join(model.index(place, column).data() or '' for column in range(6))
 
     def press(self, *names: str) -> None:
-        """Press keys, by their names in Qt."""
+        """Look at the window, then press keys, by their names in Qt."""
         self.look()
         for name in names:
             self.strike(name)
 
     def strike(self, name: str) -> None:
-        """Press a key at once, without looking first."""
+        """Press a key without looking first."""
         key = QtGui.QKeySequence(name)[0]
         QtTest.QTest.keyClick(self._handle, key.key(), key.keyboardModifiers())
         self.settle()
 
     def repeat(self, key: QtCore.Qt.Key) -> None:
-        """Have a key that is held repeat."""
+        """Let a key that is held repeat."""
         none = QtCore.Qt.KeyboardModifier.NoModifier
         kind = QtCore.QEvent.Type.KeyPress
         event = QtGui.QKeyEvent(kind, key.value, none, ' ', True)
@@ -179,7 +180,7 @@ class Console:
         self.click_at(self.place(name))
 
     def place(self, name: str) -> QtCore.QPoint:
-        """Return the middle of a widget, in the window."""
+        """Return the centre of a widget, in the window."""
         widget = self.find(name)
         return widget.mapTo(self.window, widget.rect().center())
 
@@ -188,14 +189,14 @@ class Console:
         return self.window.windowHandle()
 
     def click_at(self, point: QtCore.QPoint, act: str = 'mouseClick') -> None:
-        """Click at a point of the window, or do what else a mouse does."""
+        """Click at a point of the window, or do something else with the mouse, without looking."""
         left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
         getattr(QtTest.QTest, act)(self._handle, left, none, point)
         self.settle()
 
     @property
     def commands(self) -> list[tuple[CommandKind, int]]:
-        """Return what was sent, and to which kart, and forget it."""
+        """Return what was sent since the last call, and to which karts."""
         found = [(given.command, given.kart) for given in self.sent]
         self.sent.clear()
         return found
@@ -214,10 +215,10 @@ def opened(
     tmp_path: pathlib.Path,
     capfd: pytest.CaptureFixture[str],
 ) -> Iterator[Any]:
-    """Return a function that opens a window of a size; what fails in it fails the test."""
+    """Return a function that opens a window of a size; a traceback on stderr fails the test."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
-    # QTest stamps each click half a second after the last one, and keys by the time: a quick test
-    # would seem to press its keys long ago. test_freshness.py and test_console.py test stamps.
+    # QTest stamps each click half a second after the last one, but keys with the real time. By
+    # these stamps, keys would seem old. test_freshness.py and test_console.py test the stamps.
     monkeypatch.setattr(InputClock, 'age', lambda self, stamp, now: 0.0)
     monkeypatch.setattr(time, 'clock_gettime', lambda _: Console.now)
     windows: list[Console] = []
@@ -235,7 +236,7 @@ def opened(
 def race_of(
     count: int, state: RaceState = RaceState.GREEN_GREEN, reason: str = '', **changes: Any
 ) -> Snapshot:
-    """Return a race of some karts, with every command possible unless there is a reason."""
+    """Return a race of some karts; a reason makes every command impossible."""
     statement = '' if reason else 'the track is clear of humans'
     commands = tuple(
         each._replace(
@@ -285,12 +286,12 @@ def alert(kart: int) -> Alert:
 
 
 def linked(link: LinkQuality) -> dict[str, Any]:
-    """Return the fields of a kart with this link."""
+    """Return the fields of a kart that has this link."""
     return {'link': link, 'poor_lately': link.grade is Grade.POOR}
 
 
 def every(**fields: Any) -> tuple[Availability, ...]:
-    """Return that race control offers every command, with these fields."""
+    """Return the offer of every command, with some fields changed."""
     return tuple(each._replace(**fields) for each in EVERYTHING)
 
 
@@ -301,7 +302,7 @@ def event(
 
 
 def timing(karts: int, laps: int = 3) -> Standings:
-    """Return what the timekeeper says of a race of six laps: so many karts, after so many laps."""
+    """Return the standings of a race of six laps, in which each kart has completed some laps."""
     times = (61.2345,) * laps
     results = (
         KartResult(kart, kart, Status.RUNNING, laps, 4321.5 + 16 * kart, times, ())
@@ -331,7 +332,7 @@ STATES = {
 
 
 def misfits(window: Any) -> Iterator[str]:
-    """Yield every text that is cut."""
+    """Yield every text that is cut off, except sentences."""
     for widget in window.findChildren(QtWidgets.QWidget):
         if isinstance(widget, (Text, Push, AlertsArea)) and not widget.visibleRegion().isEmpty():
             name = widget.objectName()
@@ -348,14 +349,14 @@ def misfits(window: Any) -> Iterator[str]:
     for place, number in enumerate(karts.numbers):
         index = karts.table.model().index(place, 0)
         seen = karts.table.viewport().rect().contains(karts.table.visualRect(index))
-        # A long name or note ends with dots, and the bottom line has all of it.
+        # A long name or note may end with dots, because the bottom line shows all of it.
         cut = karts.cut(place, (0, 2, 3, 4, 5)) if seen else ''
         if cut:
             yield f'kart {number}: {cut!r} is cut'
 
 
 def overlaps(window: Any) -> Iterator[str]:
-    """Yield every two areas, and every two buttons of one area, that lie over each other."""
+    """Yield every two areas, and every two parts of an area, that overlap."""
     for parent in (window, *window.findChildren(QtWidgets.QWidget)):
         if parent.objectName() in ('rows', 'question', ''):
             continue
@@ -412,7 +413,7 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
 
 
 def assert_karts_and_strip_are_seen(console: Console) -> None:
-    """Check that the strip and the number of each kart in sight can be seen and clicked."""
+    """Check that the strip and the row of each kart in sight can be seen and clicked."""
     strip = console.find('strip')
     shown = console.window.childAt(console.place('strip'))
     assert shown is strip or shown.parentWidget() is strip
@@ -711,7 +712,7 @@ def test_all_kill_says_to_how_many_karts(opened: Any) -> None:
 
 
 def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
-    """Return where every button and every area is, by the name of its first command."""
+    """Return the place of each button and area by name; a toggle has its first command's name."""
     found = {}
     for each in console.window.findChildren(QtWidgets.QWidget):
         name = each.objectName()
@@ -728,7 +729,7 @@ MOVES = (
     *('number', 'standing', 'tally', 'reminder', 'rest', 'officials', 'battery'),
     *('question_', 'help_', 'top_line', 'danger'),
 )
-"""What is no control, and shares a place with something else."""
+"""What may move, because it is no control."""
 
 
 @pytest.mark.parametrize(
@@ -770,7 +771,7 @@ def test_no_control_moves_whatever_is_shown(
 
 
 def without(race: Snapshot, number: int) -> Snapshot:
-    """Return a race without a kart, and with another one at the end: the rows move up."""
+    """Return a race without one of its karts and with a new one at the end: the rows move up."""
     rest = [kart for kart in race.karts if kart.number != number]
     return replace(race, karts=(*rest, replace(rest[-1], number=rest[-1].number + 1)))
 
