@@ -105,8 +105,9 @@ class Console:
         """Let time pass and Qt handle its events, in steps too short for a hang."""
         ends = self.now + seconds
         while True:
+            self.application.processEvents()
             self.window.look()
-            for _ in range(3):
+            for _ in range(2):
                 self.application.processEvents()
             if self.now >= ends:
                 return
