@@ -23,7 +23,7 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.style import look, NUMBER, SMALL
+from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
@@ -57,14 +57,15 @@ def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
         ink, fill = look.fill(tone if unseen else Tone.GARAGE)
         head, kart, age = notice.heading, '', ''
         if notice.alert is not None and notice.lasts:
-            kart = f'&nbsp;<span style="font-size:{look.px(NUMBER)}px">{notice.kart or ""}</span>'
+            size = look.px(NUMBER if notice.use_msr else LARGE)
+            kart = f'&nbsp;<span style="font-size:{size}px">{notice.kart or ""}</span>'
             age = words.clock(max(0.0, at - notice.alert.since))
         text = html.escape(notice.text)
         if number >= sentences and kart and notice.kart:
             text = ''
         tables.append(
-            f'<table width="100%" cellpadding="{look.px(3)}" cellspacing="0" bgcolor="{fill}"'
-            f' style="color:{ink}; margin-bottom:{look.px(4)}px"><tr>'
+            f'<table width="100%" cellpadding="{look.px(2)}" cellspacing="0" bgcolor="{fill}"'
+            f' style="color:{ink}; margin-bottom:{look.px(3)}px"><tr>'
             f'<td style="white-space:nowrap; vertical-align:middle"><b>{head}{kart}</b></td>'
             f'<td align="right" style="vertical-align:middle"><b>{age}</b></td></tr>'
             + f'<tr><td colspan="2" style="font-size:{look.px(SMALL)}px">{text}</td></tr>'

@@ -654,6 +654,18 @@ def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(ope
     assert not console.text('banner')
 
 
+def test_three_new_alerts_are_seen_at_once_while_the_msr_is_in_use(opened: Any) -> None:
+    console = opened()
+    alerts = [
+        Alert(AlertKind.LOST_IN_MOTION, kart, 0.0, f'Kart {kart} (Purdue) was lost', False)
+        for kart in (1, 2, 3)
+    ]
+    console.tell(race_of(8, RaceState.RED_RED, alerts=tuple(alerts)))
+
+    assert console.text('banner').count('\n') == 8
+    assert 'not shown' not in console.text('standing')
+
+
 @pytest.mark.parametrize(
     ('status', 'capacity', 'low'),
     [('Discharging', '12', 12), ('Discharging', '80', None), ('Charging', '12', None)],
