@@ -4,9 +4,9 @@
 """
 An adapter that lets Autoware drive only in GREEN_GREEN (docs/autoware.md).
 
-The adapter requests stops from Autoware's command gate. It requests a gentle stop in every state
-but GREEN_GREEN. It requests an emergency stop in RED_RED, or if Autoware does not grant the gentle
-stop. The gate also stops the kart if this node's heartbeat stops, or says that it is not ready.
+The adapter requests its stops from Autoware's command gate: a gentle stop in every state but
+GREEN_GREEN, and an emergency stop in RED_RED or if Autoware does not grant the gentle one. The
+gate also stops the kart if this node's heartbeat ends, or reports that the node is not ready.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ REQUEST_AGAIN = 0.2
 """Time before the adapter repeats a request, in seconds. The gate may have restarted."""
 
 GRANTED_FOR = 1.0
-"""How long the adapter relies on a granted stop, in seconds. It waits just as long for Autoware to
-grant a new stop."""
+"""Time for which the adapter relies on a granted stop, in seconds. It waits equally long for
+Autoware to grant a new one."""
 
 HEARTBEAT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -117,7 +117,7 @@ class AutowareAdapter(StrictNode):
         self.create_timer(HEARTBEAT_INTERVAL, self._step, clock=steady)
 
     def close(self) -> None:
-        """Request the emergency stop. The end of the heartbeat causes it as well."""
+        """Request the emergency stop, which the end of the heartbeat causes as well."""
         self._request(RaceState.RED_RED)
 
     def _step(self) -> None:

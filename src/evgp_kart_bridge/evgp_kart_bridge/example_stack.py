@@ -4,12 +4,12 @@
 """
 An example stack to copy. It obeys the race state, drives at a simulated speed, and acknowledges.
 
-With the parameter ``command``, the stack commands real motors. It then publishes no speed and
-acknowledges only GRID_ACTIVE, because it simulates its speed and does not measure it.
+With the parameter ``command``, the stack commands real motors. Because it only simulates its speed
+and does not measure it, it then publishes no speed and acknowledges nothing but GRID_ACTIVE.
 
 The stack stops when the bridge dies, because ``RaceStateWatch`` then returns RED_RED. It brakes to
-a stop before it ends, even after a failure. If its process is killed, it cannot brake, so the
-motors must stop when they receive no commands.
+a stop before it ends, even after a failure. A killed process cannot brake, so the motors must stop
+when they receive no commands.
 
 The stack's timer uses the steady clock. With ROS time, a wall clock that is set back, or simulated
 time that no node publishes, would keep the stack from braking.
@@ -116,7 +116,7 @@ class ExampleStack(StrictNode):
         return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
-        """Brake to a stop without the executor. It may no longer be running."""
+        """Brake to a stop without the executor, which may no longer be running."""
         with self._driving:
             self._ended = True
             while self._speed > 0.0:
@@ -162,7 +162,7 @@ class ExampleStack(StrictNode):
         return odometry
 
     def _acknowledge(self, order: Order) -> None:
-        """Acknowledge GRID_ACTIVE once ready, GREEN_GREEN once driving, reds at standstill."""
+        """Acknowledge GREEN_GREEN once the kart drives, GRID_ACTIVE and reds at a standstill."""
         if not self._simulates and order.state is not RaceState.GRID_ACTIVE:
             return  # the stack does not measure the real kart's speed
         moves = self._speed > 0.0

@@ -4,7 +4,7 @@
 """
 The lamp on a kart shows people nearby what to expect from the kart.
 
-The lamp uses the colours of Formula Student. This module is pure: the caller gives the time.
+Its colours are those of Formula Student. This module is pure: the caller passes in the time.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from __future__ import annotations
 from evgp_protocol.states import RaceState
 
 PHASE = 0.2
-"""How long a flashing lamp is lit, and then how long it is dark, in seconds. It flashes 2.5 times
-a second."""
+"""Time for which a flashing lamp is lit, and then dark, in seconds: 2.5 flashes a second."""
 
 Colour = tuple[float, float, float]
 YELLOW: Colour = (1.0, 1.0, 0.0)

@@ -5,16 +5,16 @@
 The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
 One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` in this
-thread. The inputs are frames, the loss of the connection, deadlines, and what the node passes in
-(``give``). In the same turn, the link carries out the arbiter's reaction: it sends an
-acknowledgement, closes the socket, or publishes a verdict.
+thread: frames, the loss of the connection, deadlines, and what the node passes in (``give``). In
+the same turn, the link carries out the arbiter's reaction by sending an acknowledgement, closing
+the socket or publishing a verdict.
 
-The same thread publishes the verdict again `REPEAT` times a second. If the thread hangs, it falls
+The same thread publishes the verdict again `REPEAT` times a second, so a thread that hangs falls
 silent, and the kart's nodes stop (§3.E).
 
-The time comes from `evgp_protocol.clock`, a clock that cannot be set and that also counts time in
-suspend. After a computer wakes up, the link checks the time within ``1 / REPEAT``, or before it
-judges the first frame that arrives. It then finds that the connection was silent for too long.
+The time comes from `evgp_protocol.clock`, a clock that cannot be set and that includes suspend.
+After the computer wakes up, the link checks the time within ``1 / REPEAT``, and in any case before
+it judges the first frame that arrives. It then finds that the connection was silent for too long.
 """
 
 from __future__ import annotations
@@ -41,14 +41,15 @@ CONNECT_TIMEOUT = 2.0
 
 FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
-"""Maximum time between two attempts, in seconds. It is `FIRST_WAIT` at first, and then doubles."""
+"""First and last maximum of the time between two attempts to connect, in seconds. It doubles with
+each attempt."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""
 
 READ_BYTES = 4096
 """Maximum number of bytes read in one turn. The kart obeys the last frame in them. Race control
-needs 15 s to send more than this, and the connection is lost after 1 s."""
+takes 15 s to send more than this, but a kart that reads no frame for 1 s loses the connection."""
 
 SEND_BYTES = 4096
 """Size of the kernel's send buffer, in bytes. The buffer is small, so that the link soon notices
@@ -108,7 +109,7 @@ class RaceControlLink:
     :param settings: where to connect.
     :param publish: called in the thread with every new verdict, and `REPEAT` times a second. It
         must not wait for anything.
-    :param on_failure: called in the thread when the link cannot go on. The link then publishes
+    :param on_failure: called in the thread if the link cannot continue. The link then publishes
         nothing more.
     """
 
@@ -130,7 +131,7 @@ class RaceControlLink:
         self._timer: asyncio.TimerHandle | None = None
         self._thread = threading.Thread(target=self._run, name='link', daemon=True)
         self._started = threading.Event()
-        # The loop must not end while another thread gives an input.
+        # The loop must not end while another thread passes in an input.
         self._running = threading.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
 
@@ -149,9 +150,9 @@ class RaceControlLink:
 
     def give(self, take: Input) -> concurrent.futures.Future[Reaction]:
         """
-        Give the arbiter an input. Any thread may call this.
+        Pass an input to the arbiter. Any thread may call this.
 
-        :param take: a function that gets the arbiter and the current time (in seconds), and
+        :param take: a function that receives the arbiter and the current time (in seconds), and
             returns the reaction.
         :return: a future for the reaction. It raises LinkClosedError if the link has ended.
         """
@@ -215,13 +216,13 @@ class RaceControlLink:
             self._ending.set_exception(error)
 
     def _take(self, take: Input) -> Reaction:
-        """Give the arbiter an input, carry out the reaction, and publish a new verdict."""
+        """Pass an input to the arbiter, carry out its reaction, and publish a new verdict."""
         reaction = self._give(take)
         self._publish_news()
         return reaction
 
     def _give(self, take: Input) -> Reaction:
-        """Give the arbiter an input and carry out the reaction, but do not publish yet."""
+        """Do the same as `_take`, but do not publish yet."""
         loop = asyncio.get_running_loop()
         reaction = take(self._arbiter, loop.time())
         self._verdict = reaction.verdict

@@ -6,9 +6,7 @@ The kart's motion according to odometry, with its twist checked against its pose
 
 If the twist of odometry is not filled in, or is stuck, it reads 0.00 m/s at any speed, and the
 bridge would acknowledge a stop while the kart rolls. This module therefore compares the distance
-between poses with the distance that the twist explains.
-
-This module is pure: each input contains its time.
+between poses with the distance that the twist explains. It is pure: each input contains its time.
 """
 
 from __future__ import annotations
@@ -23,7 +21,7 @@ POSE_NOISE = 0.1
 """Maximum distance that the pose of a kart at standstill moves within `WINDOW`, in metres."""
 
 NEVER_MOVED = 5.0
-"""How long odometry may read 0.00 m/s in GREEN_GREEN before the bridge warns, in seconds."""
+"""Time at 0.00 m/s in GREEN_GREEN after which the bridge warns of the odometry, in seconds."""
 
 
 class Motion:
@@ -42,7 +40,9 @@ class Motion:
 
     def speed(self, twist: float, x: float, y: float, now: float) -> float:
         """
-        Return the speed to rely on, in m/s: the pose's if the twist does not explain the pose.
+        Return the speed to rely on, in m/s.
+
+        If the twist does not explain how the pose moved, this is at least the speed of the pose.
 
         :param twist: the speed of the twist, in m/s.
         :param x: the x of the pose, in m. A pose that is not finite is ignored.
@@ -78,11 +78,11 @@ class Motion:
 
     def never_moves(self, green: bool, speed: float, now: float) -> bool:
         """
-        Return True once for each time that odometry has read 0.00 m/s in GREEN_GREEN too long.
+        Return True once each time odometry has read 0.00 m/s for `NEVER_MOVED` in GREEN_GREEN.
 
         :param green: whether the kart obeys GREEN_GREEN.
         :param speed: the speed, in m/s.
-        :param now: the time, in seconds. Too long means for `NEVER_MOVED`.
+        :param now: the time, in seconds.
         """
         if not green or not speed < 0.005:
             self._zero_since, self._warned = None, False

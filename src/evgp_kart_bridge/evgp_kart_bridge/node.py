@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``kart_bridge`` node publishes the state that a kart must obey, as ROS topics.
+The ``kart_bridge`` node, which publishes the state that a kart must obey as ROS topics.
 
-The node has two threads that share no state. The link's thread (``link``) owns the arbiter and
-publishes. Only this thread keeps the kart's topics alive. The executor's thread receives the
-messages and calls from the team's nodes, and passes them to the link.
+The node has two threads. The link's thread (``link``) owns the arbiter and publishes, and it alone
+keeps the kart's topics alive. The executor's thread receives the messages and calls of the team's
+nodes, and passes them to the link.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ LINK_ANSWER_TIMEOUT = 1.0
 """Maximum time that a service call from the team waits for the link, in seconds."""
 
 REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
-"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True is a
+"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True means
 stop."""
 
 REMOTE_QOS = QoSProfile(
@@ -68,29 +68,28 @@ REMOTE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of `REMOTES`. It ensures that no stop is lost. The bridge treats a publisher that does not
-ensure this as a stop."""
+"""QoS of `REMOTES`. It ensures that no stop is lost. If a publisher's QoS does not ensure this,
+the bridge treats that publisher as a stop."""
 
 LATCHED_REMOTE_QOS = latched(1)
-"""QoS of a second subscription to each remote. It also receives the earlier messages from a
-latched remote."""
+"""QoS of a second subscription to each remote, which also receives what a latched remote published
+earlier."""
 
 LOOK_AROUND = 0.3
 """Time between two checks for a second node where only one node is allowed, in seconds."""
 
 UNREAD = 5.0
-"""How long the race state may have no reader before the bridge logs this, in seconds."""
+"""Time without a reader of the race state after which the bridge logs this, in seconds."""
 
 UNACKNOWLEDGED = 5.0
-"""How long an acknowledgement may be missing, although nothing prevents it, before the bridge logs
-this, in seconds."""
+"""Time after which the bridge logs a missing acknowledgement that nothing prevents, in seconds."""
 
 ODOMETRY_DUE = 2.0
-"""How long odometry may be missing before the bridge logs this, in seconds."""
+"""Time without the expected odometry after which the bridge logs this, in seconds."""
 
 TEAM_TIMEOUT = 1.0
-"""How long the bridge may go without a check before it assumes that it does not hear its team, in
-seconds."""
+"""Time without a check in the executor's thread after which the bridge assumes that it can no
+longer hear its team, in seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -98,12 +97,12 @@ ODOMETRY_QOS = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""QoS of ``~/odom``. With it, the bridge receives the newest odometry from a publisher of any
-reliability."""
+"""QoS of ``~/odom``. With it, the bridge receives the newest odometry, whether the publisher is
+reliable or not."""
 
 MOST_FIRST_ORDER = 2**52
-"""Highest number that a bridge's first order can have. JSON and JavaScript keep integers exact
-only below 2**53. This maximum leaves room for the orders that follow."""
+"""Highest possible number of a bridge's first order. JSON and JavaScript represent integers
+exactly only below 2**53, and this maximum leaves room for the orders that follow."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -122,7 +121,7 @@ _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in Rac
 
 
 def _to_paste(verdict: Verdict) -> str:
-    """Return a sentence with the request to send once the kart has reached the state."""
+    """Return a sentence with the request that acknowledges the state, to paste into a terminal."""
     if verdict.reached is None:
         return f'there is nothing to acknowledge: {verdict.reason}'
     done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
@@ -137,7 +136,7 @@ class KartBridge(StrictNode):
     """
     The bridge's node.
 
-    :param on_failure: called with the error, in another thread, when the bridge cannot go on.
+    :param on_failure: called in another thread, with the error, if the bridge cannot continue.
     :param node_options: further arguments for rclpy's node.
     :raises ParameterError: if a parameter is wrong.
     """
@@ -169,11 +168,11 @@ class KartBridge(StrictNode):
         self._odometry_was_missed = False
         self._awaited: tuple[int, float] | None = None  # the order, and since when
         self._read = False
-        self._unread_at: float | None = clock.now()  # None: read, or the log says it is not
+        self._unread_at: float | None = clock.now()  # None once it is read, or logged as unread
         self._until_diagnostics = 0
         self._until_look = 0
-        # The link's thread triggers this condition. If the executor runs the callback, it also
-        # receives the team's messages. A timer would not work, because some middlewares wait for
+        # The link's thread triggers this condition. An executor that runs the callback can also
+        # receive the team's messages. A timer would not work, because some middlewares wait for
         # timers by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
@@ -203,15 +202,15 @@ class KartBridge(StrictNode):
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
-                f'Until odometry arrives on {self._odometry_topic}, this bridge believes the '
-                'stack that the kart stands still. Give it odometry: make bridge ODOM=/odom, or '
-                'odom:=/odom for the launch file'
+                f'Until odometry arrives on {self._odometry_topic}, this bridge takes the '
+                "stack's word that the kart stands still. To give it odometry, use make bridge "
+                'ODOM=/odom, or odom:=/odom with the launch file'
             )
         self._link = RaceControlLink(arbiter, link_settings, self._on_verdict, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
         for source, topic in REMOTES.items():
-            # The second subscription receives a latched stop from before this bridge started.
+            # The second subscription also receives a stop latched before this bridge started.
             for qos, incompatible in (
                 (REMOTE_QOS, self._remote_unreliable),
                 (LATCHED_REMOTE_QOS, lambda _: None),
@@ -335,7 +334,7 @@ class KartBridge(StrictNode):
         return any(each.get_subscription_count() for each in forms)
 
     def _look_for_readers(self) -> None:
-        """Log once that no stack reads the race state, in case it is in another ROS domain."""
+        """Log once that no stack reads the race state: it may be in another ROS domain."""
         if self._is_read():
             self._unread_at = None
             self._read = True
@@ -354,7 +353,7 @@ class KartBridge(StrictNode):
         velocity, place = message.twist.twist.linear, message.pose.pose.position
         twist, now = math.hypot(velocity.x, velocity.y), clock.now()
         speed = self._motion.speed(twist, place.x, place.y, now)
-        # With two publishers, which the bridge reports elsewhere, each twist may be right.
+        # Two publishers, which the bridge reports elsewhere, may each publish a correct twist.
         if self._motion.contradiction and self.count_publishers(self._odometry_topic) < 2:
             self.get_logger().warning(
                 f'The kart counts as moving: {self._motion.contradiction}',
@@ -383,7 +382,7 @@ class KartBridge(StrictNode):
         given.add_done_callback(self._warn_of_odometry)
 
     def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
-        """Log what keeps the kart from acknowledging a stop, even if no stack has tried."""
+        """Log what keeps a stop from being acknowledged, even if no stack has tried to do so."""
         if given.exception() is not None or not given.result().hindrance:
             return
         self.get_logger().warning(
@@ -442,7 +441,7 @@ class KartBridge(StrictNode):
             ) from error
 
     def _log(self, verdict: Verdict, status: LinkStatus) -> None:
-        """Log what is new, but do not repeat each failure to connect."""
+        """Log what is new, without repeating every failure to connect."""
         last = self._published
         obeyed = f'Obey {verdict.state.value}'
         if verdict.acknowledged and last is not None and not last.acknowledged:
@@ -461,8 +460,8 @@ class KartBridge(StrictNode):
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()
-            # The last line of the log must be true, so a reason that was left out and still
-            # applies is logged later.
+            # The last line of the log must be true, so a reason that was left out is logged later
+            # if it still applies.
             if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
                 self._logged = {
                     each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
@@ -471,7 +470,7 @@ class KartBridge(StrictNode):
                 self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
-        """Each time odometry goes missing, log that once, and log once that it is back."""
+        """Log once each time odometry goes missing, and once when it comes back."""
         missing = self._arbiter.missing_odometry
         now = clock.now()
         if not missing:
@@ -485,7 +484,7 @@ class KartBridge(StrictNode):
             self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
-        """Log once for each order that only the acknowledgement is missing."""
+        """If only the acknowledgement of an order is missing, log this once for that order."""
         awaited, now = self._arbiter.awaited, clock.now()
         if awaited is None:
             self._awaited = None
@@ -545,17 +544,18 @@ class KartBridge(StrictNode):
 OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     (
         'frame_timeout',
-        'How long frames may be missing before the link is lost and the kart stops, s (§3.E).',
+        'Time without frames after which the link is lost and the kart stops, in seconds (§3.E).',
         (0.2, 1.0),
     ),
     (
         'tsr_timeout',
-        'How long ~/tsr may be missing before the kart stops, s. 0 means that it is not required.',
+        'Time without ~/tsr after which the kart stops, in seconds. With 0, it is not required.',
         (0.0, 10.0),
     ),
     (
         'msr_timeout',
-        'How long ~/msr (MSR contact) may be missing before the kart stops, s. 0: not wired.',
+        'Time without ~/msr, the contact of the MSR, after which the kart stops, in seconds. '
+        'With 0, no contact is wired.',
         (0.0, 1.0),
     ),
     (
@@ -566,14 +566,18 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
         'auto_acknowledge_stop',
         'Acknowledge RED_FLAG and RED_RED automatically once ~/odom shows a standstill.',
     ),
-    ('standstill_speed', 'Maximum speed of a kart at standstill, m/s.', (0.0, 0.5)),
-    ('standstill_time', 'Time at standstill before a kart counts as stopped, s.', (0.1, 10.0)),
+    ('standstill_speed', 'Maximum speed of a kart at standstill, in m/s.', (0.0, 0.5)),
+    (
+        'standstill_time',
+        'Time at standstill after which a kart counts as stopped, in seconds.',
+        (0.1, 10.0),
+    ),
     (
         'red_flag_drive_time',
-        'How long ~/stop lets a driving kart slow down in RED_FLAG, s (§3.A).',
+        'Time for which ~/stop lets a driving kart slow down in RED_FLAG, in seconds (§3.A).',
         (0.0, 30.0),
     ),
-    ('drive_in_garage', 'Let the team drive its kart in IN_GARAGE, by ~/stop (§3.A).'),
+    ('drive_in_garage', 'Let ~/stop allow the team to drive its kart in IN_GARAGE (§3.A).'),
 )
 """Name, meaning and range of the arbiter's parameters. `Settings` has the defaults."""
 
@@ -596,7 +600,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     lease = declare(
         'liveliness_lease',
         LEASE,
-        'How long the bridge may be silent before a subscriber must stop the kart, s.',
+        'Silence of the bridge after which a subscriber must stop the kart, in seconds.',
         (0.2, 2.0),
     )
     rules: dict[str, Any] = {
@@ -621,8 +625,8 @@ def main(args: list[str] | None = None) -> int:
     Run the bridge until SIGINT or SIGTERM. The last state that it publishes is RED_RED.
 
     :param args: command-line arguments; None for those of this process.
-    :return: 0 after an orderly end, 1 after a failure (the last state is RED_RED here too), 2 if a
-        setting is wrong.
+    :return: 0 after an orderly end, 1 after a failure (where the last state is RED_RED too), 2 if
+        a setting is wrong.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 

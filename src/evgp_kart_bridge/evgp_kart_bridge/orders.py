@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The rules of `RaceStateWatch`. They decide what a stack must do.
+The rules by which `RaceStateWatch` decides what a stack must do.
 
-The inputs are the bridge's messages and their times. This module is pure: it uses no ROS, clock or
-thread. ``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++, and
-``test_orders.py`` compares the two.
+Their inputs are the bridge's messages and the times of these messages. This module is pure: it
+uses no ROS, clock or thread. ``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++,
+and ``test_orders.py`` compares the two.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ FORGIVEN = 1.0
 GRID_ACTIVE, in seconds."""
 
 NEVER_HEARD = 'no GRID_ACTIVE was heard before GREEN_GREEN'
-"""Why the stack does not obey GREEN_GREEN if it was started too late."""
+"""Reason for not obeying GREEN_GREEN if the stack was started too late."""
 
 TOO_LATE = (
     f'this node was too busy, or the bridge silent, for more than {FORGIVEN:g} s since '
     'GRID_ACTIVE; the kart waits for the next one'
 )
-"""Why the stack does not obey GREEN_GREEN although it heard GRID_ACTIVE before."""
+"""Reason for not obeying GREEN_GREEN although the stack heard GRID_ACTIVE before it."""
 
 ASK_AGAIN = 0.2
 """Time before the stack repeats an acknowledgement that the bridge did not accept, in seconds."""
@@ -54,10 +54,9 @@ class Order:
     :ivar state: the state to obey.
     :ivar number: the number of race control's command, as in `KartRaceState.order`. With 0, the
         order cannot be acknowledged, because there is no command or nothing to report.
-    :ivar reached: the state to acknowledge; None if `number` is 0. It differs from `state` if race
-        control commands RED_FLAG and the kart must obey RED_RED, for example because of a team
-        stop. A kart at a standstill has carried out both. If the kart stopped itself in
-        GRID_ACTIVE or GREEN_GREEN, `reached` differs from the command and is RED_RED.
+    :ivar reached: the state to acknowledge, as in `KartRaceState.reached`; None if `number` is 0.
+        It differs from `state` if race control commands RED_FLAG and the kart must obey RED_RED,
+        for example because of a team stop. A kart at a standstill has carried out both.
     """
 
     state: RaceState
@@ -70,8 +69,8 @@ class Orders:
     The orders of one stack. All times are in seconds, by one clock that never goes back.
 
     :ivar said: the bridge's last message; None if there was none.
-    :param lease: how long the bridge may be silent before the kart obeys RED_RED, in seconds.
-    :param forgiven: the same as `FORGIVEN`, in seconds.
+    :param lease: silence of the bridge after which the kart must obey RED_RED, in seconds.
+    :param forgiven: a value to use instead of `FORGIVEN`, in seconds.
     """
 
     def __init__(self, lease: float, forgiven: float = FORGIVEN) -> None:
@@ -88,7 +87,7 @@ class Orders:
         self._ask_again_at = -math.inf
 
     def order(self, now: float) -> Order:
-        """Return what to do. It is the same object until what to do changes."""
+        """Return the current order, as the same object until the kart has to do something else."""
         state, _ = self.judge(now)
         number, reached = 0, None
         if self.said is not None and not self.doubt(now) and self.said.order:
@@ -128,7 +127,7 @@ class Orders:
         Process the bridge's messages.
 
         :param heard: the messages, oldest first.
-        :param since: a time after which all of them were sent.
+        :param since: a time before which none of them was sent.
         :param now: the current time.
         """
         # A doubt or another state ends the previous order, even if the same state follows it.
@@ -147,7 +146,7 @@ class Orders:
             self._grid_by = None
 
     def look(self, now: float) -> None:
-        """Process the passing of time. Call this about five times in each lease."""
+        """Let time pass. Call this about five times in each lease."""
         if not self.doubt(now):
             if not self._is_armed(now):
                 self._armed_by = None
@@ -157,9 +156,9 @@ class Orders:
         """
         Return whether to send the acknowledgement of this order to the bridge now.
 
-        The answer is False if the order is over, has nothing to acknowledge or is acknowledged, or
-        if the stack sent the acknowledgement less than `ASK_AGAIN` ago. If the answer is True, the
-        caller must send it.
+        The answer is False if the order is over, is already acknowledged or has nothing to
+        acknowledge, or if the stack sent the acknowledgement less than `ASK_AGAIN` ago. If the
+        answer is True, the caller must send the acknowledgement.
         """
         if order is not self.order(now) or order.reached is None:
             return False

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An example node to copy. It obeys the topic `~/state`, without any of our messages or packages.
+An example node to copy, which obeys the topic `~/state` without any of our messages or packages.
 
-This node does not acknowledge. Another node of the kart must do so.
+It does not acknowledge anything, so another node of the kart must do that.
 """
 
 import math
@@ -26,7 +26,7 @@ def boot_time() -> float:
 
 
 class Driver(Node):
-    """A driver that drives straight ahead in GREEN_GREEN, if it heard GRID_ACTIVE before."""
+    """Drives straight ahead in GREEN_GREEN, if it heard GRID_ACTIVE before."""
 
     def __init__(self) -> None:
         super().__init__('driver')

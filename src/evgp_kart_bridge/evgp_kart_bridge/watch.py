@@ -4,10 +4,10 @@
 """
 Tells a team's stack what to do now, and acknowledges what the kart has done.
 
-A subscription alone is not enough. A bridge that has died or hung cannot report this, and its
-last message may have been GREEN_GREEN. Also, a stack that compares the state it has reached with
-the newest command may report a standstill at full speed, because it had reached the previous
-command.
+A subscription alone is not enough, for two reasons. A bridge that has died or hung cannot report
+this, and its last message may have been GREEN_GREEN. And a stack that compares the state that it
+has reached with the newest command may report a standstill at full speed, because the state that
+it had reached belongs to the previous command.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def watch_qos(lease: float) -> QoSProfile:
 
 class RaceStateWatch:
     """
-    Watches the bridge, and says what the kart must do now.
+    Watches the bridge, and decides what the kart must do now.
 
     Use it in a node of your stack, in a timer of the steady clock, about 20 times a second::
 
@@ -202,9 +202,10 @@ class RaceStateWatch:
         The watch sends `Order.reached`. This is RED_FLAG from a kart that stands still in RED_RED
         because of a team stop, and RED_RED from a kart that stopped itself in GREEN_GREEN.
 
-        Call this in every step in which the kart has reached the state. If the answer is lost or
-        a refusal, the watch tries again after 0.2 s. If it is a refusal, the node logs why. This
-        method does nothing if the order is acknowledged or over, or has no number. It never waits.
+        Call this in every step in which the kart has reached the state. If the answer is lost, or
+        the bridge refuses, the watch tries again after 0.2 s; after a refusal, the node logs why.
+        This method never waits. It does nothing if the order is over, is already acknowledged or
+        has no number.
 
         :param order: the order that the kart has carried out, as the same object from `order`.
         """
