@@ -2,31 +2,33 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The arbiter: which race state the kart must obey now (§2.B, §2.C, §3.A, §3.E).
+The arbiter decides which race state the kart must obey now (§2.B, §2.C, §3.A, §3.E).
 
-Three rules for this module:
+Three rules apply to this module:
 
-1. No clock, socket, ROS, thread or log. Each input carries its monotonic time in seconds, and
-   the same inputs always give the same outputs.
-2. All the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``) and a
-   kart without ROS (``kart``) use it and add none; tests compare ``kit/c/evgp_kart.h`` with it.
-3. Doubt means stop. Each rule may only be made stricter.
+1. It uses no clock, socket, ROS, thread or log. Each input carries its monotonic time in seconds,
+   and the same inputs always give the same outputs.
+2. It contains all the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``)
+   and a kart without ROS (``kart``) use it and add no rules; tests compare ``kit/c/evgp_kart.h``
+   with it.
+3. Doubt means stop. A rule may only be made stricter.
 
 Theory of operation. Every input first lets time pass: whatever was due happens before the input
 is judged, so a frame that arrives after the timeout is too late. The verdict follows from a few
 facts:
 
-* *commanded*: the last frame on the current connection; none without a connection or before its
-  first frame. A connection without a frame for ``frame_timeout`` is lost.
+* *commanded*: the last frame on the current connection. Nothing is commanded without a connection
+  or before its first frame, and a connection without a frame for ``frame_timeout`` is lost.
 * *order*: the number of the current command. Every new command gets a number that no earlier
   command had, on this connection or another, even if it asks for the same state again. The same
   command gets a new number when a team stop takes the kart out, and when a team stop ends. A stack
   acknowledges this number, so an earlier acknowledgement never counts for a later command, nor
   after a team stop.
-* *team stop*: any stop that begins on the kart: the service; a stop from the team's safety remote
-  or the MSR's contact, or its silence (``tsr_timeout``, ``msr_timeout``); two nodes where only one
-  is allowed; or a bridge that would not hear its team's stop (``team_timeout``).
-* *armed*: GREEN_GREEN would be obeyed. Only this table sets or clears it:
+* *team stop*: any stop that begins on the kart. It comes from the service; from the team's safety
+  remote or the MSR's contact, by a message or by silence (``tsr_timeout``, ``msr_timeout``); from
+  two nodes where only one is allowed; or from a bridge that would not hear its team's stop
+  (``team_timeout``).
+* *armed*: the kart would obey GREEN_GREEN. Only this table sets or clears it:
 
   ================================================= =============================
   a commanded GRID_ACTIVE is acknowledged           armed
@@ -41,14 +43,13 @@ facts:
   Race control did not command that RED_RED; as far as it knows, the kart is ready or racing. Once
   the kart stands still, it therefore reports RED_RED, like an acknowledgement, but only once for
   each command: a second report could be mistaken for an acknowledgement of a later RED_RED.
-
 * *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and since then it has not
   acknowledged RED_FLAG, has had no team stop, and has not used up ``red_flag_drive_time``.
   RED_FLAG thus lets a moving kart steer to a stop, and never lets a standing one move.
 
-The state to obey is RED_RED without a command, under a team stop, while the kart is out, and under
-a GREEN_GREEN that is not armed; otherwise it is what is commanded. So releasing a team stop or
-reconnecting never makes a kart race.
+The kart must obey RED_RED without a command, during a team stop, while it is out, and if
+GREEN_GREEN is commanded while it is not armed. Otherwise it must obey the command. So releasing a
+team stop or reconnecting never makes a kart race.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ _OUT = 'the kart stopped itself after it acknowledged GRID_ACTIVE, and needs a n
 
 
 class StopSource(enum.Enum):
-    """Where a team stop comes from (§2.B, §2.C); each must release its own."""
+    """The source of a team stop (§2.B, §2.C). Each source must release its own stop."""
 
     SERVICE = 'service'
     TSR = 'tsr'  # the team's safety remote
@@ -78,8 +79,8 @@ class StopSource(enum.Enum):
     TEAM = 'team'  # the bridge's executor hangs, so it would not hear a stop either
     UNRELIABLE = 'unreliable'  # a remote's messages could get lost; only a restart releases it
     TWO_REMOTES = 'two remotes'  # one may say stop and the other go
-    TWO_BRIDGES = 'two bridges'  # the stack may listen to either
-    TWO_LOCKS = 'two locks'  # the motors may listen to either
+    TWO_BRIDGES = 'two bridges'  # the stack may listen to the wrong one
+    TWO_LOCKS = 'two locks'  # the motors may listen to the wrong one
     TWO_ODOMETRIES = 'two odometries'  # one may stand still while the other moves
     TWO_ANSWERERS = 'two answerers'  # one may accept an acknowledgement that is never sent
     TWO_STOPPERS = 'two stoppers'  # one may accept a stop without stopping the kart
@@ -100,14 +101,14 @@ _WHY = {
     StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
     StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
 }
-"""Why each source stops the kart, for people."""
+"""The reason that people read when a source stops the kart."""
 
 _SILENCE = {
     StopSource.TSR: 'nothing from the safety remote',
     StopSource.MSR: "nothing from the MSR's contact",
     StopSource.TEAM: "the bridge has not received its team's messages",
 }
-"""Why the silence of a source stops the kart, for people."""
+"""The reason that people read when the silence of a source stops the kart."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -115,22 +116,23 @@ class Settings:
     """
     The parameters of the rules. Times are in seconds, speeds in m/s.
 
-    :ivar frame_timeout: how long frames may be missing before the connection is lost; above 0.
-    :ivar tsr_timeout: how long messages from the team's safety remote may be missing before this
-        counts as a team stop; 0: no remote is required.
-    :ivar msr_timeout: how long messages about the MSR's contact may be missing before this counts
-        as a team stop; 0: no contact is wired.
-    :ivar team_timeout: how long the sign that the bridge receives its team's messages may be
-        missing before this counts as a team stop; 0: no sign is required.
-    :ivar odometry_required: refuse a red state unless odometry shows a standstill, and GREEN_GREEN
-        unless odometry shows motion (§3.A). Once any odometry was heard, and with
+    :ivar frame_timeout: time without a frame after which the connection is lost; above 0.
+    :ivar tsr_timeout: time without a message from the team's safety remote after which this counts
+        as a team stop; with 0, no remote is required.
+    :ivar msr_timeout: time without a message about the MSR's contact after which this counts as a
+        team stop; with 0, no contact is wired.
+    :ivar team_timeout: time without a sign that the bridge receives its team's messages after
+        which this counts as a team stop; with 0, no sign is required.
+    :ivar odometry_required: refuse to acknowledge a red state unless odometry shows a standstill,
+        and GREEN_GREEN unless odometry shows motion (§3.A). Once any odometry was heard, and with
         `auto_acknowledge_stop`, this always applies.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
-    :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
-    :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped;
-        from 0.
-    :ivar red_flag_drive_time: how long RED_FLAG lets a kart that was driving continue; from 0.
-    :ivar drive_in_garage: the kart may drive in IN_GARAGE, where its team has it (§3.A).
+    :ivar standstill_speed: maximum speed of a kart that stands still; 0 or more.
+    :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped; 0 or
+        more.
+    :ivar red_flag_drive_time: time for which RED_FLAG lets a kart that was driving continue; 0 or
+        more.
+    :ivar drive_in_garage: let the kart drive in IN_GARAGE, where its team has it (§3.A).
     :raises ValueError: if a value is outside its range or not finite.
     """
 
@@ -175,18 +177,11 @@ class Verdict:
     """
     What the kart must do now.
 
-    :ivar state: the state to obey.
-    :ivar commanded: what race control commands on the current connection; None: nothing.
-    :ivar order: the number of that command, a new one after a team stop; 0 without a command.
-    :ivar connected: race control is being heard.
-    :ivar team_stop: the kart stops itself: the team's stop (§2.C), the MSR's contact (§2.B), or a
-        doubt about either.
-    :ivar reached: what to acknowledge once the kart has reached `state`: what is commanded, or
-        RED_RED if it is out; None: nothing.
-    :ivar acknowledged: `reached` has been acknowledged. A team stop that takes the kart out
-        resets it.
-    :ivar reason: why `state` and `commanded` differ, a sentence; empty if they do not.
-    :ivar may_drive: the kart may move. It may always steer and brake.
+    The other fields are those of ``KartRaceState.msg`` (evgp_rcs_msgs), but None means UNKNOWN.
+
+    :ivar acknowledged: whether `reached` has been acknowledged. A team stop that takes the kart
+        out resets this.
+    :ivar may_drive: whether the kart may move. It may always steer and brake.
     """
 
     state: RaceState
@@ -205,8 +200,8 @@ class AcknowledgementAnswer:
     """
     The answer to an acknowledgement.
 
-    :ivar accepted: it is sent to race control.
-    :ivar message: a sentence for people; if refused, what is missing.
+    :ivar accepted: whether the acknowledgement is accepted, and sent to race control.
+    :ivar message: a sentence for people; after a refusal, it says what is missing.
     """
 
     accepted: bool
@@ -218,12 +213,12 @@ class Reaction:
     """
     The result of one input.
 
-    :ivar verdict: what the kart must do after it.
+    :ivar verdict: what the kart must do after the input.
     :ivar send: the state to send to race control, if any.
-    :ivar give_up: why the socket must be closed; None: keep it.
+    :ivar give_up: why the socket must be closed; None if it must not.
     :ivar answer: the answer, if the input was an acknowledgement.
-    :ivar hindrance: why this speed keeps a red state from being acknowledged, as a sentence; empty
-        if it does not.
+    :ivar hindrance: a sentence that says why this speed keeps a red state from being acknowledged;
+        empty if it does not.
     """
 
     verdict: Verdict
@@ -235,15 +230,15 @@ class Reaction:
 
 class Arbiter:
     """
-    Decides what the kart obeys. It has one owner, which gives every input in order of time.
+    Decides what the kart must obey. Its one owner passes in every input in order of time.
 
-    A time before an earlier one is a doubt: the connection counts as lost and the remotes as
-    silent. Every input raises ValueError if its time is not finite.
+    If a time is before an earlier one, that is a doubt: the connection counts as lost and the
+    remotes as silent. Every input raises ValueError if its time is not finite.
 
-    :param first_order: the number of the first command, from 1; later commands count up from it.
-        Choose one far from those of earlier arbiters of this kart: an acknowledgement may be on
-        its way while the bridge restarts.
-    :param names: for messages.
+    :param first_order: the number of the first command, 1 or more; later commands count up from
+        it. Choose one far from those of earlier arbiters of this kart, because an acknowledgement
+        may be on its way while the bridge restarts.
+    :param names: the names to use in messages.
     """
 
     def __init__(self, settings: Settings, first_order: int, names: Names | None = None) -> None:
@@ -267,14 +262,14 @@ class Arbiter:
         # The team's stop.
         self._engaged = dict.fromkeys(StopSource, False)
         self._who: dict[StopSource, str] = {}  # for the reason only
-        self._stopped = True  # it was on after the last input, or began in this one
+        self._stopped = True  # the stop was on after the last input, or began in this one
         timeouts = {
             StopSource.TSR: settings.tsr_timeout,
             StopSource.MSR: settings.msr_timeout,
             StopSource.TEAM: settings.team_timeout,
         }
         self._timeouts = {source: time for source, time in timeouts.items() if time > 0}
-        # When each of these was last heard; missing: not yet, or silent for too long.
+        # When each was last heard. Those not heard yet, or silent for too long, are missing.
         self._signs: dict[StopSource, float] = {}
         self._starting = True  # no message from the team yet; for the reason only
         # Odometry.
@@ -288,7 +283,7 @@ class Arbiter:
         """Return what the kart must do as of the last input."""
         commanded = self._commanded
         reasons = []
-        if self._engaged[StopSource.TWO_BRIDGES]:  # first: the others may follow from it
+        if self._engaged[StopSource.TWO_BRIDGES]:  # first, because it may cause the others
             reasons.append(f'another bridge runs in {self._names.graph}: end one of them')
         if commanded is None:
             reasons.append(self._absence)
@@ -345,7 +340,7 @@ class Arbiter:
 
     @property
     def awaited(self) -> RaceState | None:
-        """What the stack could acknowledge now but has not; None if nothing."""
+        """The state that the stack could acknowledge now but has not; None if there is none."""
         reached = self.verdict.reached
         if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
             return None
@@ -357,7 +352,7 @@ class Arbiter:
 
     def connected(self, now: float) -> Reaction:
         """Begin a new connection to race control; the previous one counts as lost."""
-        self._pass(now)  # a socket to give up would be the earlier connection's
+        self._pass(now)  # any socket to give up belongs to the earlier connection
         self._lose(_NOTHING_SAID)
         self._open = True
         self._heard_at = now
@@ -365,16 +360,16 @@ class Arbiter:
 
     def disconnected(self, reason: str, now: float) -> Reaction:
         """
-        End the connection, or update why there is none.
+        End the connection, or update the reason why there is none.
 
-        :param reason: why; it follows 'not connected to race control: '.
+        :param reason: the reason, to follow 'not connected to race control: '.
         """
         give_up = self._pass(now)
         self._lose(f'not connected to race control: {reason}')
         return self._reaction(give_up)
 
     def heard(self, state: RaceState, now: float) -> Reaction:
-        """Handle a frame from race control; without a connection, it is too late and ignored."""
+        """Handle a frame from race control. Without a connection it is too late, and ignored."""
         give_up = self._pass(now)
         if self._open:
             self._heard_at = now
@@ -384,16 +379,16 @@ class Arbiter:
 
     def team_stop(self, source: StopSource, engaged: bool, now: float, who: str = '') -> Reaction:
         """
-        Engage or release the team's stop; it is on while any source engages it (§2.C).
+        Engage or release one source's team stop; the kart stops while any is engaged (§2.C).
 
-        :param who: the nodes that cause it, for the reason.
+        :param who: the nodes that cause the stop, for the reason.
         """
         give_up = self._pass(now)
         self._engaged[source] = engaged
         self._who[source] = who
         self._sign(source, now)
         if source is StopSource.TWO_ODOMETRIES:
-            # Two publishers count as odometry as well; the last speed may be from either.
+            # Two publishers count as odometry too, but the last speed may be the wrong one's.
             self._odometry_expected = self._odometry_expected or engaged
             self._speed_at = -math.inf
         if self._team_stop:
@@ -411,12 +406,12 @@ class Arbiter:
         """
         Judge the stack's acknowledgement of a command (§4.C).
 
-        A repeated acknowledgement is accepted and sent again, except from a kart that is out:
-        there it is sent once.
+        A repeated acknowledgement is accepted and sent again, but if the kart is out, it is sent
+        only once.
 
         :param state: the state that the kart has reached, from a verdict's `reached`.
         :param order: the number of the command, from the same verdict.
-        :return: has `answer`, and if accepted `send`.
+        :return: a reaction with `answer` and, after an acceptance, `send`.
         """
         give_up = self._pass(now)
         refusal = self._refusal(state, order)
@@ -439,7 +434,7 @@ class Arbiter:
         self._odometry_expected = True
         reached = self.verdict.reached
         waiting = reached is not None and reached.is_red and not self._acknowledged
-        # NaN is not within the limit, hence not a standstill.
+        # NaN is not within the limit, so it is not a standstill.
         still = not self.missing_odometry and self._speed <= self._settings.standstill_speed
         if not (self._settings.auto_acknowledge_stop and waiting and still):
             self._still_since = None
@@ -467,7 +462,7 @@ class Arbiter:
         return Reaction(self.verdict, send, give_up, answer, hindrance)
 
     def _pass(self, now: float) -> str | None:
-        """Let what is due by `now` happen; return why the socket must be closed, if so."""
+        """Let what is due by `now` happen; return why the socket must be closed, if it must."""
         if not math.isfinite(now):
             raise ValueError(f'a time must be a finite number, not {now!r}')
         settings = self._settings
@@ -630,7 +625,7 @@ class Arbiter:
         return 'the kart stops itself: ' + ', '.join(reasons)
 
     def _on_team_stop(self) -> None:
-        """Let nothing that allowed the kart to drive outlive a team stop."""
+        """End everything that allowed the kart to drive, so that it does not outlive the stop."""
         self._stopped = True
         self._slowing_since = None
         if self._armed:

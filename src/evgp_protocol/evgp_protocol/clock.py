@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The clock that stops karts: seconds since boot, including suspend.
+The clock that stops karts, which counts the seconds since boot, including suspend. Linux only.
 
-The wall clock can be set, and the monotonic clock stops while a machine is suspended. With either
-of them, a frame from before a clock change or a closed lid would seem fresh. Linux only.
+The wall clock can be set, and the monotonic clock stops while a machine is suspended. With those,
+a frame from before a clock change or a closed lid would seem fresh.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ class BoottimeEventLoop(asyncio.SelectorEventLoop):
     """
     An event loop whose time is `now`, so its deadlines and timeouts include suspend.
 
-    The kernel wakes the loop by the monotonic clock. After a suspend, an expired deadline is
-    handled when the loop next wakes, at the latest after the rest of its wait. A loop that must
-    act soon after a suspend needs something that wakes it often.
+    The kernel wakes the loop by the monotonic clock. After a suspend, the loop therefore handles
+    an expired deadline only when it next wakes, at the latest after the rest of its wait. A loop
+    that must act soon after a suspend needs something that wakes it often.
     """
 
     def time(self) -> float:
@@ -54,9 +54,9 @@ class BoottimeEventLoop(asyncio.SelectorEventLoop):
 
 def run(main: Coroutine[Any, Any, T]) -> T:
     """
-    Run a coroutine on a `BoottimeEventLoop` of its own, as ``asyncio.run`` does on its loop.
+    Run a coroutine on its own `BoottimeEventLoop`, but handle no signals.
 
-    ``asyncio.run`` takes another loop from Python 3.12 only. Unlike it, this handles no signals.
+    Before Python 3.12, ``asyncio.run`` accepts no other loop.
     """
     loop = BoottimeEventLoop()
     try:

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Frames on the wire: bytes in, events out (§4.C).
+Decodes the bytes on the wire into events, and encodes frames (§4.C).
 
-Two rules for this module:
-
-1. No socket, clock, thread or log: the owner of the connection feeds bytes and gets events.
-   Race control, the kart's bridge and teams without ROS use the same decoder.
-2. Bytes never raise. Anything that is not a frame becomes a ``MalformedFrame``.
+Race control, the kart's bridge and teams without ROS use the same decoder. It has no socket,
+clock, thread or log: the owner of the connection feeds it bytes and gets events. No bytes raise an
+error, because anything that is not a frame becomes a ``MalformedFrame``.
 
 Theory of operation. The decoder is always in one of three places:
 
@@ -71,7 +69,7 @@ class MalformedFrame:
 
 
 def encode(state: RaceState) -> bytes:
-    """Return the frame that says `state`, such as ``b'$RED_RED;'`` (§4.C)."""
+    """Return the frame for a state, such as ``b'$RED_RED;'`` (§4.C)."""
     return b'$%b;' % state.value.encode('ascii')
 
 
@@ -79,11 +77,11 @@ class FrameDecoder:
     """
     Turns the bytes of one connection into events, however they are split (§4.C).
 
-    One decoder serves one direction of one connection; a new connection needs a new one. It
+    One decoder serves one direction of one connection; a new connection needs a new decoder. It
     keeps fewer than ``MAX_FRAME_BYTES`` bytes, whatever arrives.
 
-    :param ready_is_grid_active: read ``$READY;`` as ``$GRID_ACTIVE;``. The proposal names it once
-        (§3.A) as a kart's answer, so only race control's side sets this.
+    :param ready_is_grid_active: read ``$READY;`` as ``$GRID_ACTIVE;``. The proposal mentions
+        ``$READY;`` once (§3.A) as a kart's answer, so only race control's side sets this.
     """
 
     def __init__(self, ready_is_grid_active: bool = False) -> None:

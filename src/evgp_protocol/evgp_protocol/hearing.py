@@ -2,20 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which order each reply of a kart answers, on one connection.
+Determines which order each reply of a kart answers, on one connection.
 
-Takes counts, bytes and times; returns frames. No socket and no clock: the owner of the connection
-reports what was sent, acknowledged by TCP and read, and when a beat begins.
+This module has no socket and no clock: the owner of the connection reports what was sent,
+acknowledged by TCP and read, and when a beat begins.
 
 A reply must not count for an order that the kart had not read when it sent the reply. Race control
-cannot see what a kart has read, but TCP preserves the order in both directions: a kart reads the
-orders in the order in which they were sent, and its replies arrive in the order in which it sent
-them. In between are bytes in transit, bytes that the kart has not read, and bytes that race
-control has not read. So a reply answers the *earliest* order that fits:
+cannot see what a kart has read, but TCP preserves the sequence in both directions: a kart reads
+orders as they were sent, one after the other, and its replies arrive in the same way. Meanwhile,
+bytes may be in transit, and either side may have bytes that it has not read. So a reply answers
+the *earliest* order that fits:
 
 - The order asks for the state of the reply.
-- It is not before the order that the kart has reached: the one that the last reply answered, or
-  one that the kart is otherwise known to have read (below).
+- The order is not before the one that the kart has reached: the one that the last reply answered,
+  or one that the kart is otherwise known to have read (below).
 - The reply's first byte had not arrived when race control last saw that the kart's TCP had not
   answered the whole order. TCP's answer comes with the reply or before it: a byte that arrived
   without it was sent before the kart had the order.
@@ -31,9 +31,9 @@ RED_RED, garage, RED_RED      RED_RED, `QUIET` nothing, the second RED_RED
 RED_RED                       GRID_ACTIVE               nothing
 ============================= ========================= ======================================
 
-*When a kart does not acknowledge IN_GARAGE*, which it need not do: after RED_RED, IN_GARAGE,
-RED_RED, a reply RED_RED may be a late one for the first order. Four signs show that the kart has
-read beyond an order, however late it reads:
+*A kart need not acknowledge IN_GARAGE.* If it does not, a reply RED_RED after RED_RED, IN_GARAGE,
+RED_RED may be a late one for the first order. Four signs show that the kart has read beyond an
+order, however late it reads:
 
 - *A pause.* The kart has replied to the order, its TCP has answered the next one, and then nothing
   came from it for `QUIET`. A kart that echoes every frame sends something each second while it
@@ -43,23 +43,22 @@ read beyond an order, however late it reads:
   has acknowledged an IN_GARAGE, because it will also acknowledge the next one, however late.
 - *A count.* A kart that echoes every frame sends one reply for each. After as many replies as it
   was sent frames of the order, it has read them all, and its next reply is for a later order. A
-  kart counts as such after `ECHOES` replies to one order, unless it ever sends more replies than
-  it was sent frames.
+  kart counts as echoing after `ECHOES` replies to one order, unless it ever sends more replies
+  than it was sent frames.
 - *Few replies.* A kart that replies repeatedly, but less often than `SELDOM`, does not echo every
-  frame. So it reads everything at once, replies to the last frame, and is at most `QUIET` late;
-  unless it sends a state that only a long past order can have asked for.
+  frame. So it reads everything at once, replies to the last frame, and is at most `QUIET` late.
+  This does not apply if it sends a state that only a long past order can have asked for.
 - *A single reply.* The kart sent one reply to the first order, `ONCE` later another one, which may
   be for a later order, and then nothing for `QUIET`. So it does not echo every frame: it sends
   each change once, and the second reply is for the later order (`settled`).
 
-A pause or a count is complete only once the next order's frames have been answered for `QUIET`.
+A pause or a count is complete only once `QUIET` has passed since TCP answered the next order.
 Until then, and if none of the four signs applies, a reply counts for the earlier order.
-``counts_in`` is how long that can last; if no time makes the reply count, only a new connection
-helps.
+``counts_in`` returns how long that can last; if no time makes the reply count, only a new
+connection helps.
 
-Bytes queued by a flood have unknown age, so they do not count: a kart that sends faster than it is
-read has more bytes waiting on its own side. Nothing counts during a flood, nor for `DEAF` after
-it.
+Nothing counts during a flood, nor for `DEAF` after it. The age of bytes that a flood has queued is
+unknown, because a kart that sends faster than it is read has more bytes waiting on its own side.
 """
 
 from __future__ import annotations
@@ -72,15 +71,15 @@ from evgp_protocol.frames import FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 
 FLOOD_BYTES = 4096
-"""Minimum number of bytes in one beat that counts as a flood; the rest is read in the next beat. A
-kart sends at most about 15 bytes a beat."""
+"""Minimum number of bytes that count as a flood if they arrive in one beat; the rest is read in
+the next beat. A kart sends at most about 15 bytes a beat."""
 
 FLOOD = 2.0
-"""Maximum duration of a flood, in seconds; after it the kart is dropped."""
+"""Maximum duration of a flood, in seconds, after which race control drops the kart."""
 
 DEAF = 1.0
-"""How long after a flood no reply counts, in seconds. A flood that resumes within it
-counts as the same flood."""
+"""Time after a flood during which no reply counts, in seconds. A flood that resumes within this
+time counts as the same flood."""
 
 QUIET = 2.0
 """Silence after which a kart has read what its TCP had answered, in seconds. A kart reads
@@ -88,7 +87,7 @@ something every second, or drops its connection; its replies have another second
 
 ONCE = 1.5
 """Minimum time between two replies that shows that a kart does not echo every frame, in seconds.
-One that does sends a reply each beat, or after one second in which it reads nothing."""
+A kart that echoes sends a reply each beat, or after one second in which it reads nothing."""
 
 ECHOES = 24
 """Minimum number of replies to one order from a kart that counts as echoing every frame, if it
@@ -98,8 +97,8 @@ SLOWEST = 8.0
 """Minimum rate at which a kart reads frames, in Hz. Only the inspection finds a slower one."""
 
 SELDOM = 5.0
-"""Rate of replies below which a kart does not echo every frame, in Hz: one that does reads at
-least at `SLOWEST`, and may read nothing for a second."""
+"""Rate of replies below which a kart does not echo every frame, in Hz. A kart that echoes reads at
+least at `SLOWEST`, except that it may read nothing for a second."""
 
 PACE_WINDOW = 4.0
 """Time over which the replies of a kart that echoes every frame are compared with the frames that
@@ -112,11 +111,11 @@ NO_ORDER = 0
 """Serial of a reply that answers no order; orders count from 1."""
 
 _TOO_OLD = -1
-"""Start of a frame from a flood."""
+"""Used as the place at which a frame from a flood began; it precedes every `answers_from`."""
 
 BUSY = 0.3
-"""How long a reply from a kart that echoes every frame may be missing, in seconds, before the kart
-counts as busy, or as having nothing to report, rather than as slow."""
+"""Time without a reply after which a kart that echoes every frame counts as busy, or as having
+nothing to report, rather than as slow, in seconds."""
 
 Heard = StateFrame | MalformedFrame
 
@@ -126,9 +125,10 @@ class _Order:
     """
     An order that a reply may answer.
 
-    :ivar end: its end in the stream to the kart.
-    :ivar answers_from: place in the stream from the kart before which no reply can answer it.
-    :ivar beat: the beat in which it was sent.
+    :ivar end: the order's end in the stream to the kart.
+    :ivar answers_from: place in the stream from the kart before which no reply can answer the
+        order.
+    :ivar beat: the beat in which the order was sent.
     :ivar answered_in: the beat in which race control saw that the kart's TCP had answered it.
     :ivar replies: number of replies that answered it.
     :ivar said_in: the beat of the last of these replies.
@@ -146,21 +146,21 @@ class _Order:
 
 class _Pace:
     """
-    How far a kart that echoes every frame may be behind, by comparing its replies with the frames.
+    Estimates how far a kart that echoes every frame may be behind, from its number of replies.
 
-    A kart that reads everything at once and replies only to the last frame looks the same if it
-    does so less often than it is sent frames. So the result is an upper bound. How soon the kart
-    replies to a new state shows the truth.
+    The result is an upper bound, because a kart that reads everything at once and replies only to
+    the last frame looks the same if it does so less often than it is sent frames. How soon the
+    kart replies to a new state shows the truth.
     """
 
     def __init__(self, beat_rate: float) -> None:
         self._beat_rate = beat_rate
         self._window = math.ceil(PACE_WINDOW * beat_rate)
-        # Whether the kart has replied to the last order, and since then, up to a window:
+        # Whether the kart has replied to the last order, and the counts since then in a window:
         self._has_replied = False
         self._frames_of_order = self._replies_of_order = 0
         self._frames = self._replies = 0
-        # Frames since its last reply, until it replies to the last order: it may be working on it.
+        # Frames since its last reply, as long as it may still be carrying out the last order.
         self._unsaid = 0
         self._slow = 0  # consecutive windows with too few replies
         self._lost = 0  # frames sent but not echoed
@@ -172,7 +172,7 @@ class _Pace:
         return self._lost / self._beat_rate if self._slow > 1 else 0.0
 
     def begin(self) -> None:
-        """Record a new order: the kart replies when it has carried it out."""
+        """Record a new order, to which the kart replies when it has carried it out."""
         self._has_replied = False
         self._unsaid = 0
 
@@ -209,7 +209,7 @@ class _Pace:
         self._replies_of_order += 1
 
     def said_before(self) -> None:
-        """Record a reply to an order before the last: the kart has not reached the last one."""
+        """Record a reply to an earlier order than the last, which the kart has not reached yet."""
         if self._unsaid < BUSY * self._beat_rate:  # longer: it was silent for a reason
             self._frames += self._unsaid
             self._replies += 1
@@ -217,7 +217,7 @@ class _Pace:
         self._judge()
 
     def _judge(self) -> None:
-        """Compare the replies of a window with its frames, at its end."""
+        """At the end of a window, compare its replies with its frames."""
         if self._frames < self._window:
             return
         if self._replies >= PACE * self._frames:
@@ -232,7 +232,7 @@ class _Pace:
 
 class Hearing:
     """
-    Everything that one kart sends on one connection.
+    Receives everything that one kart sends on one connection.
 
     Every byte has a place in its stream, counted from 0.
 
@@ -243,20 +243,20 @@ class Hearing:
         self._decoder = FrameDecoder(ready_is_grid_active=True)
         # The order that the kart's replies have reached, and all later ones.
         self._orders: deque[_Order] = deque()
-        # Whether it acknowledged the last IN_GARAGE that it is known to have read.
+        # Whether the kart acknowledged the last IN_GARAGE that it is known to have read.
         self._acknowledges_garage = False
         # Whether it has sent more replies to an order than it was sent frames.
         self._outruns = False
         # Whether it has sent a state that none of these orders asks for.
         self._is_late = False
-        # The beat up to whose frame the kart has read at least, at `SLOWEST`.
+        # Even at `SLOWEST`, the kart has read the frames up to this beat.
         self._slowest = 0.0
-        # A reply that is for a later order if nothing follows it, with its place; and those
-        # that turned out to be.
+        # A reply that is for a later order if nothing follows it, with its place; and the replies
+        # that turned out to be for a later order.
         self._alone: tuple[StateFrame, int] | None = None
         self._settled: list[tuple[StateFrame, int]] = []
-        # Places in the stream from the kart: read and decoded up to here; and the earliest place
-        # at which the decoder's current frame can have begun.
+        # Places in the stream from the kart: up to which it was read, up to which it was decoded,
+        # and the earliest at which the decoder's current frame can have begun.
         self._read = 0
         self._decoded = 0
         self._began = 0
@@ -273,7 +273,7 @@ class Hearing:
 
     @property
     def is_full(self) -> bool:
-        """Return whether this beat's limit is reached, so that the rest waits for the next."""
+        """Return whether this beat's limit is reached; the rest then waits for the next beat."""
         return self._read_this_beat >= FLOOD_BYTES
 
     @property
@@ -296,7 +296,8 @@ class Hearing:
         Return the maximum time until a reply counts for the last order (s); 0 if unknown.
 
         Call this after ``decode``, for a reply that did not count although the last order asks for
-        its state. It applies if the kart repeats the reply, or is known to send each change once.
+        its state. The time is right if the kart repeats the reply, or is known to send each change
+        once.
         """
         beats = self._pause_beats + 1
         if len(self._orders) < 2:
@@ -313,7 +314,7 @@ class Hearing:
         return beats / self._beat_rate
 
     def settled(self) -> list[tuple[StateFrame, int]]:
-        """Return the replies that turned out to be for a later order since the last call."""
+        """Return the replies that, since the last call, turned out to be for a later order."""
         settled, self._settled = self._settled, []
         return settled
 
@@ -323,10 +324,10 @@ class Hearing:
 
     def order(self, serial: int, state: RaceState, end: int, unread: int) -> None:
         """
-        Record that an order is sent now: bytes that have already arrived cannot answer it.
+        Record that an order is sent now. Bytes that have already arrived cannot answer it.
 
         :param serial: the order's number, from 1.
-        :param end: its end in the stream to the kart.
+        :param end: the order's end in the stream to the kart.
         :param unread: number of bytes that have arrived but were not read yet.
         """
         self._orders.append(_Order(serial, state, end, self._read + unread, self._beats))
@@ -336,8 +337,9 @@ class Hearing:
         """
         Record how much the kart's TCP has answered.
 
-        :param answered: up to this place in the stream to the kart.
-        :param unread: number of bytes that had arrived before, but were not read yet.
+        :param answered: place in the stream to the kart up to which it has answered.
+        :param unread: number of bytes that, before `answered` was determined, had arrived but were
+            not read yet.
         """
         for order in reversed(self._orders):
             if order.answered_in is not None:
@@ -405,7 +407,7 @@ class Hearing:
 
     def _answered_by(self, heard: Heard, place: int) -> int:
         """
-        Return the serial of the order that a frame answers; the kart has then reached it.
+        Return the serial of the order that a frame answers, which the kart has then reached.
 
         :param place: the earliest place at which the frame can have begun.
         """
@@ -469,7 +471,7 @@ class Hearing:
         return self._pace.replies_seldom and not self._is_late
 
     def _frames_of_first(self) -> int:
-        """Return the maximum number of frames of the first order that were sent."""
+        """Return an upper bound of the number of frames of the first order that were sent."""
         until = self._orders[1].beat if len(self._orders) > 1 else self._beats
         return until - self._orders[0].beat + 1
 

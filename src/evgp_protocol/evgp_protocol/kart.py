@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart without ROS: takes received bytes and times, returns what to obey and what to send.
+A kart without ROS: from bytes and times, it determines what to obey and what to send.
 
 This module has no socket, clock, thread or log, and no rules of its own: it combines the arbiter
 with the frame decoder. In each turn of a kart's loop, at least 20 times a second::
@@ -15,9 +15,9 @@ with the frame decoder. In each turn of a kart's loop, at least 20 times a secon
     if drive(verdict.state, verdict.may_drive):
         send(kart.acknowledge(verdict.order, now))
 
-Call `Kart.connected` and `Kart.closed` when that happens. ``drive`` must not wait, and returns
-whether the kart *has* reached the state. ``kit/python/example.py`` is a whole program;
-``kit/c/evgp_kart.h`` is the same in C.
+Call `Kart.connected` when a connection is made, and `Kart.closed` when it ends. ``drive`` must not
+wait, and returns whether the kart *has* reached the state. ``kit/python/example.py`` is a whole
+program, and ``kit/c/evgp_kart.h`` does the same in C.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Kart:
         self._decoder: FrameDecoder | None = None  # of the current connection, if any
         self._said_order = 0
         self._heard_since_said = False
-        # IN_GARAGE was not acknowledged: it goes before the next acknowledgement.
+        # IN_GARAGE is not acknowledged yet, which must happen before any other acknowledgement.
         self._garage_owed = False
 
     @property
@@ -54,7 +54,7 @@ class Kart:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection; if not, close any open socket."""
+        """Whether there is a connection. If there is none, close any open socket."""
         return self._decoder is not None
 
     def tick(self, now: float) -> None:
@@ -67,7 +67,7 @@ class Kart:
         self._decoder, self._garage_owed = FrameDecoder(), False
 
     def closed(self, now: float, reason: str = 'the connection is closed') -> None:
-        """End the connection, whoever closed or broke it; `reason` is for people."""
+        """End the connection, whoever closed or broke it. People read the `reason`."""
         self._arbiter.disconnected(reason, now)
         self._decoder = None
 
@@ -110,12 +110,13 @@ class Kart:
         """
         Report that the kart has reached the state of a verdict.
 
-        Call it in every turn in which that is true, with the order of the verdict that the kart
-        acted on, not a newer one. For a kart that stopped itself in GRID_ACTIVE or GREEN_GREEN
+        Call this in every turn in which that is true, with the order of the verdict that the kart
+        acted on, not of a newer one. For a kart that stopped itself in GRID_ACTIVE or GREEN_GREEN
         and stands still, this reports RED_RED, once.
 
-        :return: bytes to send, all of them and with nothing in between. Empty: the order is over,
-            the arbiter refuses, or the same was already sent and no frame has arrived since.
+        :return: bytes to send, all of them and with nothing in between. There are none if the
+            order is over, if the arbiter refuses, or if they would repeat the last acknowledgement
+            although no frame has arrived since.
         """
         self.tick(now)
         reached = self.verdict.reached

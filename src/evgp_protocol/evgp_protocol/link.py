@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-How good a connection is, according to the kernel (§2.A, §4.D).
+The quality of a connection, as the kernel sees it (§2.A, §4.D).
 
 `Answers`, `grade` and `parse` are pure: they take times and counts, and return round trips and
-grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket; Linux only. The
-*kernel* at the other end answers: its TCP has the bytes, whether or not the kart's program reads
-them.
+grades. `make_prompt`, `read`, `unanswered`, `unread` and `unsent` use a socket, on Linux only. An
+*answer* comes from the kernel at the other end, whose TCP has received the bytes, whether or not
+the kart's program reads them.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ import termios
 from typing import Protocol
 
 SIOCOUTQNSD = 0x894B
-"""Linux's request for the number of bytes not sent yet; TIOCOUTQ counts the unanswered ones."""
+"""Linux's request for the number of unsent bytes; TIOCOUTQ also counts unanswered ones."""
 
 BEAT_RATE = 12.0
 """Default rate at which race control sends each kart its state, in Hz. §4.C requires 10 per
-second; if one beat is skipped, 11 remain. At a higher rate, a kart that reads one frame in each
+second, and 11 remain if one beat is skipped. At a higher rate, a kart that reads one frame in each
 turn of a slower loop would fall further behind every second (docs/wire.md)."""
 
 GRADE_WINDOW = 10.0
-"""How long the worst round trip counts for the grade, in seconds."""
+"""Period over which the worst round trip determines the grade, in seconds."""
 
 ANSWER_STEP = 0.2
-"""Delay of an answer, compared with the link's quickest, that skips one beat, in seconds. After
-twice this delay, the state is sent only every second beat, after three times every third, and so
-on. A long link therefore still gets 10 states per second (§4.C), but a narrow one gets fewer,
-because a stop would wait behind them."""
+"""Delay of an answer, compared with the link's quickest, that makes race control skip one beat, in
+seconds. After twice this delay, it sends the state only every second beat, after three times only
+every third, and so on. A long link therefore still gets 10 states per second (§4.C), but a narrow
+one gets fewer, because a stop would wait behind them."""
 
 # struct tcp_info, linux/tcp.h: it only grows at its end. This is Linux 4.1's (2015), and the place
 # at which Linux 5.4 (2019) added the window of the other end.
@@ -51,7 +51,7 @@ _TCP_THIN_LINEAR_TIMEOUTS = 16  # since Linux 2.6.34; Python has no name for it
 
 
 class Grade(enum.Enum):
-    """How good a link is; after UNKNOWN, the members go from the best to the worst."""
+    """The quality of a link. After UNKNOWN, the members go from the best to the worst."""
 
     UNKNOWN = 'unknown'
     GOOD = 'good'
@@ -62,14 +62,14 @@ class Grade(enum.Enum):
 GRADES = {Grade.GOOD: 0.0, Grade.FAIR: 0.2, Grade.POOR: 0.5}
 """Minimum of the worst round trip of the last `GRADE_WINDOW` for each grade, in seconds.
 
-A frame is sent every 0.083 s. If one is lost, the next one reveals it, and it is sent again within
-0.2 s: a good link loses only single frames. A poor one was halfway to the 1 s after which the kart
-stops and race control drops it."""
+A frame is sent every 0.083 s. If one is lost, the next one reveals this, and TCP sends the lost
+frame again within 0.2 s, so a good link loses only single frames. A poor one was halfway to the
+1 s after which the kart stops and race control drops it."""
 
 
 def grade(worst: float | None) -> Grade:
     """
-    Return how good a link is.
+    Return the grade of a link.
 
     :param worst: the longest round trip of the last `GRADE_WINDOW`, in seconds, including the age
         of unanswered frames; None if nothing was sent.
@@ -85,12 +85,13 @@ def grade(worst: float | None) -> Grade:
 @dataclasses.dataclass(frozen=True)
 class TcpInfo:
     """
-    What the kernel knows about a connection (``TCP_INFO``).
+    The kernel's data about a connection (``TCP_INFO``).
 
     :ivar round_trip: smoothed round-trip time, in seconds; 0 if not measured yet.
     :ivar retransmitted: number of segments sent again since the connection began.
     :ivar unanswered: number of segments that were sent but not answered.
-    :ivar since_answer: time since the other kernel last answered, in seconds; exact to 1 to 4 ms.
+    :ivar since_answer: time since the other kernel last answered, in seconds, with an error of 1
+        to 4 ms.
     :ivar answered: number of bytes that the other kernel has answered since the connection began.
     :ivar window: number of bytes that the other kernel would still accept; None if unknown.
     """
@@ -149,7 +150,7 @@ def make_prompt(link: Socket) -> None:
 
 
 def read(link: Socket) -> TcpInfo | None:
-    """Return the kernel's data on a connection; None if it is closed, or the kernel is too old."""
+    """Return the kernel's data about a connection; None if it is closed or the kernel too old."""
     try:
         return parse(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _ENOUGH))
     except OSError:
@@ -189,10 +190,10 @@ def _in_kernel(link: Socket, which: int) -> int:
 
 class Answers:
     """
-    Which frames of one connection the other end's TCP has answered, and how long that took.
+    Records which frames of one connection the other end's TCP has answered, and how soon.
 
     :ivar written: number of bytes written so far.
-    :ivar answered: number of these bytes that were answered at the last `look`.
+    :ivar answered: number of these bytes that had been answered at the last `look`.
     :ivar wrote_at: time at which the last frame was written, in seconds.
     """
 

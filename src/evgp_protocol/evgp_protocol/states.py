@@ -4,8 +4,7 @@
 """
 The race states and their strictness (§3.A).
 
-Only the states: no wire, rules or clock. The rest of the project compares states only with
-``stricter``.
+The rest of the project compares states only with ``stricter``.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ class RaceState(enum.Enum):
     RED_FLAG = 'RED_FLAG'
     RED_RED = 'RED_RED'
 
-    # Each member exists once. The default hash is that of its name, computed in Python: slow.
+    # Each member exists only once. The default hash is slow: Python computes it from the name.
     __hash__ = object.__hash__
 
     def __init__(self, name: str) -> None:
