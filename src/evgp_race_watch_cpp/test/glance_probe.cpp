@@ -1,7 +1,7 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// Looks at orders for test_orders.py in three threads while a fourth hears; stdout: what is wrong.
+/// For test_orders.py, looks at orders in three threads while a fourth hears; prints what is wrong.
 
 #include <atomic>
 #include <cstdint>

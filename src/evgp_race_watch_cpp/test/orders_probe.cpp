@@ -1,7 +1,7 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// Asks the rules in C++ for test_orders.py: one input a line by stdin, one answer a line.
+/// Applies the rules in C++ for test_orders.py: reads one input a line, and prints one answer each.
 
 #include <cstddef>
 #include <cstdint>

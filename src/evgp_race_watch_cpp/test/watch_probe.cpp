@@ -1,10 +1,10 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// Runs a RaceStateWatch for test_race_state_watch.py: commands come by stdin, stdout answers.
+/// Runs a RaceStateWatch for test_race_state_watch.py, with commands on stdin, answers on stdout.
 ///
 ///     watch_probe <kind of node> <name> <lease, s> <forgiven, s>
-///         <duration of a turn that keeps the executor busy, s; 0: none>
+///         <duration of a turn that keeps the executor busy, s; 0 if none does>
 
 #include <chrono>
 #include <condition_variable>

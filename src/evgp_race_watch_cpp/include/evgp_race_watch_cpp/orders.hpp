@@ -1,10 +1,10 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// The rules of RaceStateWatch: what a stack must do, given the bridge's messages and their times.
+/// The rules by which RaceStateWatch decides what a stack must do.
 ///
-/// No ROS, clock or thread. `orders.py` of evgp_kart_bridge has the same rules in Python, and
-/// explains them; `test_orders.py` compares the two.
+/// They use no ROS, clock or thread. `orders.py` of evgp_kart_bridge contains the same rules in
+/// Python, and explains them; `test_orders.py` compares the two.
 
 #ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
 #define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
@@ -23,13 +23,13 @@
 namespace evgp_race_watch_cpp
 {
 
-/// A race state of the proposal (§3.A); the numbers are those of evgp_rcs_msgs/RaceState.
+/// A race state of the proposal (§3.A), with the same number as in evgp_rcs_msgs/RaceState.
 enum class RaceState : std::uint8_t
 {
   UNKNOWN, IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED
 };
 
-/// The race state with a message's number; UNKNOWN if there is none.
+/// The race state with this number in messages; UNKNOWN if there is none.
 inline RaceState race_state(std::uint8_t number)
 {
   const bool known = number <= static_cast<std::uint8_t>(RaceState::RED_RED);
@@ -58,10 +58,10 @@ struct Said
 /// What the kart must do from a certain moment on; by default RED_RED, without acknowledgement.
 struct Order
 {
-  std::uint64_t serial = 0;  ///< Unique in this process; 0: the order is from no watch.
+  std::uint64_t serial = 0;  ///< Unique in this process; 0 if the order is from no watch.
   RaceState state = RaceState::RED_RED;  ///< The state to obey; never UNKNOWN.
-  std::uint64_t number = 0;  ///< Of race control's command; 0: it cannot be acknowledged.
-  RaceState reached = RaceState::UNKNOWN;  ///< The state to acknowledge; UNKNOWN: none.
+  std::uint64_t number = 0;  ///< Of race control's command; 0 if it cannot be acknowledged.
+  RaceState reached = RaceState::UNKNOWN;  ///< The state to acknowledge; UNKNOWN if none.
 
   friend bool operator==(const Order & one, const Order & other)
   {
@@ -72,22 +72,23 @@ struct Order
   friend bool operator!=(const Order & one, const Order & other) {return !(one == other);}
 };
 
-/// Maximum time of a doubt after which a stack still starts without a new GRID_ACTIVE, in seconds.
+/// Maximum duration of a doubt after which a stack still obeys GREEN_GREEN without a new
+/// GRID_ACTIVE, in seconds.
 constexpr double FORGIVEN = 1.0;
 
 /// The orders of one stack. All times are in seconds, from one clock that never goes back.
 class Orders
 {
 public:
-  /// \param lease time of silence after which the kart obeys RED_RED, in seconds.
-  /// \param forgiven see FORGIVEN.
+  /// \param lease silence of the bridge after which the kart must obey RED_RED, in seconds.
+  /// \param forgiven a value to use instead of FORGIVEN, in seconds.
   explicit Orders(double lease, double forgiven = FORGIVEN)
   : lease_(lease), forgiven_(forgiven) {order(never);}
 
-  /// The bridge's last message; none before the first.
+  /// The bridge's last message, if there was one.
   const std::optional<Said> & said() const {return said_;}
 
-  /// What to do; the serial stays the same until that changes.
+  /// The current order; its serial stays the same until the kart has to do something else.
   Order order(double now)
   {
     settle(now);
@@ -101,10 +102,10 @@ public:
     return order_;
   }
 
-  /// The last result of order(), but RED_RED once that has expired without a new message.
+  /// The last result of order(), but RED_RED once that result has expired without a new message.
   ///
-  /// For any thread, even while another calls a non-const function: it takes no lock and
-  /// allocates nothing.
+  /// Call it in any thread, even while another one calls a non-const function: it takes no lock
+  /// and allocates nothing.
   Order glance(double now) const
   {
     while (true) {
@@ -118,7 +119,7 @@ public:
     }
   }
 
-  /// The state to obey, and why it differs from the command; empty: it does not.
+  /// The state to obey, and why it differs from the command; empty if it does not.
   std::pair<RaceState, std::string> judge(double now) const
   {
     const auto why = doubt(now);
@@ -136,7 +137,7 @@ public:
     return {said_->state, said_->reason};
   }
 
-  /// Why the last message may no longer be true; empty: it is.
+  /// Why the last message may no longer be true; empty if there is no doubt.
   std::string doubt(double now) const
   {
     if (!said_) {
@@ -212,7 +213,7 @@ private:
     static_assert(decltype(serial)::is_always_lock_free && decltype(ends_at)::is_always_lock_free);
   };
 
-  /// Begin a new order if what is to be done has changed.
+  /// Begin a new order if the kart has to do something else.
   void settle(double now)
   {
     Order order{order_.serial, judge(now).first};
@@ -221,14 +222,14 @@ private:
       order.reached = said_->reached;
     }
     if (order != order_) {
-      // Odd if and only if the rest equals Order{}: so glance() can predict the next serial.
+      // Odd if and only if the rest equals Order{}, so that glance() can predict the next serial.
       const bool is_doubt = order == Order{order.serial};
       order.serial = (order.serial | 1) + (is_doubt ? 0 : 1);
       order_ = order;
     }
   }
 
-  /// The time at which the present order expires without a new message.
+  /// The time at which the current order expires without a new message.
   double ends_at() const
   {
     const bool starts = order_.state == RaceState::GREEN_GREEN;
@@ -274,7 +275,7 @@ private:
   const double forgiven_;
   std::optional<Said> said_;
   double heard_at_ = never;
-  std::optional<int> bridges_alive_;  // none: not reported by the middleware yet
+  std::optional<int> bridges_alive_;  // none until the middleware reports it
   std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
   std::optional<std::uint64_t> grid_by_;  // the same, even if it no longer arms
   double sure_at_ = never;  // the last time without a doubt

@@ -1,7 +1,7 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-/// For a team's stack in C++: what to do now, and how to acknowledge it.
+/// Tells a team's stack in C++ what to do now, and acknowledges what the kart has done.
 
 #ifndef EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
 #define EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
@@ -36,15 +36,15 @@ namespace evgp_race_watch_cpp
 /// The bridge's default `liveliness_lease`, in seconds.
 constexpr double LEASE = 0.5;
 
-/// What the kart must do now: evgp_kart_bridge's RaceStateWatch, for a node in C++.
+/// Decides what the kart must do now, like evgp_kart_bridge's RaceStateWatch, for a node in C++.
 ///
 /// Use it in a wall timer (create_wall_timer), about 20 times a second:
 ///
 ///     const auto order = watch.order();
 ///     if (drive(order.state)) {watch.acknowledge(order);}  // true once that state is reached
 ///
-/// It obeys GREEN_GREEN only after a GRID_ACTIVE that it heard from the same bridge. Destroy it
-/// only while nothing spins its node.
+/// It obeys GREEN_GREEN only after it has heard GRID_ACTIVE from the same bridge. Destroy it only
+/// while nothing spins its node.
 class RaceStateWatch
 {
 public:
@@ -57,7 +57,7 @@ public:
     rclcpp::node_interfaces::NodeWaitablesInterface>;
 
   /// \param node an rclcpp::Node or LifecycleNode, active or not, or its interfaces.
-  /// \param on_change called by the node's executor with each new state; RED_RED is the first.
+  /// \param on_change called by the node's executor with each new state, first with RED_RED.
   /// \param topic the bridge's topic; the service `acknowledge` is in the same namespace.
   /// \param lease the bridge's `liveliness_lease`, or longer, in seconds.
   explicit RaceStateWatch(
@@ -74,27 +74,28 @@ public:
     ringing_.join();
   }
 
-  /// What to do now: obey its `state`; once that is reached, acknowledge this order.
+  /// The current order. Obey its `state`; once the kart has reached that, acknowledge the order.
   ///
-  /// It is the same until that changes. The state is RED_RED when the bridge publishes that,
-  /// before the bridge is heard, after it was silent for the lease, when it is gone, when two
-  /// bridges are running, when it publishes an unknown state, and for a GREEN_GREEN without a
-  /// GRID_ACTIVE before it. Call it in any thread, even while the executor is busy, and in a loop
-  /// of 1 kHz: it takes no lock and allocates nothing. (acknowledge() does both.)
+  /// It stays the same until the kart has to do something else. The state is RED_RED if the bridge
+  /// publishes RED_RED, has not been heard yet, has been silent for the lease, is gone, or
+  /// publishes an unknown state. It is also RED_RED if two bridges run, or if the watch has not
+  /// heard GRID_ACTIVE before GREEN_GREEN. You can call this in any thread, even while the executor
+  /// is busy, and in a loop of 1 kHz: it takes no lock and allocates nothing, unlike acknowledge().
   Order order() const {return orders_.glance(now());}
 
-  /// Why the state is not what race control commands, for people; empty: it is.
+  /// Why the state is not what race control commands, for people; empty if it is.
   std::string reason() const
   {
     const std::lock_guard<std::mutex> lock(ordering_);
     return orders_.judge(now()).second;
   }
 
-  /// Report to race control that the kart has reached the state of this order; never waits.
+  /// Report to race control that the kart has reached the state of this order.
   ///
-  /// Call it in every step in which that is true. It tries again after 0.2 s if the answer is lost
-  /// or a refusal, and does nothing once the order is acknowledged or over, or if it has no number
-  /// or is from another watch. If the bridge refuses, the node logs why.
+  /// Call this in every step in which that is true. If the answer is lost, or the bridge refuses,
+  /// the watch tries again after 0.2 s; after a refusal, the node logs why. This function never
+  /// waits. It does nothing if the order is over, is already acknowledged, has no number or is from
+  /// another watch.
   ///
   /// \param order the order() that the kart acted on.
   void acknowledge(const Order & order)
@@ -121,7 +122,7 @@ public:
   }
 
 protected:
-  /// For tests: as above, with a value for FORGIVEN, in seconds.
+  /// For tests: as above, with a value to use instead of FORGIVEN, in seconds.
   RaceStateWatch(
     NodeInterfaces node, std::function<void(RaceState)> on_change, const std::string & topic,
     double lease, double forgiven)
@@ -146,9 +147,10 @@ protected:
     qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
     subscription_ = rclcpp::create_subscription<Message>(
       node, topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
-    // The middleware reports when the bridge is gone; the clock shows it with any middleware. Not
-    // a timer: some middlewares wait for timers by the wall clock, which may be set back. Not the
-    // node's guard condition: it makes the executor collect its nodes again.
+    // The middleware reports when the bridge is gone. In case it does not, the alarm lets the
+    // watch check the clock. A timer would not work, because some middlewares wait for timers by
+    // the wall clock, which may be set back. The node's own guard condition would make the executor
+    // collect its nodes again.
     alarm_ = std::make_shared<rclcpp::executors::ExecutorNotifyWaitable>([this]() {pass({});});
     alarm_->add_guard_condition(bell_);
     node.get_node_waitables_interface()->add_waitable(alarm_, group);
@@ -161,7 +163,7 @@ protected:
         });
   }
 
-  /// For tests: the bridge's last message; none before the first.
+  /// For tests: the bridge's last message, if there was one.
   std::optional<Said> said() const
   {
     const std::lock_guard<std::mutex> lock(ordering_);
@@ -169,7 +171,7 @@ protected:
   }
 
 private:
-  // More than the bridge publishes in the longest doubt that the rules tolerate.
+  // The bridge publishes fewer messages than this in the longest doubt that the rules tolerate.
   static constexpr std::size_t BACKLOG = 100;
 
   /// The time since boot, including suspend, in seconds.
@@ -186,9 +188,9 @@ private:
       message.order, message.acknowledged, message.reason};
   }
 
-  /// Process the given messages and all that wait: a stop must not wait behind earlier messages.
-  /// All of them are newer than the last pass, which would have taken them. (The stamp would show
-  /// their time only if the clocks of bridge and stack agreed.)
+  /// Process these messages and all waiting ones: a stop must not wait behind earlier messages.
+  /// All of them are newer than the last pass, which would otherwise have taken them. (The stamp
+  /// would show their time only if the clocks of bridge and stack agreed.)
   void pass(std::vector<Said> heard, std::optional<int> bridges_alive = {})
   {
     std::unique_lock<std::mutex> lock(ordering_);
@@ -245,7 +247,7 @@ private:
   const rclcpp::Logger log_;
   Orders orders_;
   double began_ = now();
-  double passed_ = began_;  // all messages from before that were taken
+  double passed_ = began_;  // all messages from before this time were taken
   RaceState reported_ = RaceState::UNKNOWN;  // to on_change_
   std::map<std::string, double> logged_;  // reasons, and when each was logged
   std::string logged_last_;
