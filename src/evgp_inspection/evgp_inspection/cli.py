@@ -40,11 +40,11 @@ from evgp_protocol.frames import DEFAULT_PORT
 
 Options: TypeAlias = argparse.Namespace
 
-A_RACE_ONLY = 'This was a race only, not an inspection.'
+A_RACE_ONLY = 'This was only a race, not an inspection.'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``kart`` or ``survey``."""
+    """Run the inspection (``kart``) or the survey (``survey``)."""
     what, *rest = [*(sys.argv[1:] if arguments is None else arguments), '']
     programs = {'kart': inspect_kart, 'survey': survey_network}
     if what in programs:
@@ -127,7 +127,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
-    """Return functions that kill the parts of the kart's program, by command or by asking."""
+    """Return functions that kill the parts of the kart's program, or ask the inspector to."""
 
     async def ask(part: str) -> bool:
         return bool(await inspector.ask(KILL_PART[part], limits.connect))
@@ -152,7 +152,7 @@ def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, 
 
 
 def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int:
-    """Inspect, from the inspector's word to the report; return the exit code."""
+    """Inspect the kart and write the report; return the exit code."""
     printer = Printer()
     began = datetime.datetime.now().astimezone()
     try:
@@ -191,7 +191,7 @@ def _inspect(options: Options, limits: Limits, clauses: Sequence[Clause]) -> int
 async def _with_the_word(
     options: Options, printer: Printer, limits: Limits, clauses: Sequence[Clause]
 ) -> Inspection:
-    """Inspect once the inspector has given the word; a signal ends the inspection."""
+    """Inspect once the inspector has typed the word; a signal ends the inspection."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

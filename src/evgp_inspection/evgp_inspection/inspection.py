@@ -24,7 +24,7 @@ from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, results_of, Verdict, verdict_on
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
-"""Starts to deliver speeds, in m/s, and returns a function that ends that."""
+"""Starts to deliver speeds, in m/s, and returns a function that ends the delivery."""
 
 
 class Exit(enum.IntEnum):
@@ -39,8 +39,8 @@ class Inspection:
     """
     The outcome of an inspection.
 
-    :ivar results: the results of the wanted clauses.
-    :ivar seconds: duration, s.
+    :ivar results: the results of the clauses that were asked for.
+    :ivar seconds: the duration, in seconds.
     :ivar remarks: sentences about the whole inspection.
     :ivar finished: whether every step was done.
     """
@@ -71,17 +71,17 @@ async def inspect(
     steps: Collection[str] = (),
 ) -> Inspection:
     """
-    Inspect a kart, once the inspector has given the word.
+    Inspect a kart. Call this once the inspector has typed the word.
 
-    The inspector sees each step when it begins and each breach when it is found.
+    The inspector sees each step when it begins, and each breach as soon as it is found.
 
     :param clauses: the clauses for the report.
-    :param stopping: ends the inspection when it is set; the kart is stopped first.
-    :param port: the port for the kart; 0 lets the system choose.
+    :param stopping: ends the inspection when it is set, but only after stopping the kart.
+    :param port: the port for the kart; with 0, the system chooses one.
     :param kart_address: see `KartWire`.
     :param odometry: starts to deliver speeds; None if there is no odometry.
     :param kills: see `KartScript`.
-    :param listening: called with the port once the kart may connect.
+    :param listening: called with the port once the kart can connect.
     :param steps: the steps to do; if empty, those that the clauses need.
     :raises OSError: if the port or the odometry cannot be used.
     """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The inspector: sentences to read, questions to answer by key, and a key that stops the kart.
+What the inspector reads and types: sentences, questions, and a key that stops the kart.
 
 A thread does the printing, so that a paused terminal (Ctrl-S) never delays frames to the kart.
 """
@@ -41,7 +41,7 @@ class Inspector(Protocol):
         """Show a line; never waits."""
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        """Return the answer; None if there is none within this time (s)."""
+        """Return the answer; None if there is none within this time, in seconds."""
 
 
 class Unattended:
@@ -87,10 +87,10 @@ class AtTerminal:
     """
     An inspector at a terminal, who answers with single keys.
 
-    Keys pressed before a question do not answer it. Without a terminal (in a pipe), the bytes are
-    the keys.
+    A key that is pressed before a question does not answer it. In a pipe, bytes take the place of
+    keys.
 
-    :param stop: called in the loop when a stop key is pressed after the word was given, or when
+    :param stop: called in the loop when a stop key is pressed after the word was typed, or when
         the terminal is gone.
     """
 
@@ -126,7 +126,7 @@ class AtTerminal:
         return given
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        """Ask a question that y or n answers."""
+        """Ask a question, which the inspector answers by the key y or n."""
         self._printer.tell(f'\a  ?  {question}  y/n ', end='')
         given: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._answer = given

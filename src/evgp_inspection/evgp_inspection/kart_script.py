@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The script of `inspect_kart`: it plays race control for one kart and records everything.
+The script of `inspect_kart`, which plays race control for one kart and records everything.
 
-The script judges nothing; `evgp_inspection.oracle` does that meanwhile. The script watches the
-oracle only to continue once there is nothing more to see, and to stop the kart at once when it
+The script judges nothing, because `evgp_inspection.oracle` does that meanwhile. The script watches
+the oracle only to continue once there is nothing more to see, and to stop the kart at once when it
 does something forbidden.
 
 The kart is never left driving. Whatever ends the inspection, the script first sends RED_RED for
-some seconds, and tells the inspector whether the kart has reported that it stands. A kart that
-does not acknowledge RED_RED, or sees it late, is not made to drive again.
+some seconds, and then tells the inspector whether the kart has reported a standstill. It does not
+let a kart drive again that does not acknowledge RED_RED or is late to see it.
 """
 
 from __future__ import annotations
@@ -51,34 +51,35 @@ ODOMETRY_COMES = 5.0
 """Maximum time to wait for the first odometry after the kart has connected, in seconds."""
 
 SLOW_RATE, LONG_RATE, FAST_RATE = 10.0, 20.0, 100.0
-"""Slow frame rate, frame rate in the long drive, and fast frame rate, in Hz."""
+"""The slow frame rate, that of the long drive, and the fast one, in Hz."""
 
 BURST = 400
 """Number of frames sent at once before a stop that the kart must see in time."""
 
 MOMENT = 0.2
-"""How long IN_GARAGE is sent between two checks, in seconds."""
+"""Time for which IN_GARAGE is sent between two checks, in seconds."""
 
 SHORT_SILENCE = 0.4
-"""How long a new connection is sent nothing, as a fraction of `silence`; too short to be one."""
+"""Time for which nothing is sent on a new connection, as a fraction of the limit `silence`. It is
+too short to count as silence."""
 
 EARLY_STOP = 0.15
-"""Time from GREEN_GREEN to the RED_RED that must stop a kart that has hardly started, in s."""
+"""Time from GREEN_GREEN to a stop for a kart that has hardly started, in seconds."""
 
 FLAG_BRAKES = 0.8
-"""Fraction of its top speed to which RED_FLAG slows a kart before the next act."""
+"""Fraction of the kart's top speed to which RED_FLAG slows it before the next act."""
 
 FLAG_ALONE = 1.0
-"""How long RED_FLAG alone may slow the kart, in seconds; without odometry, a third of it."""
+"""Maximum time for which RED_FLAG alone slows the kart, in seconds; a third without odometry."""
 
 RANDOM_STOP = (0.1, 2.0)
 """Range of the time from GREEN_GREEN to a stop of the step `random`, in seconds."""
 
 RANDOM_STOPS = ('red', 'flag', 'fin', 'flag_lost', 'silence', 'red', 'red', 'flag')
-"""The stops of the step `random`; the seed chooses their order."""
+"""The stops of the step `random`, whose order depends on the seed."""
 
 PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
-"""How these steps send RED_RED, ten times a second."""
+"""The form in which each of these steps sends RED_RED, ten times a second."""
 
 KILLING_STEPS = ('bridge', 'stack')
 """The last steps, in which a part of the kart's program is killed."""
@@ -90,14 +91,14 @@ KILL_PART = {
     'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
     'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
 }
-"""Requests to the inspector to kill a part while the kart drives."""
+"""Requests to the inspector to kill a part of the kart's program while the kart drives."""
 
 START_KART_AGAIN = "Then end the kart's program and start it again. Has it started?"
 """Question to the inspector about a kart that does not reconnect."""
 
 
 class Step(NamedTuple):
-    """A step: its description for people, and its acts (`KartScript`)."""
+    """A step, with its description for people and its acts (see `KartScript`)."""
 
     done: str
     acts: tuple[str, ...]
@@ -109,7 +110,7 @@ first | red | RED_RED is sent to a kart that stands.
 alone | garage green garage grid garage green | GREEN_GREEN is sent after IN_GARAGE: before any
     GRID_ACTIVE, then after an acknowledged one.
 bytes | garage pieces | RED_RED is sent byte by byte.
-many | garage pieces | RED_RED is sent five frames a piece, cut inside one.
+many | garage pieces | RED_RED is sent in pieces of five frames, cut inside a frame.
 late | garage pieces | RED_RED is sent in halves, 0.07 s apart.
 slow | garage pieces | RED_RED is sent 10 times a second.
 malformed | garage grid watch malformed | After an acknowledged GRID_ACTIVE, malformed frames that
@@ -119,8 +120,8 @@ again | garage grid red green garage | GRID_ACTIVE is acknowledged once more; th
 glued | garage glued | GRID_ACTIVE and GREEN_GREEN are sent in one piece.
 backlog | fast backlog | IN_GARAGE is sent 100 times a second, then 400 frames at once, then
     RED_RED.
-race | DRIVE flag dwell green red dwell garage dwell | A drive; RED_FLAG for long, GREEN_GREEN,
-    RED_RED for long, IN_GARAGE for long.
+race | DRIVE flag dwell green red dwell garage dwell | A drive; RED_FLAG for some time,
+    GREEN_GREEN, RED_RED for some time, IN_GARAGE for some time.
 red | garage grid fast_drive red | A drive with 100 frames a second; RED_RED.
 flag_red | DRIVE brake red | A drive; RED_RED while RED_FLAG brakes.
 flag_lost | DRIVE brake fin | A drive; the connection is closed while RED_FLAG brakes.
@@ -142,13 +143,13 @@ restart | DRIVE away back | A drive; race control goes away, refuses connections
 random | at_random | Eight drives, stopped in every way at random times after GREEN_GREEN.
 long | garage grid long_drive red | A drive of a minute with 20 frames a second; RED_RED.
 half_open | red half_open | Nothing is sent to a kart that stands.
-dwell | dwells garage grid close green | Each state is sent for long to a kart that stands, and its
-    connection closed; after GRID_ACTIVE, GREEN_GREEN follows.
+dwell | dwells garage grid close green | Each state is sent for some time to a kart that stands,
+    and then its connection is closed; after GRID_ACTIVE, GREEN_GREEN follows.
 bridge | DRIVE kill dwell | A drive; the program that is connected to race control is killed.
 stack | DRIVE kill dwell | A drive; the program that commands the motors is killed, and
-    GREEN_GREEN is sent for long.
+    GREEN_GREEN is sent for some time.
 """
-"""Name; acts (DRIVE: the start of every drive); description."""
+"""The name, acts and description of each step. DRIVE replaces the acts that begin every drive."""
 
 
 def _steps() -> Iterator[tuple[str, Step]]:
@@ -178,13 +179,13 @@ class KartScript:
     """
     Runs the steps in order.
 
-    An act is a method of this class; it returns False if the rest of its step makes no sense.
+    An act is a method of this class. It returns False if the rest of its step makes no sense.
 
+    :param begin_step: called with the name of each step.
     :param wanted: the names of the steps to do.
     :param seen: whether odometry is expected.
     :param kills: functions that kill parts of the kart's program, by the names of
-        `KILLING_STEPS`; a step without one is skipped.
-    :param begin_step: called with the name of each step.
+        `KILLING_STEPS`; a step without a function is skipped.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class KartScript:
         """
         Run the steps, then stop the kart.
 
-        :return: why the kart was not made to drive, as a sentence; empty if it was.
+        :return: a sentence that says why the kart was not made to drive; empty if it was.
         :raises EndedError: if the kart did not connect or did not stop.
         """
         try:
@@ -239,9 +240,9 @@ class KartScript:
         return f'{self._hindrance} It was not made to drive.' if self._hindrance else ''
 
     async def _do(self, name: str, acts: tuple[str, ...]) -> None:
-        """Do the acts of a step, but stop as soon as the kart moves when it must not."""
+        """Do the acts of a step, but end it as soon as the kart moves when it must not."""
         self._step = name
-        # The step's name tells the oracle how frames are sent; until then they go out as usual.
+        # The step's name tells the oracle how frames are sent, but at first they go out as usual.
         before = 'before ' if {'pieces', 'malformed', 'backlog'} & {*acts} else ''
         self._recording.note(Kind.STEP, text=before + name)
         moves = self._oracle.moves
@@ -272,7 +273,7 @@ class KartScript:
         await self._until(lambda: None, seconds)
 
     async def _stay(self, seconds: float) -> bool:
-        """Watch a kart that must not drive until it does or time is up; ask the inspector."""
+        """Watch a kart that must not drive, and ask the inspector; return False once it drives."""
         moves = self._oracle.moves
         if await self._until(lambda: self._oracle.moves > moves, seconds):
             return False
@@ -280,7 +281,7 @@ class KartScript:
         return True
 
     async def _ask(self, question: str) -> bool | None:
-        """Ask the inspector to look, unless there is odometry; return any answer."""
+        """Ask the inspector to look, unless there is odometry; return the answer, if any."""
         return None if self._seen else await self._look(question)
 
     async def _look(self, question: str) -> bool | None:
@@ -290,11 +291,11 @@ class KartScript:
         return answer
 
     async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
-        """Return whether the kart acknowledges the state that it is being sent in time."""
+        """Return whether the kart acknowledges in time the state that it is being sent."""
         return await self._until(lambda: self._trace.acknowledged(state), seconds)
 
     async def _connected(self) -> bool:
-        """Return whether the kart is connected, or connects in time."""
+        """Return whether the kart is connected, after waiting for it if necessary."""
         return await self._until(lambda: self._wire.connected, self._limits.reconnect)
 
     async def _stop(self) -> None:
@@ -302,7 +303,7 @@ class KartScript:
         Bring the kart to a standstill.
 
         A fault that ends the kart's program would hide all others, so the inspector may restart
-        it.
+        that program.
 
         :raises EndedError: if the kart does not connect or acknowledge RED_RED in time.
         """
@@ -321,9 +322,9 @@ class KartScript:
 
     async def _see_it_stand(self, seconds: float) -> bool:
         """
-        Wait at most this time (s) until the wheels stand; without odometry, ask.
+        Wait until the wheels stand still, but no longer than this, or ask if there is no odometry.
 
-        :return: False if they were seen to keep turning.
+        :return: False if the wheels were seen to keep turning.
         """
         if not self._seen:
             return await self._look(STANDS) is not False
@@ -340,7 +341,7 @@ class KartScript:
         if not await self._until(lambda: self._wire.connected, limits.connect):
             raise EndedError(f'No kart connected within {limits.connect:g} s.')
         if self._seen:
-            # The first odometry may take a while, and until then nothing sees the wheels.
+            # The first odometry may take a while, and until it comes, nothing sees the wheels.
             await self._until(lambda: self._oracle.spell.speeds, ODOMETRY_COMES)
             await self._until(lambda: self._wire.connected, limits.connect)
         await self._quiet()
@@ -353,8 +354,8 @@ class KartScript:
     async def _garage(self) -> None:
         self._wire.order(IN_GARAGE)
         await self._pass(MOMENT)
-        # Wait until a standing kart has read it: it reports that or stays silent. Later reports
-        # cannot answer an earlier order (docs/wire.md).
+        # Wait until a standing kart has read this, which it shows by a report or by its silence.
+        # After that, no report can answer an earlier order (docs/wire.md).
         await self._until(lambda: self._trace.reached, QUIET + self._limits.red_red)
 
     async def _watch(self) -> bool:
@@ -433,7 +434,7 @@ class KartScript:
         return ready
 
     async def _drive(self, seconds: float = 0.0, rate: float = BEAT_RATE) -> bool:
-        """Make the kart drive for this time (s), or for `drive`; return whether it does."""
+        """Make the kart drive for this time, or for the limit `drive`; return whether it does."""
         limits = self._limits
         await self._announce()
         self._wire.order(GREEN_GREEN, rate=rate)
@@ -449,7 +450,7 @@ class KartScript:
         return not self._hindrance or self._oracle.still == 0
 
     async def _fast_drive(self) -> bool:
-        # Before the stop, so that a kart that reads too slowly while driving is late by now.
+        # A kart that reads too slowly while it drives is late by the time of the stop.
         return await self._drive(rate=FAST_RATE)
 
     async def _long_drive(self) -> bool:
@@ -490,7 +491,7 @@ class KartScript:
     async def _lose(self, lose: Callable[[], object]) -> bool:
         """Make the kart lose race control, and wait until it stands and has reconnected."""
         newest = self._wire.newest
-        self._wire.send(NOTHING)  # nor to a new connection
+        self._wire.send(NOTHING)  # not even on a new connection
         lose()
         stands = await self._see_it_stand(self._limits.red_red)
         back = await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
@@ -552,7 +553,7 @@ class KartScript:
             await self._until(lambda: killing.done() or ended(), limits.connect + limits.answer)
             # The connection ends now or never.
             if part == 'bridge' and await self._until(ended, limits.slack):
-                self._wire.send(NOTHING)  # nor to a new connection
+                self._wire.send(NOTHING)  # not even on a new connection
             done = await killing
         finally:
             killing.cancel()
@@ -571,7 +572,7 @@ class KartScript:
     # ----- the end --------------------------------------------------------------------------
 
     async def _end(self) -> None:
-        """Send RED_RED for some seconds, then report whether the kart stands."""
+        """Send RED_RED for some seconds, then tell the inspector whether the kart stands."""
         self._recording.note(Kind.STEP, text='end')
         self._wire.send_now(encode(RED_RED))
         self._wire.order(RED_RED)
@@ -584,8 +585,8 @@ class KartScript:
             self._inspector.tell(f'  !  The port is gone: {error}')
         await self._pass(self._limits.hold)
         if self._speechless:
-            self._inspector.tell('  The program that drives was killed. CHECK WHETHER IT STANDS.')
+            self._inspector.tell('  The driving program was killed. CHECK THAT THE KART STANDS.')
         elif not self._trace.acknowledged(RED_RED):
-            self._inspector.tell('\a  !  THE KART HAS NOT REPORTED THAT IT STANDS. USE THE MSR.')
+            self._inspector.tell('\a  !  THE KART HAS NOT REPORTED A STANDSTILL. USE THE MSR.')
         else:
-            self._inspector.tell('  RED_RED was sent last, and the kart reports that it stands.')
+            self._inspector.tell('  RED_RED was sent last, and the kart reports a standstill.')

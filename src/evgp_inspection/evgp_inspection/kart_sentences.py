@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The sentences that an inspection checks, one row each; `oracle` reports breaches by name."""
+"""The sentences that an inspection checks, one row each. `oracle` reports breaches by name."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from evgp_inspection.oracle import BY_EYE
 from evgp_inspection.verdicts import Clause
 
 _TABLE = """
-K-3A-01 IN_GARAGE: stands still by itself | connect race dwell
+K-3A-01 IN_GARAGE: does not move on its own | connect race dwell
     IN_GARAGE: The kart is not currently driving in the Race.
 K-3A-02 GRID_ACTIVE: acknowledged when ready | race malformed | grid
     When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.
@@ -19,7 +19,7 @@ K-3A-03 GRID_ACTIVE: stands still | malformed dwell
     wire: does not move, gets ready
 K-3A-04 GREEN_GREEN: acknowledged | race | green
     The kart should acknowledge the first $GREEN_GREEN; command.
-K-3A-05 GREEN_GREEN: drives when it says so | race | green
+K-3A-05 GREEN_GREEN: drives once it has acknowledged it | race | green
     Upon receiving the $GREEN_GREEN; command, a kart should begin driving within 30 seconds
 K-3A-06 RED_FLAG: acknowledged once it stands | race | red_flag
     The kart should remain stopped once it has stopped moving and send a $RED_FLAG; message to the
@@ -69,7 +69,7 @@ K-3E-04 connection half-closed: stops | half | red_red
 K-3E-05 after a lost connection: GREEN_GREEN does not start it | fin reset half dwell
     wire: or a new connection, a kart that is sent `GREEN_GREEN` stays where it is until it has
     acknowledged another `GRID_ACTIVE`.
-K-3E-06 race control restarted in mid-race: never moves by itself | restart
+K-3E-06 race control restarted in mid-race: never moves on its own | restart
     wire: After any other state, or a new connection, a kart that is sent `GREEN_GREEN` stays where
     it is until it has acknowledged another `GRID_ACTIVE`.
 K-3E-07 nothing but malformed bytes: stops | noise | red_red
@@ -90,7 +90,7 @@ K-4A-01 connects | connect | connect
     Transmission Control Protocol (TCP) over a WiFi network.
 K-4A-02 one connection at a time
     wire: Open one connection per kart.
-K-4C-01 says whole, correct frames only
+K-4C-01 sends whole, correct frames only
     Each message will begin with a start character (a dollar sign: $) followed by a character byte
     array of the State name and finished with an end character (a semi-colon: ;)
 K-4C-02 frames cut into single bytes | bytes | red_red
@@ -107,14 +107,14 @@ K-4C-07 obeys nothing that only looks like GREEN_GREEN | malformed
     wire: a name that is not a state (`$GREEN;`, `$red_red;`)
 K-4C-08 survives malformed bytes | malformed | red_red
     wire: malformed; skips to the next `$`
-K-4C-09 says only what it is being sent
+K-4C-09 reports only the state that it is being sent
     wire: **To acknowledge, send the same frame back,** once or with every frame.
 K-4C-10 does not flood race control
     wire: reads about 4096 bytes a beat; accepts no acknowledgement during the flood and for 1 s
     after; drops it after 2 s.
-K-4C-11 nothing sent yet: says nothing, stands | connect
+K-4C-11 before the first frame: sends nothing, stands | connect
     wire: as `RED_RED`: stops, or stays where it is
-K-4C-12 says nothing old on a new connection | fin
+K-4C-12 reports nothing old on a new connection | fin
     wire: After a lost connection, acknowledge again.
 K-4D-01 connects again after FIN | fin | reconnect
     wire: After a lost connection, stop the kart, then reconnect with half a second between
@@ -133,8 +133,8 @@ K-4D-05 connects again when race control was restarted | restart | reconnect
 K-4D-06 acknowledges again on a new connection | fin | red_red
     wire: After a lost connection, acknowledge again.
 """
-"""Name and title; the steps that show it, the best one first (none: all); its limit; then the
-sentence, from the proposal or from docs/wire.md."""
+"""The name and title of each clause, the steps that show it (the best one first, or none if all
+do), and its limit. The sentence follows, from the proposal or from docs/wire.md."""
 
 
 def _rows() -> Iterator[Clause]:
@@ -163,5 +163,5 @@ BY_STATEMENT = (
     'starts nothing',
     '§3.A: on RED_FLAG the kart slows down gently, steers, and pulls to the inside of the track',
 )
-"""Points that cannot be checked on stands. The team states and shows them; the inspector ticks
-them."""
+"""Points that cannot be checked on stands. The team states and demonstrates them, and the
+inspector ticks them."""

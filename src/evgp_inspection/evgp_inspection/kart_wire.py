@@ -4,8 +4,8 @@
 """
 Race control's end of the wire, for the inspection of one kart.
 
-It sends what the inspection wants, in the wanted pieces and at the wanted rate, on every
-connection of the kart, so a stop reaches the kart on whichever connection it reads.
+The inspection chooses what is sent, in which pieces and at which rate. It is sent on every
+connection of the kart, so that a stop reaches the kart on whichever connection it reads.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ MALFORMED = (
     b'$$$;;;',
     b'\r\n\t ',
 )
-"""Bytes that no kart may take for GREEN_GREEN, and that must not crash a kart. Each stays
-malformed whatever follows it."""
+"""Bytes that no kart may take for GREEN_GREEN, and that must not crash a kart. Each of them stays
+malformed, whatever follows it."""
 
 Beat: TypeAlias = list[tuple[float, bytes]]
-"""Pieces to send, each after a pause, s."""
+"""Pieces to send, each after a pause in seconds."""
 
 Beats: TypeAlias = Iterator[Beat]
 """An endless sequence of beats to send."""
@@ -64,7 +64,7 @@ def single_bytes(state: RaceState) -> Beats:
 
 
 def many_in_a_piece(state: RaceState) -> Beats:
-    """Send five frames in a piece, and cut the pieces inside a frame."""
+    """Send pieces of five frames, cut inside a frame."""
     frame = encode(state)
     half = len(frame) // 2
     begin, end = frame[:half], frame[half:]
@@ -85,7 +85,7 @@ def after(first: bytes, state: RaceState) -> Beats:
 
 
 def between(state: RaceState | None = None) -> Beats:
-    """Send malformed bytes in turn, each followed by a whole frame if there is a state."""
+    """Send each of `MALFORMED` in turn, followed by a whole frame if there is a state."""
     frame = b'' if state is None else encode(state)
     return itertools.cycle([[(0.0, each + frame)] for each in MALFORMED])
 
@@ -98,10 +98,10 @@ class KartWire:
     """
     Listens for the kart and talks to it.
 
-    :param recording: records everything sent, heard, opened and ended.
+    :param recording: records every connection, and everything that is sent and received.
     :param tell: called with sentences for the inspector.
-    :param kart_address: the only IPv4 address that counts as the kart; empty: the address of the
-        first connection.
+    :param kart_address: the only IPv4 address that counts as the kart; if empty, that of the first
+        connection.
     """
 
     def __init__(
@@ -160,7 +160,7 @@ class KartWire:
         """
         Send these beats from now on.
 
-        :param greeting: bytes that a new connection is sent at once.
+        :param greeting: bytes to send at once on a new connection.
         """
         self._beats, self._period, self._greeting = beats, 1 / rate, greeting
         self._changed.set()
@@ -249,7 +249,7 @@ class KartWire:
                     for link in links:
                         link.write(data)
                 self._notice_delay(loop.time() - piece_due)
-            # A late beat is not made up for; a new order does not wait for the next beat.
+            # A late beat is not made up for. A new order does not wait for the next beat.
             due = max(due + self._period, loop.time())
             # No asyncio.wait_for: before Python 3.12 it may swallow this task's cancellation.
             timer = loop.call_at(due, self._changed.set)

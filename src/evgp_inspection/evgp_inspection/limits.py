@@ -4,7 +4,7 @@
 """
 The limits of an inspection or a survey.
 
-Each limit is a parameter; every report lists the limits used.
+Each limit is an option of the command line, and every report lists the limits used.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ def _limit(default: float, meaning: str) -> float:
 
 class _Limits:
     """
-    The base of all limits; they are in seconds unless the meaning names another unit.
+    The base of all limits, which are in seconds unless their meaning names another unit.
 
-    The meaning of each is in its field's metadata, for the command line.
+    The meaning of each limit is in the metadata of its field, for the command line.
 
-    :raises ValueError: if a limit is not a finite number above 0 (``warning``, ``hold``, ``seed``:
-        0 or more).
+    :raises ValueError: if a limit is not a finite number above 0; ``warning``, ``hold`` and
+        ``seed`` may also be 0.
     """
 
     def __post_init__(self) -> None:
@@ -75,17 +75,17 @@ class Limits(_Limits):
     green: float = _limit(30.0, 'maximum time to acknowledge GREEN_GREEN and to start driving')
     red_flag: float = _limit(15.0, 'maximum time to stand still and acknowledge RED_FLAG')
     red_red: float = _limit(5.0, 'maximum time to stand still and acknowledge RED_RED')
-    silence: float = _limit(1.0, 'how long frames may be missing before the kart must stop')
+    silence: float = _limit(1.0, 'time without frames after which the kart must stop')
     reconnect: float = _limit(10.0, 'maximum time to reconnect after a loss')
     away: float = _limit(10.0, 'how long a restarting race control is away')
     drive: float = _limit(2.0, 'how long the kart drives before each stop')
     watch: float = _limit(1.5, 'how long the kart is watched while it must do nothing')
-    slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
+    slack: float = _limit(0.5, 'delay allowed for odometry, network and reaction')
     fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
     harder: float = _limit(0.8, 'maximum time of a RED_RED stop, as a fraction of a RED_FLAG stop')
     long: float = _limit(60.0, 'how long the kart drives once without a break')
     dwell: float = _limit(10.0, 'how long each state is sent to a standing kart')
-    seed: float = _limit(0.0, 'seed for the times of random stops; 0: a random seed')
+    seed: float = _limit(0.0, 'seed for the times of random stops; 0 means a random seed')
     fast: float = _limit(3.0, 'how long 100 frames a second are sent')
     answer: float = _limit(20.0, 'maximum time to wait for an answer from the inspector')
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The kart's speed from lines of text or from ROS, which replaces the inspector's eyes."""
+"""Reads the kart's speed from lines of text or from ROS, in place of the inspector's eyes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ Take = Callable[[float], None]
 
 def speed_in(line: str) -> float | None:
     """
-    Return the absolute speed in a line ``speed`` or ``time speed``, m/s.
+    Return the absolute speed in a line of the form ``speed`` or ``time speed``, in m/s.
 
-    The time in the line is ignored, because what counts is when the line arrives.
+    A time in the line is ignored, because what counts is when the line arrives.
 
-    :return: the speed; None if the line has neither form.
+    :return: the speed; None if the line has another form.
     """
     words = line.split()
     if len(words) not in (1, 2):
@@ -56,9 +56,9 @@ async def listen(source: str, take: Take) -> Callable[[], None]:
 
     :param source: ``-`` (standard input), ``udp:PORT`` or ``udp:ADDRESS:PORT``, ``ros:TOPIC``, or
         the path of a file or pipe.
-    :return: a function that ends it.
+    :return: a function that ends the reading.
     :raises OSError: if the source cannot be used.
-    :raises ValueError: if it is not a source.
+    :raises ValueError: if this is not a source.
     :raises ImportError: if ROS is missing.
     """
     loop = asyncio.get_running_loop()

@@ -2,17 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The oracle: which motion and which replies a kart may show, at any moment of a trace.
+The oracle judges how a kart moves and what it replies, at each moment of a trace.
 
-Pure: events go in, findings come out, while the trace is written or later. The sent states, with
-their times and connections, divide the trace into spells. In one kind of spell the kart may drive;
-in every other it must stand, or brake and then stand. Every speed, every reply and every answer
-from the inspector is judged by the spell in which it arrives. Each finding names a sentence of
-`evgp_inspection.kart_sentences`. Three rules apply:
+It is pure: events go in, and findings come out, while the trace is written or later. The states
+that were sent, with their times and connections, divide the trace into spells. In one kind of
+spell the kart may drive; in every other kind it must stand still, or brake and then stand still.
+The oracle judges every speed, every reply and every answer from the inspector by the spell in
+which it arrives. Each finding names a sentence of `evgp_inspection.kart_sentences`. Three rules
+apply:
 
 1. A kart fails only for something in the trace. What was not seen is not judged.
 2. What was not seen is not passed either: a kart that reports nothing wrong may still drive.
-3. Only the first breach of a spell counts; later ones in the same spell are the same fault.
+3. Only the first breach of a spell counts. Later ones in the same spell are the same fault.
 """
 
 from __future__ import annotations
@@ -35,39 +36,42 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 VARIES = 0.15
-"""Maximum growth of odometry's delay since the beginning of the same stop, s."""
+"""Maximum growth of odometry's delay since the beginning of the same stop, in seconds."""
 
 GENTLY = 0.1
-"""Fraction of a RED_FLAG stop's duration by which it may begin late: it may begin gently."""
+"""Fraction of a RED_FLAG stop's duration by which the kart may begin to brake late, because it may
+brake gently."""
 
 ROLLING = 0.1
-"""Fraction of its top speed at which a kart rolls, however it measures its standstill."""
+"""Fraction of its top speed above which a kart rolls, however it measures its standstill."""
 
 WEAK = 0.6
-"""Fraction of the deceleration of RED_RED stops below which a stop is not a RED_RED stop."""
+"""Fraction of the deceleration in RED_RED stops below which a stop is too weak for RED_RED."""
 
 COMPARED = 0.5
-"""Fraction of the speed of the fastest RED_RED stop above which other stops are compared."""
+"""Fraction of the speed of the fastest RED_RED stop above which other stops are compared with
+RED_RED stops."""
 
 FASTER = 1.02
-"""Factor above which a kart that must brake counts as getting faster."""
+"""Factor by which the speed of a kart that must brake has to grow to count as getting faster."""
 
 FAST = 10
-"""Multiple of the standstill speed above which a deceleration can be measured."""
+"""Multiple of the standstill speed from which on a deceleration can be measured."""
 
 SOONER = 0.95
-"""Fraction of a RED_FLAG stop's duration within which an unseen kart must report RED_RED."""
+"""Fraction of the time until the RED_FLAG report within which an unseen kart must report
+RED_RED."""
 
 MOST_BYTES_A_SECOND = 4096 * 12
-"""Maximum number of bytes per second; more are a flood."""
+"""Maximum number of bytes per second that is not a flood."""
 
 AROUND = 2.0
-"""Time before and after a breach that its evidence covers, s."""
+"""Time before and after a breach that the evidence for it covers, in seconds."""
 
 STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
-"""The names of the two questions to the inspector in the trace."""
+"""The two questions to the inspector, as the trace names them."""
 
-# ----- what the oracle calls the sentences ----------------------------------------------------
+# ----- the sentences' names -------------------------------------------------------------------
 
 STAYS = {
     IN_GARAGE: 'K-3A-01',
@@ -75,10 +79,10 @@ STAYS = {
     RED_FLAG: 'K-3A-08',
     RED_RED: 'K-3A-15',
 }
-"""Clauses broken if the wheels turn although the kart stood, by the sent state."""
+"""Clauses that a kart breaks if its wheels turn again in a state, by that state."""
 
 BRAKES = {RED_FLAG: 'K-3A-16', RED_RED: 'K-3A-14'}
-"""Clauses broken if a driving kart begins to brake too late or stands too late."""
+"""Clauses that a driving kart breaks by beginning to brake too late, or stopping too late."""
 
 ACKNOWLEDGES = {
     GRID_ACTIVE: ('K-3A-02', 'grid'),
@@ -86,7 +90,7 @@ ACKNOWLEDGES = {
     RED_FLAG: ('K-3A-06', 'red_flag'),
     RED_RED: ('K-3A-09', 'red_red'),
 }
-"""Clauses broken if the kart does not acknowledge a state in time, and the limits."""
+"""Clauses that a kart breaks by not acknowledging a state in time, and the names of the limits."""
 
 LOSSES = {
     'closed': 'K-3C-01',
@@ -98,7 +102,7 @@ LOSSES = {
     'bridge': 'K-3E-09',
     'stack': 'K-3E-10',
 }
-"""Clauses broken if the wheels turn after a loss, by the kind of loss."""
+"""Clauses that a kart breaks if its wheels turn after a loss, by the kind of loss."""
 
 UNARMED = {
     IN_GARAGE: 'K-3B-01',
@@ -109,10 +113,11 @@ UNARMED = {
     'malformed': 'K-3E-02',
     'away': 'K-3E-06',
 }
-"""Clauses broken if the kart obeys GREEN_GREEN after this; after other losses it is `K-3E-05`."""
+"""Clauses that a kart breaks by obeying GREEN_GREEN after one of these. After any other loss, it
+breaks `K-3E-05`."""
 
 BACK = {'closed': 'K-4D-01', 'reset': 'K-4D-02', 'half-closed': 'K-4D-03'}
-"""Clauses broken if the kart does not reconnect in time."""
+"""Clauses that a kart breaks by not reconnecting in time."""
 
 SENT_SO = {
     'bytes': 'K-4C-02',
@@ -122,17 +127,17 @@ SENT_SO = {
     'backlog': 'K-4C-06',
     'malformed': 'K-4C-08',
 }
-"""Clauses broken if the kart does not report RED_RED in time in these steps, or drops the
+"""Clauses that a kart breaks in these steps by not reporting RED_RED in time, or by dropping the
 connection (except in `backlog`, where a kart may take so many frames at once for old ones)."""
 
 BY_EYE = {
     *('K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3A-12', 'K-3E-05', 'K-3E-08', 'K-3E-11', 'K-4C-07'),
     *(*STAYS.values(), *BRAKES.values(), *LOSSES.values(), *UNARMED.values()),
 }
-"""Clauses that only the wheels can show; without them no inspection is passed."""
+"""Clauses that only the wheels can show. No inspection is passed unless all of them are judged."""
 
 Speeds = list[tuple[float, float]]
-"""Times, s, and speeds, m/s."""
+"""Times, in seconds, and speeds, in m/s."""
 
 
 class Law(enum.Enum):
@@ -151,8 +156,8 @@ class Breach:
     A finding about one sentence.
 
     :ivar name: the name of the sentence.
-    :ivar since: when its cause began, s.
-    :ivar at: when it happened, s.
+    :ivar since: the time at which the cause began, in seconds.
+    :ivar at: the time at which the breach happened, in seconds.
     """
 
     name: str
@@ -166,18 +171,19 @@ class Breach:
 @dataclasses.dataclass
 class Spell:
     """
-    A period with one requirement on the kart.
+    A period with one requirement on the kart. Times are in seconds.
 
-    :ivar what: what the kart was told, for people.
-    :ivar stays: the sentence broken if the wheels turn although the kart stood.
-    :ivar stops: the sentence broken by braking too late.
-    :ivar true: the sentence broken by reporting a standstill too early; empty: no report is due.
-    :ivar grace: time in which the kart need not know the requirement yet, s.
+    :ivar what: what began the period, to follow "after" in a sentence.
+    :ivar stays: the sentence that the kart breaks if its wheels turn again.
+    :ivar stops: the sentence that the kart breaks by braking too late.
+    :ivar true: the sentence that the kart breaks by reporting a standstill too early; empty if no
+        report is due.
+    :ivar grace: time during which the kart need not know the requirement yet.
     :ivar rolled: whether the kart could still roll when the spell began.
     :ivar moved: whether its wheels turned then, or it had reported that it was driving.
-    :ivar until: when it must stand, s.
-    :ivar said: when it first reported its standstill, s.
-    :ivar answer: the inspector's answer whether the wheels stand; NaN: none.
+    :ivar until: the time by which the kart must stand still.
+    :ivar said: the time at which it first reported a standstill.
+    :ivar answer: the event with the inspector's answer to `STANDS`, if that was asked.
     """
 
     law: Law
@@ -197,13 +203,13 @@ class Spell:
 
     @property
     def top(self) -> float:
-        """Return the highest speed, m/s."""
+        """Return the highest speed, in m/s."""
         return max((speed for _, speed in self.speeds), default=0.0)
 
 
 @dataclasses.dataclass(frozen=True)
 class Due:
-    """A duty of the kart with a limit in s, and the order that it answers."""
+    """Something that the kart must do within a limit, in seconds, and the order for it, if any."""
 
     name: str
     since: float
@@ -219,8 +225,8 @@ class Oracle:
     :ivar trace: the trace so far.
     :param tell: called with the first breach of each sentence when it is found.
     :ivar breaches: the first breach of each broken sentence so far.
-    :ivar moves: number of breaches by the wheels, each a reason to stop the kart.
-    :ivar still: number of speeds since the wheels last turned.
+    :ivar moves: number of breaches by the wheels, each of which is a reason to stop the kart.
+    :ivar still: number of speeds received since the wheels last turned.
     :ivar spell: the current spell.
     """
 
@@ -231,7 +237,7 @@ class Oracle:
         self._tell = tell
         self.breaches: list[Breach] = []
         self.moves = self.still = 0
-        self.spell = Spell(Law.STAND, 0.0, 'nothing yet', 'K-4C-11', 'K-4C-11')
+        self.spell = Spell(Law.STAND, 0.0, 'the start', 'K-4C-11', 'K-4C-11')
         self._limits = limits
         self._found: dict[str, Breach] = {}  # the gravest finding per sentence
         self._heard = 0  # number of replies judged
@@ -243,9 +249,9 @@ class Oracle:
         self._since: RaceState | str = IN_GARAGE  # what disarmed the kart
         self._silent, self._silent_at = 'silent', 0.0
         self._grids = 0
-        self._stood: float | None = 0.0  # when it came to a stand; None: it may still roll
-        self._freed = 0.0  # when it had to stop driving, s
-        self._at_speed = False  # it had driven long enough before that
+        self._stood: float | None = 0.0  # when it came to a standstill; None if it may still roll
+        self._freed = 0.0  # when it had to stop driving
+        self._at_speed = False  # it had driven long enough before it had to stop
         self._drives_on = 0  # the connection on which it drove
         self._turned: float | None = None
         self._said_green: float | None = None
@@ -253,7 +259,7 @@ class Oracle:
         self._said_due: Due | None = None
         self._back_due: Due | None = Due('K-4A-01', 0.0, limits.connect, 'connect')
         self._open: dict[int, float] = {}
-        self._doubtful: dict[int, float] = {}  # connections that were open when another one was
+        self._doubtful: dict[int, float] = {}  # connections still open when another one was opened
         self._quiet: dict[int, float] = {}  # connections on which nothing was sent yet
         self._recent: deque[Event] = deque()
         self._bytes = 0
@@ -276,7 +282,7 @@ class Oracle:
     # ----- what was found -----------------------------------------------------------------------
 
     def findings(self) -> dict[str, Finding]:
-        """End the trace; return the findings by sentence name."""
+        """End the trace, and return the findings by the names of their sentences."""
         now = self.trace.events[-1].at if self.trace.events else 0.0
         self._end_spell(now)
         self._let_go(now)
@@ -309,7 +315,7 @@ class Oracle:
             self._tell(self.breaches[-1])
 
     def _break(self, name: str, why: str, at: float) -> None:
-        """Record a breach by the wheels; further motion in this spell is the same fault."""
+        """Record a breach by the wheels. Further motion in this spell is the same fault."""
         self.spell.broken = True
         self.moves += 1
         self._fail(name, f'After {self.spell.what}: {why}', self.spell.at, at)
@@ -320,7 +326,7 @@ class Oracle:
         self._keep(Breach(name, Verdict.PASS, why, at, at, measured))
 
     def _keep(self, found: Breach) -> None:
-        """Keep the gravest finding: not judged before passed, and the slowest of these."""
+        """Keep the gravest finding: one that is not judged, or else the slowest pass."""
 
         def rank(each: Breach) -> tuple[bool, float]:
             return each.verdict is Verdict.NOT_JUDGED, each.measured or 0.0
@@ -383,12 +389,13 @@ class Oracle:
             self._said_green = None
             seen = self.spell.speeds and self.spell.speeds[-1][0] > said
             if seen and (self._turned is None or self._turned > said + limits.slack):
-                why = 'it said $GREEN_GREEN;, and its wheels stood still.'
+                why = 'it reported GREEN_GREEN, but its wheels stood still.'
                 self._break('K-3A-05', why, now)
         for link, since in list(self._doubtful.items()):
             if now > since + limits.slack:
                 del self._doubtful[link]
-                self._fail('K-4A-02', f'It kept connection {link} beside a new one.', since, now)
+                why = f'It kept connection {link} open after opening a new one.'
+                self._fail('K-4A-02', why, since, now)
 
     # ----- wheels -------------------------------------------------------------------------------
 
@@ -407,11 +414,13 @@ class Oracle:
                 self._stood = at
         elif not spell.broken:
             if self._stood is not None and at > self._stood + limits.slack:
-                self._break(spell.stays, f'it had stood; {speed:.2f} m/s.', at)
+                why = f'it had stood still, but then moved at {speed:.2f} m/s.'
+                self._break(spell.stays, why, at)
             elif spell.said is not None and at > spell.said + limits.slack:
-                self._break(spell.true, f'it had said that it stands; {speed:.2f} m/s.', at)
+                why = f'it had reported a standstill, but moved at {speed:.2f} m/s.'
+                self._break(spell.true, why, at)
             elif at > spell.until:
-                self._break(spell.stops, f'it still rolls, {speed:.2f} m/s.', at)
+                self._break(spell.stops, f'it still rolled, at {speed:.2f} m/s.', at)
 
     def _take_answer(self, event: Event) -> None:
         spell, limits = self.spell, self._limits
@@ -482,9 +491,9 @@ class Oracle:
         for name in sorted(names):
             if seen and self._stood is not None:
                 took = max(self._stood - spell.at, 0.0) if spell.rolled else None
-                self._pass(name, f'It stood, after {spell.what}.', at, took)
+                self._pass(name, f'It stood still after {spell.what}.', at, took)
             elif asked and not seen and at - spell.at > 2 * limits.slack:
-                why = f'Nobody saw in time whether the wheels stood, after {spell.what}.'
+                why = f'Nobody saw in time whether the wheels stood still after {spell.what}.'
                 self._keep(Breach(name, Verdict.NOT_JUDGED, why, spell.at, at))
 
     def _stops_badly(self, spell: Spell) -> bool:
@@ -499,14 +508,14 @@ class Oracle:
         known = max((speed for at, speed in spell.speeds if at <= due), default=top)
         if top > FASTER * known + limits.standstill:
             at = next(at for at, speed in spell.speeds if speed == top)
-            why = f'it got faster: {top:.2f} m/s after {at - spell.at:.2f} s.'
+            why = f'it got faster, up to {top:.2f} m/s after {at - spell.at:.2f} s.'
             self._break(spell.stops, why, at)
             return True
         if began is not None:
             stood = self._stood if self._stood is not None else spell.speeds[-1][0]
             late = due + (GENTLY * (stood - spell.at) if spell.law is Law.FLAG else 0.0)
             if began > late:
-                why = f'it began to slow down after {began - spell.at:.2f} s only.'
+                why = f'it began to slow down only after {began - spell.at:.2f} s.'
                 self._break(spell.stops, why, began)
                 return True
             self._stops.append(spell)
@@ -521,10 +530,12 @@ class Oracle:
         rolls = max(ROLLING * top, limits.standstill)
         turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
         if turned is not None:
-            why = f'it said that it stands; {turned[0] - said:.2f} s later, {turned[1]:.2f} m/s.'
+            why = f'{turned[0] - said:.2f} s after reporting a standstill, it moved at '
+            why += f'{turned[1]:.2f} m/s.'
             self._break(spell.true, why, turned[0])
         elif spell.moved and said - self._freed < limits.fastest_stop:
-            self._break(spell.true, 'no kart at speed stops that fast.', said)
+            why = 'it reported a standstill sooner than a kart at speed can stop.'
+            self._break(spell.true, why, said)
         return spell.broken
 
     # ----- the connection -------------------------------------------------------------------
@@ -565,11 +576,11 @@ class Oracle:
     def _expire_link(self, now: float) -> None:
         due, self._back_due = self._back_due, None
         if due is not None and now >= due.since + due.limit - EARLY:
-            why = f'It did not {due.what} in {now - due.since:.1f} s.'
+            why = f'It did not {due.what} within {now - due.since:.1f} s.'
             self._fail(due.name, why, due.since, now, now - due.since)
 
     def _lose(self, at: float, how: str, grace: float = 0.0) -> None:
-        """Record the loss of race control, by a key of `LOSSES`, or `kart`: its own doing."""
+        """Record the loss of race control: `how` is a key of `LOSSES`, or `kart` if it did it."""
         if self._killed:
             return
         self._let_go(at)
@@ -593,7 +604,7 @@ class Oracle:
         if self.trace.framed_at(link) == event.at:
             self._expire_link(event.at)  # the loss is over
         if opened is not None and link > 1 and event.at - opened > self._limits.slack / 2:
-            self._pass('K-4C-12', 'It said nothing before it was sent anything.', event.at)
+            self._pass('K-4C-12', 'It sent nothing before it was sent anything.', event.at)
         if not fresh and self._state is None and self.trace.framed_at(link) == event.at:
             fresh = orders[-1:]  # the same order again after a silence
         for order in fresh:
@@ -613,7 +624,7 @@ class Oracle:
                 self._free(order)
             else:
                 name = UNARMED.get(self._since, 'K-3E-05')
-                self._begin(Law.RED, at, f'GREEN_GREEN that does not count ({name})', name)
+                self._begin(Law.RED, at, f'an invalid GREEN_GREEN ({name})', name)
         elif state in (RED_FLAG, RED_RED):
             law = Law.FLAG if state is RED_FLAG else Law.RED
             true = 'K-3A-07' if law is Law.FLAG else 'K-3A-10'
@@ -650,9 +661,10 @@ class Oracle:
         self._said_due = None
         took = at - due.since
         if took > due.limit + EARLY:
-            self._fail(due.name, f'It took {took:.2f} s to say {due.what}.', due.since, at, took)
+            why = f'It took {took:.2f} s to acknowledge {due.what}.'
+            self._fail(due.name, why, due.since, at, took)
         else:
-            self._pass(due.name, f'It said {due.what} after {took:.3f} s.', at, took)
+            self._pass(due.name, f'It acknowledged {due.what} after {took:.3f} s.', at, took)
         state = due.order.state
         if state is GRID_ACTIVE:
             self._ready = True
@@ -675,7 +687,8 @@ class Oracle:
         ):
             return  # it still rolls, which is another fault
         waited = at - due.since
-        self._fail(due.name, f'No ${due.what}; in {waited:.1f} s.', due.since, at, waited)
+        why = f'It did not acknowledge {due.what} within {waited:.1f} s.'
+        self._fail(due.name, why, due.since, at, waited)
 
     def _take_words(self) -> None:
         heard, self._heard = self._heard, len(self.trace.said)
@@ -688,34 +701,35 @@ class Oracle:
     def _take_word(self, said: Said) -> None:
         at, sent = said.at, said.sent
         if said.state is None:
-            self._fail('K-4C-01', f'It said {said}', at, at)
+            self._fail('K-4C-01', f'It sent {said}', at, at)
             return
-        self._pass('K-4C-01', 'It said frames only.', at)
+        self._pass('K-4C-01', 'It sent frames only.', at)
         if said.link in self._quiet:
             name = 'K-4C-11' if said.link == 1 else 'K-4C-12'
-            self._fail(name, f'It said {said}; nothing was sent on this connection yet.', at, at)
+            why = f'It sent {said} before it was sent anything on this connection.'
+            self._fail(name, why, at, at)
         if sent is None or said.link != self._link:
             return
         spell = self.spell
         if spell.law is not Law.DRIVE and not spell.broken and self._state is not None:
             if said.state is GRID_ACTIVE and spell.stays == 'K-3B-03':
                 # GREEN_GREEN arrived with GRID_ACTIVE, which the kart acknowledged first.
-                self._pass('K-3B-03', 'It said GRID_ACTIVE in between.', at)
+                self._pass('K-3B-03', 'It acknowledged GRID_ACTIVE in between.', at)
                 self._free(sent)
             elif said.state is GREEN_GREEN and (
                 sent.state is GREEN_GREEN or spell.stays == 'K-4C-07'
             ):
-                self._break(spell.stays, 'it said $GREEN_GREEN;', at)
+                self._break(spell.stays, 'it reported GREEN_GREEN.', at)
         since = at - sent.at
         # To the kart, an invalid GREEN_GREEN is RED_RED. It may also stop itself.
         careful = sent.state in (GRID_ACTIVE, GREEN_GREEN) and said.state is RED_RED
         # A kart may report IN_GARAGE although another frame follows, even late if it was busy.
         garage = said.state is IN_GARAGE and since <= self._limits.silence
         if said.state is not sent.state and since > self._limits.slack and not (careful or garage):
-            why = f'It said {said} {since:.2f} s after it was sent {sent.state.value}.'
+            why = f'It reported {said} {since:.2f} s after it was sent {sent.state.value}.'
             self._fail('K-4C-09', why, sent.at, at, since)
         elif said.state is sent.state:
-            self._pass('K-4C-09', 'It said nothing but what it was being sent.', at)
+            self._pass('K-4C-09', 'It reported nothing but the state that it was being sent.', at)
 
     def _take_bytes(self, event: Event) -> None:
         self._recent.append(event)
@@ -723,7 +737,7 @@ class Oracle:
         while self._recent[0].at < event.at - 1.0:
             self._bytes -= len(self._recent.popleft().data)
         if self._bytes > MOST_BYTES_A_SECOND:
-            why = f'It said {self._bytes} bytes in one second.'
+            why = f'It sent {self._bytes} bytes in one second.'
             self._fail('K-4C-10', why, event.at - 1.0, event.at)
             self._recent.clear()
             self._bytes = 0
@@ -735,7 +749,7 @@ class Oracle:
         if not self._stops and {Law.FLAG, Law.RED} <= self._by_word.keys():
             red, flag = self._by_word[Law.RED], self._by_word[Law.FLAG]
             why = (
-                f'It says that it stands after {flag:.2f} s for RED_FLAG, {red:.2f} s for RED_RED.'
+                f'It reported a standstill {flag:.2f} s after RED_FLAG, {red:.2f} s after RED_RED.'
             )
             if red > SOONER * flag:
                 self._fail('K-3A-13', why, 0.0, 0.0, red)
@@ -760,30 +774,30 @@ class Oracle:
             if took is None or not hard or not (gentle or top >= COMPARED * fastest):
                 continue
             median = statistics.median(seconds for seconds, _ in hard)
-            # What lies between two speeds, odometry cannot tell.
+            # Odometry does not show what happened between two speeds.
             apart = _apart(speeds, 0.2 * top)
             unclear = apart + statistics.median(gap for _, gap in hard)
             if (gentle and median > self._limits.harder * took + unclear) or (
                 not gentle and took > median / WEAK + 2 * apart
             ):
-                why = f'After {stop.what} it slows down in {took:.2f} s, for RED_RED '
-                why += f'from the same speed in {median:.2f} s.'
+                why = f'After {stop.what}, it slowed down in {took:.2f} s; from the same speed, '
+                why += f'it takes {median:.2f} s after RED_RED.'
                 name = 'K-3E-11' if stop.law is Law.LOST else 'K-3A-13'
                 self._fail(name, why, stop.at, stop.speeds[-1][0], took)
             elif gentle:
-                why = f'From the same speed, RED_FLAG takes {took:.2f} s, RED_RED {median:.2f} s.'
+                why = f'From the same speed, RED_FLAG took {took:.2f} s, RED_RED {median:.2f} s.'
                 self._pass('K-3A-13', why, stop.at, median)
 
 
 def _braking(spell: Spell, limits: Limits) -> Speeds:
-    """Return the speeds since the kart had to know that it must brake."""
+    """Return the speeds from the time on at which the kart had to know that it must brake."""
     begins = spell.at + spell.grace + min(limits.slack, VARIES)
     late = [each for each in spell.speeds if each[0] >= begins]
     return late or spell.speeds[-1:]
 
 
 def _fell(speeds: Speeds, level: float) -> float | None:
-    """Return when the speed last fell below a level, s; None if it did not."""
+    """Return the time at which the speed last fell below a level; None if it did not."""
     above = [place for place, (_, speed) in enumerate(speeds) if speed >= level]
     if not above or above[-1] + 1 == len(speeds):
         return None
@@ -792,12 +806,12 @@ def _fell(speeds: Speeds, level: float) -> float | None:
 
 
 def _falling(speeds: Speeds, top: float) -> float | None:
-    """Return the time to slow down from 80 % to 20 % of a speed, s."""
+    """Return the time that it took to slow down from 80 % to 20 % of a speed, in seconds."""
     fast, slow = _fell(speeds, 0.8 * top), _fell(speeds, 0.2 * top)
     return None if fast is None or slow is None else slow - fast
 
 
 def _apart(speeds: Speeds, level: float) -> float:
-    """Return the longest gap between two speeds while the first is above this level, s."""
+    """Return the longest time between two speeds of which the first is above a level."""
     pairs = itertools.pairwise(speeds)
     return max((then - at for (at, speed), (then, _) in pairs if speed >= level), default=0.0)

@@ -26,7 +26,9 @@ READ_SIZE = 65536
 
 class Recording:
     """
-    Writes a trace in one event loop and lets an oracle judge it; times are s since the start.
+    Writes a trace in one event loop and lets an oracle judge it.
+
+    Times are in seconds since the start.
 
     :param limits: the limits for the oracle.
     :param tell: called with each breach that the oracle finds.
@@ -43,7 +45,7 @@ class Recording:
 
     @property
     def now(self) -> float:
-        """Return the time, s."""
+        """Return the current time."""
         return self._loop.time() - self._began
 
     def note(
@@ -62,7 +64,7 @@ class Recording:
             _wake(future)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
-        """Wait until `found` is true, and return True; return False after this time (s)."""
+        """Wait until `found` is true, but no longer than this; return whether it became true."""
         deadline = self._loop.time() + seconds
         while not found():
             left = deadline - self._loop.time()
@@ -86,11 +88,11 @@ def _wake(future: asyncio.Future[None]) -> None:
 
 class Link(asyncio.BufferedProtocol):
     """
-    A connection; everything on it is recorded.
+    A connection, on which everything is recorded.
 
     :param made: called with the link once it is connected.
-    :ivar number: the connection's number in the trace; 0 if it is in none.
-    :ivar open: whether it is still open at both ends.
+    :ivar number: the connection's number in the trace; 0 if it does not appear there.
+    :ivar open: whether the connection is still open at both ends.
     :ivar mute: whether nothing more is sent on it.
     """
 
@@ -110,7 +112,7 @@ class Link(asyncio.BufferedProtocol):
             self.transport.write(data)
 
     def look(self) -> None:
-        """Record how many bytes the other end's TCP has not acknowledged, where that matters."""
+        """If it matters, record how many bytes the other end's TCP has not acknowledged."""
         if self.open and self.recording.trace.waits(self.number):
             # In this order: bytes that arrived before the acknowledgement were sent before it.
             arrived = self._of_socket(unread)
@@ -122,16 +124,17 @@ class Link(asyncio.BufferedProtocol):
         """
         Close the connection normally (FIN), or reset it.
 
-        :param how: for the trace: closed, reset, or away if race control is away afterwards.
-
         The kernel resets a connection that is closed with unread bytes, so the FIN goes first.
+
+        :param how: the text for the trace: closed, reset, or away if race control then goes away.
         """
         if not self.open:
             return
         self.open = False
         self.recording.note(Kind.ENDED, self.number, text=how)
         if how == 'reset':
-            self.option(socket.SO_LINGER, RESET)
+            connection = self.transport.get_extra_info('socket')
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
             self.transport.abort()
             return
         if self.transport.get_write_buffer_size() == 0:
@@ -139,12 +142,8 @@ class Link(asyncio.BufferedProtocol):
                 self.transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
         self.transport.close()
 
-    def option(self, option: int, value: bytes) -> None:
-        """Set an option of its socket."""
-        self.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
-
     def _of_socket(self, count: Callable[[socket.socket], int]) -> int:
-        """Return a byte count of its socket; 0 while it closes."""
+        """Return a byte count of the socket; 0 while it closes."""
         if self.transport.is_closing():
             return 0
         return count(self.transport.get_extra_info('socket'))
@@ -163,12 +162,8 @@ class Link(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        self.take(bytes(self._buffer[:nbytes]))
-
-    def take(self, data: bytes) -> None:
-        """Record the bytes that were read."""
         if self.number:
-            self.recording.note(Kind.SAID, self.number, data)
+            self.recording.note(Kind.SAID, self.number, bytes(self._buffer[:nbytes]))
 
     def eof_received(self) -> None:
         self._lost('closed')
@@ -183,7 +178,7 @@ class Link(asyncio.BufferedProtocol):
 
 
 class EndedError(Exception):
-    """The steps cannot continue; the text says why, for the report."""
+    """The steps cannot continue. The text says why, for the report."""
 
 
 async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The report of an inspection: lines for the terminal, HTML for paper, JSON."""
+"""The report of an inspection, as lines for the terminal, as HTML for paper, and as JSON."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class Header:
 
     :ivar subject: what was inspected, such as ``kart 7``.
     :ivar team: the team of the subject.
-    :ivar inspector: the inspector's name; empty if unattended.
-    :ivar began: date and time of the start, ISO 8601.
-    :ivar seconds: duration, s.
+    :ivar inspector: the inspector's name; empty if the inspection is unattended.
+    :ivar began: the date and time of the start, in ISO 8601.
+    :ivar seconds: the duration, in seconds.
     :ivar limits: the limits used, by name.
     :ivar statements: sentences that the team states and the inspector ticks by hand.
     :ivar remarks: sentences about the whole inspection, such as why it was not finished.
@@ -62,7 +62,7 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def line(result: Result) -> str:
-    """Return a check in one line, with its reason below if it has not passed."""
+    """Return a check in one line, with the reason below if it was not passed."""
     clause, finding = result.clause, result.finding
     word = {Verdict.PASS: 'pass', Verdict.FAIL: 'FAIL', Verdict.NOT_JUDGED: '  - '}
     text = (
@@ -78,7 +78,7 @@ def _times(result: Result) -> str:
 
 
 def as_json(header: Header, results: Sequence[Result]) -> str:
-    """Return the complete report as JSON, each check with the trace that led to it."""
+    """Return the complete report as JSON, each check with the part of the trace that led to it."""
     checks: list[dict[str, Any]] = [
         {
             'clause': result.clause.name,
@@ -118,7 +118,7 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
 def write_files(
     folder: pathlib.Path, name: str, began: datetime.datetime, texts: Mapping[str, str]
 ) -> None:
-    """Write the files of a report and print their paths; ``texts`` is keyed by file ending."""
+    """Write the files of a report, each with its ending and text, and print their paths."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for ending, text in texts.items():
@@ -149,9 +149,10 @@ pre { font: 6.5pt/1.25 monospace; white-space: pre-wrap; overflow-wrap: anywhere
 
 def as_html(header: Header, results: Sequence[Result]) -> str:
     """
-    Return the report as a self-contained HTML file; a pass prints on one A4 page.
+    Return the report as a self-contained HTML file. A pass prints on one A4 page.
 
-    After the table, each failed check has its sentence and the trace that led to it.
+    After the table, each failed check is shown with its sentence and the part of the trace that
+    led to it.
     """
     e = html.escape
     facts = [

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The result of a network survey: figures, worst places, verdict, text, JSON. Pure.
+The result of a network survey: figures, worst places and a verdict, as text and as JSON. Pure.
 
-Each kart has a `LinkSurvey`, which receives events with their times, in seconds. All figures
-concern the kart's kernel, which answers before the kart's program does.
+Each kart has a `LinkSurvey`, which receives events with their times. All times here are in
+seconds. All figures are about the kart's kernel, which answers before the kart's program does.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ WORST_PLACES = 5
 """Maximum number of worst places in a report."""
 
 APART = 10.0
-"""Minimum time between two worst places, in seconds; nearer ones count as the same place."""
+"""Minimum time between two worst places, in seconds. Nearer ones count as the same place."""
 
 MINUTE = 60.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Mark:
-    """A named place; later events refer to the last mark."""
+    """A named place, to which later events refer until the next mark."""
 
     at: float
     name: str
@@ -44,12 +44,12 @@ class Second:
     """
     One second of a kart's link.
 
-    :ivar at: its end, in s since the survey began.
-    :ivar round_trip: round trip of the newest answered frame, s; None: none was answered.
-    :ivar worst: the longest round trip in this second, or the age of an unanswered frame, s.
-    :ivar silence: the longest time without an answer that lasted into this second, s.
+    :ivar at: the end of the second, measured from the start of the survey.
+    :ivar round_trip: the round trip of the newest answered frame; None if none was answered.
+    :ivar worst: the longest round trip in this second, or the age of an unanswered frame.
+    :ivar silence: the longest time without an answer that lasted into this second.
     :ivar retransmitted: number of retransmitted segments.
-    :ivar connected: the kart was connected at its end.
+    :ivar connected: whether the kart was connected at the end of the second.
     """
 
     at: float
@@ -65,9 +65,9 @@ class Figure:
     """
     One line of the verdict on a kart.
 
-    :ivar value: the measured value, in `unit`; None: none.
+    :ivar value: the measured value, in `unit`; None if nothing was measured.
     :ivar limit: the maximum that passes, or the minimum, in `unit`.
-    :ivar at_least: the limit is a minimum.
+    :ivar at_least: whether the limit is a minimum.
     """
 
     name: str
@@ -90,7 +90,7 @@ class LinkSurvey:
     The link of one kart, from its first connection on.
 
     :ivar seconds: the figures of each second.
-    :ivar losses: when connections were lost, and how.
+    :ivar losses: the time of each lost connection, and how it was lost.
     """
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ class LinkSurvey:
         self._retransmitted = 0
 
     def opened(self, now: float) -> None:
-        """Record a new connection; a silence before it continues."""
+        """Record a new connection, which does not end a silence."""
         self._pass_time(now)
         self._connected = True
         if self._since is None:
@@ -118,8 +118,8 @@ class LinkSurvey:
         """
         Record that the connection has ended.
 
-        :param never_answered: the ages of unanswered frames, s; their round trips would have been
-            at least as long.
+        :param never_answered: the ages of unanswered frames, whose round trips would have been at
+            least as long.
         """
         self._pass_time(now)
         self._connected = False
@@ -128,7 +128,7 @@ class LinkSurvey:
         self._worst = max(self._worst, 0.0, *never_answered)
 
     def answered(self, trips: Sequence[float], now: float) -> None:
-        """Record the round trips of newly answered frames, s; the last is the newest."""
+        """Record the round trips of newly answered frames, the newest last."""
         if trips:
             self._silent(now)
             self._since = now
@@ -137,14 +137,14 @@ class LinkSurvey:
             self._worst = max(self._worst, *trips)
 
     def retransmitted(self, segments: int) -> None:
-        """Record this number of further retransmitted segments."""
+        """Record that this many more segments were retransmitted."""
         self._retransmitted += segments
 
     def second(self, now: float, age: float = 0.0) -> Second:
         """
         End a second.
 
-        :param age: age of the oldest unanswered frame, s.
+        :param age: the age of the oldest unanswered frame.
         """
         self._silent(now)
         self._pass_time(now)
@@ -173,7 +173,7 @@ class LinkSurvey:
 
     @property
     def grade(self) -> Grade:
-        """Return the grade of the link over the last `GRADE_WINDOW`; a lost link is poor."""
+        """Return the grade of the link over the last `GRADE_WINDOW`. A lost link is poor."""
         since = self.seconds[-1].at - GRADE_WINDOW if self.seconds else 0.0
         recent = [each for each in self.seconds if each.at > since]
         if recent and not recent[-1].connected:
@@ -182,12 +182,12 @@ class LinkSurvey:
 
     @property
     def worst(self) -> float:
-        """Return the longest round trip so far, s."""
+        """Return the longest round trip so far."""
         return max((each.worst for each in self.seconds), default=0.0)
 
     @property
     def percentile(self) -> float | None:
-        """Return the 99th percentile of the round trips, s; None if there were none."""
+        """Return the 99th percentile of the round trips; None if there were none."""
         trips = sorted(self._trips)
         return trips[math.ceil(0.99 * len(trips)) - 1] if trips else None
 
@@ -207,8 +207,8 @@ class LinkSurvey:
         """
         Return the figures, each compared with its limit.
 
-        :param held_up: maximum delay of the surveying computer itself, s. A time that this can
-            explain is not judged.
+        :param held_up: the maximum delay of the surveying computer itself. A time that this delay
+            can explain is not judged.
         """
 
         def at_most(name: str, value: float | None, limit: float, unit: str = '') -> Figure:
@@ -244,7 +244,7 @@ class LinkSurvey:
 
 
 def badness(second: Second) -> float:
-    """Return the badness of a second, s: its longest round trip or silence."""
+    """Return the longest round trip or silence of a second."""
     return max(second.worst, second.silence)
 
 
@@ -253,10 +253,10 @@ class Report:
     """
     A whole survey.
 
-    :ivar began: date and time of the start.
-    :ivar seconds: duration, s.
-    :ivar karts: the surveys, by IPv4 address.
-    :ivar held_up: maximum delay of the surveying computer itself, s.
+    :ivar began: the date and time of the start.
+    :ivar seconds: the duration.
+    :ivar karts: the surveys, by the karts' IPv4 addresses.
+    :ivar held_up: the maximum delay of the surveying computer itself.
     """
 
     began: datetime.datetime
@@ -268,7 +268,7 @@ class Report:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict; a failure outweighs a figure that was not judged."""
+        """Return the verdict, in which a failure outweighs a figure that was not judged."""
         found = {
             figure.verdict
             for kart in self.karts.values()
@@ -279,13 +279,13 @@ class Report:
         )
 
     def place(self, at: float) -> str:
-        """Return the time of an event and the mark before it, for people."""
+        """Return the time of an event and the mark before it, as text for people."""
         before = [mark for mark in self.marks if mark.at <= at]
         where = f', {at - before[-1].at:.0f} s after "{before[-1].name}"' if before else ''
         return f'at {self.began + datetime.timedelta(seconds=at):%H:%M:%S}{where}'
 
     def text(self) -> str:
-        """Return the report for people."""
+        """Return the report as text for people."""
         lines = [
             f'Survey of the network, {self.began:%Y-%m-%d %H:%M:%S}, {duration(self.seconds, 0)}',
             '',

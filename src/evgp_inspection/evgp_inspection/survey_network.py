@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-`survey_network`: whether the karts' network is good enough on the whole track.
+`survey_network` shows whether the karts' network is good enough on the whole track.
 
 It plays race control for karts that are driven, pushed or carried round the track. It sends only
 IN_GARAGE, at race control's rate and with race control's socket options, and measures when each
@@ -46,7 +46,7 @@ FRAME = encode(RaceState.IN_GARAGE)
 """The only frame that is sent."""
 
 LOOK_EVERY = 0.01
-"""Time between two looks for answers, in seconds; this is the precision of the round trips."""
+"""Time between two looks for answers, in seconds. It limits the precision of the round trips."""
 
 LOST = Settings().frame_timeout
 """Age of an unanswered frame after which the survey gives up a connection, in seconds."""
@@ -58,11 +58,11 @@ SURVEY_FIRST = f"""\
 When all of this is true, type "{WORD}" and Enter."""
 
 EXAMPLE = 'PYTHONPATH=src/evgp_protocol python3 kit/python/example.py ADDRESS'
-"""The command that makes a laptop a kart; ADDRESS is this computer's address."""
+"""The command that makes a laptop act as a kart. ADDRESS is this computer's address."""
 
 
 class Link(asyncio.Protocol):
-    """One connection of a kart; its replies are ignored."""
+    """One connection of a kart, on which the kart's replies are ignored."""
 
     transport: asyncio.Transport
     socket: socket.socket
@@ -82,7 +82,7 @@ class Link(asyncio.Protocol):
             self.transport.write(FRAME)
 
     def look(self, now: float) -> list[float]:
-        """Return the round trips of frames answered since the last look, s."""
+        """Return the round trips of the frames answered since the last look, in seconds."""
         waits = self.transport.get_write_buffer_size() + unanswered(self.socket)
         return self.answers.look(waits, now)
 
@@ -110,9 +110,9 @@ class Surveyor:
     Sends IN_GARAGE to every kart that connects, and measures.
 
     :param tell: called with a sentence about each event.
-    :param kart_address: the only IPv4 address that counts; empty: all count.
-    :ivar karts: the surveys, by address.
-    :ivar held_up: maximum delay of this computer itself, s.
+    :param kart_address: the only IPv4 address that counts; if empty, all of them count.
+    :ivar karts: the surveys, by the karts' addresses.
+    :ivar held_up: the maximum delay of this computer itself, in seconds.
     """
 
     def __init__(self, tell: Callable[[str], None], kart_address: str = '') -> None:
@@ -126,7 +126,7 @@ class Surveyor:
 
     @property
     def now(self) -> float:
-        """Return the time since the start, s."""
+        """Return the time since the start, in seconds."""
         return clock_now() - self._began
 
     def mark(self, name: str) -> None:
@@ -209,7 +209,7 @@ class Surveyor:
         link.transport.abort()
 
     def lost(self, link: Link, why: str) -> None:
-        """Record the end of a connection, once."""
+        """Record the end of a connection, unless it was already recorded."""
         if self._links.get(link.address) is not link:
             return
         del self._links[link.address]
@@ -224,8 +224,8 @@ class Terminal:
     Shows events line by line, and below them the current figures and the typed text.
 
     :param line: called with each typed line.
-    :param stop: called at Ctrl-D.
-    :param gone: called if there is no keyboard input, or no longer.
+    :param stop: called when Ctrl-D is typed.
+    :param gone: called if there is no keyboard input, or when it ends.
     """
 
     def __init__(
@@ -364,7 +364,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
 
 
 async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
-    """Survey until a signal, Ctrl-D or the end of the time; None if the word was not given."""
+    """Survey until a signal, Ctrl-D or the end of the time; None if the word was not typed."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -4,8 +4,8 @@
 """
 The trace of an inspection: bytes, speeds and the inspector's answers, each with its time.
 
-This module has no sockets, clocks or tasks. The code with the connections writes a `Trace`; the
-judges read nothing else, so a verdict can be reproduced from the trace alone.
+This module has no sockets, clocks or tasks. The code with the connections writes a `Trace`, and
+the oracle reads nothing else, so a verdict can be reproduced from the trace alone.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from evgp_protocol.link import BEAT_RATE
 from evgp_protocol.states import RaceState
 
 BEAT = 1 / BEAT_RATE
-"""Time between two frames, in seconds; pauses of the kart are also counted in this unit."""
+"""Time between two frames, in seconds. Pauses of the kart are counted in beats, too."""
 
 LONGEST_STEP = 0.1
-"""Maximum time between two events that counts towards a pause, in seconds: while the inspecting
-computer hangs, it reads nothing."""
+"""Maximum time between two events that counts towards a pause of the kart, in seconds. More may
+mean that the inspecting computer hung and read nothing."""
 
 
 class Kind(enum.Enum):
-    """The kind of an event; the value is its name in reports."""
+    """The kind of an event. The value is its name in reports."""
 
     STEP = 'step'  # a step of the inspection begins; `text` names it
     OPENED = 'opened'  # the other end made a connection
@@ -70,7 +70,7 @@ class Event:
 
 @dataclasses.dataclass(frozen=True)
 class SentState:
-    """A state sent on a connection, from its first whole frame on."""
+    """A state sent on a connection, and the time of its first whole frame."""
 
     at: float
     link: int
@@ -83,9 +83,9 @@ class Said:
     A frame from the kart, or bytes that do not form one.
 
     :ivar state: the state; None if the bytes do not form a frame.
-    :ivar sent: the state being sent on that connection when the frame was complete, or None.
-    :ivar answers: the order that it acknowledges, by race control's rules
-        (`evgp_protocol.hearing`); None: none. It may be an earlier order, if the kart said it
+    :ivar sent: the state being sent on that connection when the frame was complete, if any.
+    :ivar answers: the order that it acknowledges by race control's rules
+        (`evgp_protocol.hearing`), if any. It may be an earlier order, if the kart sent the frame
         before it read the current one.
     :ivar reason: why the bytes do not form a frame.
     """
@@ -99,11 +99,11 @@ class Said:
 
     def __str__(self) -> str:
         """Return the frame for people."""
-        return self.state.value if self.state else f'bytes that are no frame: {self.reason}'
+        return self.state.value if self.state else f'bytes that are not a frame: {self.reason}'
 
 
 class _Wire:
-    """One connection: what was sent on it, and which order each reply answers."""
+    """One connection, with the orders sent on it."""
 
     def __init__(self) -> None:
         self.hearing = Hearing(1 / BEAT)
@@ -115,9 +115,9 @@ class _Wire:
 
 class Trace:
     """
-    Everything observed, in order of time; it can be read while it is written.
+    Everything observed, in order of time. It can be read while it is written.
 
-    :ivar said: everything the kart said.
+    :ivar said: everything that the kart sent.
     """
 
     def __init__(self) -> None:
@@ -137,24 +137,20 @@ class Trace:
         return trace
 
     def acknowledged(self, state: RaceState) -> bool:
-        """Return whether the kart is now being sent a state and has acknowledged it."""
+        """Return whether the kart is now being sent this state, and has acknowledged it."""
         return any(sent.state is state and self.has(sent) for sent in self._sent.values())
 
     def has(self, sent: SentState) -> bool:
         """Return whether the kart has acknowledged a sent state."""
         return sent in self._acknowledged
 
-    def sent_on(self, link: int) -> SentState | None:
-        """Return the state being sent on an open connection; None: none yet."""
-        return self._sent.get(link)
-
     def waits(self, link: int) -> bool:
-        """Return whether it matters how many bytes of a connection are unanswered."""
+        """Return whether the number of unanswered bytes on a connection matters."""
         return link in self._wires and self._wires[link].hearing.waits
 
     @property
     def reached(self) -> bool:
-        """Return whether the kart has certainly read what it is sent, on each connection."""
+        """Return whether the kart has certainly read what it is being sent, on each connection."""
         return all(self._wires[link].hearing.has_reached_last for link in self._sent)
 
     def add(self, event: Event) -> None:
@@ -188,7 +184,7 @@ class Trace:
         return self._wires[link].orders if link in self._wires else []
 
     def framed_at(self, link: int) -> float:
-        """Return when a connection was last sent a whole, correct frame, s."""
+        """Return the time at which a whole, correct frame was last sent on a connection."""
         return self._wires[link].framed_at if link in self._wires else 0.0
 
     def _take_said(self, event: Event, wire: _Wire) -> None:
@@ -224,9 +220,9 @@ def printable(data: bytes, most: int = 80) -> str:
 
 def describe(events: Sequence[Event], most: int = 60) -> list[str]:
     """
-    Return events as lines for people; repeated bytes share one line.
+    Return events as lines for people, in which repeated bytes share one line.
 
-    :param most: maximum number of lines; if there are more, the middle is left out.
+    :param most: maximum number of lines. If there are more, those in the middle are left out.
     """
     lines: list[tuple[str, float, float, int]] = []  # what, first time, last time, how often
     speeds: list[Event] = []

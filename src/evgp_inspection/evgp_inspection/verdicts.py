@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Clauses, findings and verdicts: what is checked, and how a check ends. Pure."""
+"""Clauses, findings and verdicts: what an inspection checks, and how each check ends. Pure."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from typing import Any
 from evgp_inspection.traces import Event, Kind
 
 EARLY = 0.05
-"""Maximum time by which a complete wait may end before its limit, s."""
+"""Maximum time by which a wait may end before its limit and still be complete, in seconds."""
 
 
 class Verdict(enum.Enum):
-    """The verdict on a clause; the value is its name in reports."""
+    """The verdict on a clause. The value is its name in reports."""
 
     PASS = 'pass'  # noqa: S105 - a verdict, not a password
     FAIL = 'fail'
@@ -29,9 +29,9 @@ class Finding:
     """
     The finding of an inspection about a clause.
 
-    :ivar why: a sentence: what was seen, or why nothing could be seen.
-    :ivar measured: the measured time, in seconds; None if this clause measures none.
-    :ivar evidence: the events that led to it.
+    :ivar why: a sentence that says what was seen, or why nothing could be seen.
+    :ivar measured: the measured time, in seconds; None if no time is measured for this clause.
+    :ivar evidence: the events that led to the finding.
     """
 
     verdict: Verdict
@@ -46,16 +46,17 @@ NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not get this far.')
 @dataclasses.dataclass(frozen=True)
 class Clause:
     """
-    A sentence that an inspection checks. All names, selections and judgements refer to it.
+    A sentence that an inspection checks.
 
-    :ivar source: the source of the sentence: the proposal or a document.
+    :ivar source: the source of the sentence, which is the proposal or a document.
     :ivar name: K, the § of the proposal, and a number, such as ``K-3A-07``.
     :ivar title: what a good kart does, in a few words.
     :ivar sentence: the sentence, as in the source.
-    :ivar steps: the steps that show it; empty if the whole inspection does.
+    :ivar steps: the steps that show whether the kart fulfils it; empty if the whole inspection
+        does.
     :ivar limit: the name of its limit; empty if it has none.
-    :ivar starred: it concerns whether the wheels turn or stand, and is not judged if neither eyes
-        nor odometry see them. Without it, no inspection is passed.
+    :ivar starred: whether the clause is about wheels that turn or stand still. It is not judged if
+        neither eyes nor odometry see them, and no inspection is then passed.
     """
 
     source: str
@@ -68,7 +69,7 @@ class Clause:
 
     @property
     def section(self) -> str:
-        """Return the § of the proposal that it belongs to."""
+        """Return the § of the proposal to which the clause belongs."""
         return f'§{self.name[2]}.{self.name[3]}'
 
     def explain(self, done: Mapping[str, str]) -> str:
@@ -112,8 +113,8 @@ def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
     """
     Return the clauses that a user names.
 
-    :param wanted: names or their beginnings, separated by commas; empty: all.
-    :raises ValueError: if a part of it matches no clause.
+    :param wanted: names or their beginnings, separated by commas; if empty, all clauses.
+    :raises ValueError: if one of them matches no clause.
     """
     parts = [part.strip().upper() for part in wanted.split(',') if part.strip()]
     for part in parts:
@@ -125,7 +126,7 @@ def select(clauses: Sequence[Clause], wanted: str) -> tuple[Clause, ...]:
 def results_of(
     findings: Mapping[str, Finding], clauses: Sequence[Clause], limits: Any
 ) -> list[Result]:
-    """Return the results of these clauses; no clause fails if the inspecting computer was late."""
+    """Return the results of these clauses. No clause fails if the inspecting computer was late."""
     results = []
     for clause in clauses:
         finding = findings.get(clause.name, NOT_DONE)
@@ -140,9 +141,10 @@ def results_of(
 
 def verdict_on(results: Sequence[Result]) -> Verdict:
     """
-    Return the verdict on the whole.
+    Return the verdict on the whole inspection.
 
-    It is not a pass if a starred clause was not judged: whether the wheels stood is unknown.
+    It is not a pass if a starred clause was not judged, because nobody knows then whether the
+    wheels stood still.
     """
     found = {each.verdict for each in results}
     if Verdict.FAIL in found:
