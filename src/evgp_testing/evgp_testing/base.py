@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart's base with inertia: it obeys velocity commands, reports its speed, and brakes without them.
+A kart's base with inertia, which obeys velocity commands, brakes without them, and has odometry.
 
 ``setup/in-workspace python -m evgp_testing.base`` runs one on this shell's domain until Ctrl-C.
 """
@@ -26,23 +26,24 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 
 COMMAND_TIMEOUT = 0.5
-"""Time without a command after which the base brakes automatically, s."""
+"""Time without a command after which the base brakes automatically, in seconds."""
 
 ODOMETRY_RATE = 50.0
-"""Default rate at which the base publishes its speed, Hz."""
+"""Default rate at which the base publishes its speed, in Hz."""
 
 
 class Motion:
     """
-    The motion of a kart under its commands; without any for ``COMMAND_TIMEOUT``, it brakes.
+    The motion of a kart under its commands. After ``COMMAND_TIMEOUT`` without one, it brakes.
 
-    Pure: times are by a monotonic clock, in seconds. ``speed`` is in m/s, ``distance`` is the
-    distance driven in m; ``x``, ``y`` (m) and ``heading`` (rad) are its pose, REP-103.
+    This class is pure: times are by a monotonic clock, in seconds. ``speed`` is in m/s, and
+    ``distance`` is the distance driven, in m. ``x`` and ``y`` (m) and ``heading`` (rad) are the
+    kart's pose by REP-103.
 
-    :param now: when it starts, at rest.
-    :param acceleration: maximum acceleration, m/s².
-    :param braking: maximum deceleration, m/s².
-    :param place: initial x and y in m; it faces along x.
+    :param now: the time at which the kart starts, at rest.
+    :param acceleration: maximum acceleration, in m/s².
+    :param braking: maximum deceleration, in m/s².
+    :param place: initial x and y, in m. The kart faces along x.
     """
 
     def __init__(
@@ -60,16 +61,16 @@ class Motion:
 
     def command(self, now: float, speed: float, turn: float = 0.0) -> None:
         """
-        Apply a command: a speed in m/s, and the turn rate at that speed, in rad/s.
+        Apply a command, with a speed in m/s and the turn rate at that speed in rad/s.
 
-        The steering angle follows from both, so at a lower speed the kart turns more slowly.
+        The steering angle follows from both, so the kart turns more slowly at a lower speed.
         """
         self.advance(now)
         self._wanted, self._commanded_at = max(speed, 0.0), now
         self._curvature = turn / speed if speed > 0.0 else self._curvature
 
     def advance(self, now: float) -> None:
-        """Advance to a time: by the command until that is too old, then by braking."""
+        """Advance to a time, by the command until it is too old, and then by braking."""
         silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
         for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
             speed, change = self.speed, wanted - self.speed
@@ -85,7 +86,7 @@ class Motion:
 
     @property
     def speed_to_come(self) -> float:
-        """Return the higher of its present and its commanded speed, m/s."""
+        """Return the higher of the present and the commanded speed, in m/s."""
         return max(self.speed, self._wanted)
 
 
@@ -93,11 +94,10 @@ class SimulatedBase(RosSide):
     """
     A base that obeys ``/cmd_vel`` and publishes ``/odom`` on a kart's domain.
 
-    :param acceleration: maximum acceleration, m/s².
-    :param braking: maximum deceleration, m/s².
-    :param dead_time: time from a command until the base begins to obey it, s.
-    :param odometry_rate: rate of odometry, Hz.
-    :param place: initial x and y in m; it faces along x.
+    For ``acceleration``, ``braking`` and ``place``, see ``Motion``.
+
+    :param dead_time: time from a command until the base begins to obey it, in seconds.
+    :param odometry_rate: rate of odometry, in Hz.
     :param arguments: ROS arguments, such as ``('--ros-args', '-r', '__ns:=/kart7')``.
     """
 
@@ -126,36 +126,32 @@ class SimulatedBase(RosSide):
 
     @property
     def motion(self) -> Motion:
-        """Return its present motion, whatever odometry has published so far."""
+        """Return the base's present motion, whatever odometry has published so far."""
         with self._moving:
             return copy.copy(self._move())
 
     @property
     def speed(self) -> float:
-        """Return its true present speed, m/s."""
+        """Return the true present speed, in m/s."""
         return self.motion.speed
 
     @property
     def distance(self) -> float:
-        """Return the distance driven so far, m."""
+        """Return the distance driven so far, in m."""
         return self.motion.distance
 
     @property
     def speed_to_come(self) -> float:
-        """Return the highest of its present speed and all pending commanded speeds, m/s."""
+        """Return the highest of the present speed and all commanded speeds to come, in m/s."""
         with self._moving:
             return max([self._move().speed_to_come, *(speed for _, speed, _ in self._coming)])
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
-        """
-        Wait until `found` is true for its speed, m/s.
-
-        :raises AssertionError: if that does not happen in time.
-        """
+        """Wait until `found` is true for the speed, in m/s."""
         self.wait_until(lambda: found(self.speed), lambda: f'such a speed; it is {self.speed}')
 
     def _move(self) -> Motion:
-        """Advance it to the present; the caller holds the lock."""
+        """Advance the motion to the present. The caller holds the lock."""
         now = time.monotonic()
         while self._coming and self._coming[0][0] <= now:
             self._motion.command(*self._coming.popleft())

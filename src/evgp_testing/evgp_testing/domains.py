@@ -5,8 +5,8 @@
 ROS domains and TCP ports that no other process on this machine uses at the same time.
 
 A bridge keeps looking for its race control at the same port, and all tests use the same kart
-addresses. If the system gave that port to another test, the bridge would connect to the wrong race
-control.
+addresses. If another test got that port from the system, the bridge would connect to the wrong
+race control.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ _BLOCKS = range(24000, 32000, _BLOCK)
 
 def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
     """
-    Return a free number and its lock; closing the lock releases the number.
+    Return a free number and a lock on it. Closing the lock releases the number.
 
-    The lock is an abstract socket, which the kernel releases with the process, however that ends.
-    It belongs to one network namespace, as a domain does.
+    The lock is an abstract socket, which the kernel releases when the process ends, however it
+    ends. Like a domain, it belongs to one network namespace.
 
     :param what: the kind of number.
     :raises RuntimeError: if every number is taken.
     """
-    # A random one, because something may still be ending in one just released.
+    # Numbers are tried in random order, because something may still use one just released.
     for number in random.SystemRandom().sample(numbers, len(numbers)):
         lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
@@ -58,8 +58,8 @@ def _own_ports() -> Iterator[int]:
     """
     Return an endless cycle of the ports that belong to this process until it ends.
 
-    A file lock works across network namespaces, like the mark of a race control
-    (``evgp_rcs.record.run_mark``). The kernel releases it when the process ends.
+    They are locked by a file, which works across network namespaces, like the mark of a race
+    control (``evgp_rcs.record.run_mark``). The kernel releases the lock when the process ends.
 
     :raises RuntimeError: if every port is taken.
     """
@@ -77,9 +77,9 @@ def _own_ports() -> Iterator[int]:
 
 def free_port() -> int:
     """
-    Return a port at which no program listens and which no other process gets from here.
+    Return a port at which no program listens, and which no other process gets from this module.
 
-    It is returned again only after all other ports of this process.
+    This function returns the same port again only after all other ports of this process.
 
     :raises RuntimeError: if every port is taken.
     """
@@ -103,5 +103,4 @@ class Domain(Part):
         self.number, self._lock = take_one('ros-domain', _DOMAINS)
 
     def close(self) -> None:
-        """Release the domain."""
         self._lock.close()

@@ -4,8 +4,9 @@
 """
 Pytest fixtures for the parts of a race.
 
-Each fixture starts parts and ends them after the test in reverse order, even if the test failed.
-A fixture imports what it needs only when used, because pytest loads this module in every run.
+Each fixture starts parts, and after the test ends them in reverse order, even if the test failed.
+A fixture imports what it needs only when it is used, because pytest loads this module in every
+run.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ StartBase: TypeAlias = 'Callable[..., SimulatedBase]'
 
 @pytest.fixture
 def parts() -> Iterator[contextlib.ExitStack]:
-    """Return the stack of this test's parts; everything entered here ends with the test."""
+    """Return the stack of this test's parts. Everything entered here ends with the test."""
     with contextlib.ExitStack() as stack:
         yield stack
 

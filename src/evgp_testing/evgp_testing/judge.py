@@ -2,23 +2,24 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The judge of the wire: it judges what karts are sent and say, and how calls are answered.
+The judge of the wire, which judges the frames to and from karts, and the answers to calls.
 
 Principles of this module:
 
-- It uses only race control's catalogue of commands, and none of its rules. It knows the frames
-  that arrived, the frames that karts sent, when connections began and ended, and officials' calls.
-- It uses no clock, socket or ROS. Every input carries its time, in s of one monotonic clock.
+- The judge uses only race control's catalogue of commands, and none of its rules. It knows the
+  frames that arrived, the frames that karts sent, when connections began and ended, and the calls
+  of officials.
+- It uses no clock, socket or ROS. Every input carries its time in seconds, by one monotonic clock.
   Inputs may come from any thread.
-- It never raises a false alarm. An outside observation has an interval instead of an instant: a
-  call took effect between its beginning and its answer, and a frame was written between the last
-  moment at which the socket was seen empty and the moment it was read. A rule counts as broken
-  only if every order of events within those intervals breaks it.
+- It never raises a false alarm. Seen from outside, an event happens in an interval rather than at
+  an instant: a call took effect between its beginning and its answer, and a frame was written
+  between the last moment at which the socket was seen empty and the moment at which it was read. A
+  rule counts as broken only if every order of events within those intervals breaks it.
 
-How it works: inputs wait in a heap until no earlier call is unanswered, and are then judged in the
-order of time. A stop sets a *floor*, in force from its answer on. A command that may loosen it
-removes the floor from the beginning of its call on. A frame therefore breaks a floor only if it
-arrived after the stop's answer and was read before the loosening call began.
+Inputs wait in a heap until no earlier call is unanswered, and are then judged in the order of
+time. A stop sets a *floor*, which is in force from the stop's answer on. A command that may loosen
+the stop removes the floor from the beginning of its own call on. A frame therefore breaks a floor
+only if it arrived after the stop's answer and was read before the loosening call began.
 """
 
 from __future__ import annotations
@@ -52,16 +53,18 @@ EXPLAINS: dict[tuple[str, str], tuple[CommandKind, ...]] = {
     ('RED_FLAG', 'IN_GARAGE'): RELEASES,
     ('RED_RED', 'IN_GARAGE'): RELEASES,
 }
-"""Loosening changes, and the commands of which one must explain each; no other may loosen."""
+"""Changes that loosen what a kart is sent, and the commands of which one must explain the change.
+No other command may loosen anything."""
 
 SETTLE = 0.5
-"""Maximum delay of an input, and of a reading kart's reading, s."""
+"""Maximum delay of an input, and maximum time until a kart that reads has read a frame, in
+seconds."""
 
 MARGIN = 0.05
-"""Maximum time that a written frame may be on its way, s."""
+"""Maximum time that a written frame may be on its way, in seconds."""
 
 NOTICE = 2.0
-"""Maximum time until race control knows that a connection was closed, s."""
+"""Maximum time until race control knows that a connection was closed, in seconds."""
 
 KEPT = 4096
 """Maximum number of a kart's frames remembered per state and connection."""
@@ -69,7 +72,7 @@ KEPT = 4096
 
 @dataclass(frozen=True)
 class Violation:
-    """A rule that was broken: its name, when (s), and how, in one sentence."""
+    """A broken rule: its name, the time in seconds, and a sentence that says what happened."""
 
     rule: str
     at: float
@@ -82,7 +85,7 @@ class Call:
     An official's call.
 
     :param statement: whether the official made the statement that the command asks for.
-    :param ended: when it was answered, s; ``None`` until then.
+    :param ended: the time of the answer, in seconds; None until there is one.
     """
 
     command: CommandKind
@@ -101,7 +104,7 @@ class Call:
 
 @dataclass
 class _Floor:
-    """From `since` on, no state looser than this one may arrive."""
+    """A rule that no looser state than this may arrive from `since` on."""
 
     state: str
     since: float
@@ -147,8 +150,9 @@ class _Kart:
     """
     The certain facts about a kart.
 
-    :ivar member: whether it is in the race; None while that is uncertain.
-    :ivar alone: it was held individually; ``lost``: it was lost in a race under way.
+    :ivar member: whether the kart is in the race; None while that is uncertain.
+    :ivar alone: whether it was held individually.
+    :ivar lost: whether it was lost in a race under way.
     """
 
     number: int
@@ -170,9 +174,9 @@ class Judge:
 
     :param in_race: the karts that are in the race at the start.
     :param others: the other karts of the roster.
-    :param now: the time, s.
-    :raises LookupError: if nothing here judges a command by which karts are sent a state, or come
-        into the race; or the catalogue does not say which red a stop brings.
+    :param now: the time, in seconds.
+    :raises LookupError: if nothing here judges a command that sends karts a state or brings them
+        into the race, or if the catalogue does not say which red a stop brings.
     """
 
     def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
@@ -199,23 +203,23 @@ class Judge:
     # ----- inputs -------------------------------------------------------------------------
 
     def opened(self, link: int, kart: int, began: float) -> None:
-        """Record a new connection; `began` is a time before it was requested."""
+        """Record a new connection. `began` is a time before it was requested."""
         self._put(began, 'opened', link, kart)
 
     def closed(self, link: int, earliest: float, seen: float) -> None:
-        """Record that a connection ended, not before `earliest`."""
+        """Record that a connection ended, at `earliest` or later."""
         self._put(seen, 'closed', link, earliest)
 
     def paused(self, link: int, at: float) -> None:
-        """Record that the kart stops reading, so what it is sent is unknown from now on."""
+        """Record that the kart stops reading, so from now on, what it is sent is unknown."""
         self._put(at, 'paused', link)
 
     def frame(self, link: int, state: str, after: float, read: float) -> None:
-        """Record a frame that a kart read; it arrived after `after`."""
+        """Record a frame that a kart read, and that arrived after `after`."""
         self._put(read, 'frame', link, state, after)
 
     def said(self, link: int, state: str, first: float, last: float) -> None:
-        """Record a kart's frame; its first byte was sent by `first`, its last after `last`."""
+        """Record a kart's frame. Its first byte was sent by `first`, its last one after `last`."""
         self._put(last, 'said', link, state, first)
 
     def stranger(self, address: str, data: bytes, at: float) -> None:
@@ -223,11 +227,11 @@ class Judge:
         self._put(at, 'stranger', address, data)
 
     def rubbish(self, kart: int, data: bytes, at: float) -> None:
-        """Record bytes sent to a kart that are no frame."""
+        """Record bytes that were sent to a kart and are not a frame."""
         self._put(at, 'rubbish', kart, data)
 
     def called(self, call: Call) -> None:
-        """Record the beginning of a call; call this before sending it."""
+        """Record the beginning of a call, before it is sent."""
         with self._lock:
             self._unanswered.append(call)
 
@@ -267,7 +271,7 @@ class Judge:
         self._links[link].ended = earliest
 
     def _paused(self, at: float, link: int) -> None:
-        # A link that has ended may be forgotten by now: its pause excuses nothing any more.
+        # A link that has ended may be forgotten by now, and its pause no longer excuses anything.
         known = self._links.get(link)
         if known is not None and known.paused is None:
             known.paused = at
@@ -321,7 +325,7 @@ class Judge:
             kart.in_garage = at
 
     def _change(self, at: float, link: _Link, kart: _Kart, state: str) -> None:
-        """Judge a change on one connection; a command must explain it if it loosens."""
+        """Judge a change on one connection. If it loosens, a command must explain it."""
         assert link.state is not None
         change = f'kart {kart.number}: {link.state}, then {state}'
         if state in REDS and STRICTNESS[state] > STRICTNESS[link.state]:
@@ -380,7 +384,7 @@ class Judge:
             self._hold(kart, 'RED_RED', at, 'it was lost in a race under way')
 
     def _lost_at(self, kart: _Kart, present: int | None) -> float | None:
-        """Return the earliest time it was lost before this connection; None if it was not."""
+        """Return the earliest time at which it was lost before this connection; None if never."""
         times: list[float] = []
         for number in reversed(kart.links):
             link = self._links[number]
@@ -390,7 +394,7 @@ class Judge:
                 times.append(link.paused)
             if number != present and link.state is not None:
                 return min(times, default=None)
-            # Whatever was there before was replaced by this one, if it had not ended by itself.
+            # If an earlier connection had not ended on its own, this one replaced it.
             times = [link.opened]
         return None
 
@@ -404,7 +408,7 @@ class Judge:
     # ----- calls --------------------------------------------------------------------------
 
     def _call_began(self, at: float, call: Call) -> None:
-        """Process that the call may be in force from now on, so what it loosens is uncertain."""
+        """Note that the call may take effect from now on, so what it loosens is uncertain."""
         if not call.success:
             return
         self._accepted.setdefault(call.command, deque(maxlen=500)).append(call)
@@ -430,7 +434,7 @@ class Judge:
                     kart.member = None
 
     def _call_ended(self, at: float, call: Call) -> None:
-        """Process that the call is certainly in force from now on."""
+        """Note that the call has certainly taken effect by now."""
         if CATALOGUE[call.command].stop and not call.success:
             self._violated('stop refused', at, f'{call}: {call.message}')
         if not call.success:
@@ -441,7 +445,7 @@ class Judge:
             SEEN[call.command](self, at, call)
 
     def _stopped(self, at: float, call: Call) -> None:
-        """Record a stop as the catalogue defines it: its karts, and its loosest red."""
+        """Record a stop with the karts and the loosest red that the catalogue defines for it."""
         entry = CATALOGUE[call.command]
         state = self._stops[call.command]
         if not entry.to_one_kart:
@@ -509,7 +513,7 @@ class Judge:
             if floor is None or self._may_stand(kart, call, at) or self._may_be_away(kart):
                 kart.alone = kart.lost = False
             else:
-                # Lost or silent: it stays held until it is released alone.
+                # The kart is lost or silent, so it stays held until it is released individually.
                 kart.hold = _Floor(floor.state, at, f'{floor.cause}, which it never acknowledged')
         for kart in self._karts.values():
             for number in kart.links[:-1]:
@@ -588,7 +592,7 @@ class Judge:
     def _overlapped(
         self, call: Call, commands: tuple[CommandKind, ...], kart: int | None = None
     ) -> bool:
-        """Return whether such a call may have come after this one, though it began before."""
+        """Return whether such a call, even if it began earlier, may have come after this one."""
         return any(
             (other.ended or 0.0) > call.began
             for command in commands
@@ -597,7 +601,7 @@ class Judge:
         )
 
     def _commanded_between(self, first: Call, second: Call) -> bool:
-        """Return whether a command to karts certainly came after one call and before another."""
+        """Return whether a command to karts certainly came between these two calls."""
         return any(
             other.began > (first.ended or 0.0) and (other.ended or 0.0) <= second.began
             for command, calls in self._accepted.items()
@@ -629,8 +633,8 @@ SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
     CommandKind.LEAVE_RACE: Judge._accepted_membership,
 }
 """
-The judgement of each accepted command that is not a stop. By the catalogue, any other command
-sends no kart anything at once, or the judge cannot know which.
+The function that judges each accepted command that is not a stop. By the catalogue, any other
+command sends nothing to karts at once, or the judge cannot know to which.
 """
 
 

@@ -33,7 +33,7 @@ class Bridge(Process):
 
     :param local_address: the kart's own address.
     :param parameters: more ROS parameters of the node.
-    :param program: the program to run: an executable of the package, or another's path.
+    :param program: an executable of the package, or the path of another program.
     :param arguments: more ROS arguments of the node, such as ``('-r', '~/odom:=/odom')``.
     """
 
@@ -46,7 +46,7 @@ class Bridge(Process):
         program: str = 'kart_bridge_node',
         arguments: tuple[str, ...] = (),
     ) -> None:
-        """Start the bridge; it need not find race control."""
+        """Start the bridge, even if it does not find race control."""
         self.domain = domain
         super().__init__(
             'evgp_kart_bridge',
@@ -67,7 +67,7 @@ class ExampleStack(Process):
     The example autonomy stack on the domain of its bridge.
 
     :param parameters: ROS parameters of the node.
-    :param program: the program to run: an executable of the package, or another's path.
+    :param program: an executable of the package, or the path of another program.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class ExampleStack(Process):
         parameters: Mapping[str, object] | None = None,
         program: str = 'example_stack',
     ) -> None:
-        """Start the stack; it need not find the bridge."""
+        """Start the stack, even if it does not find the bridge."""
         super().__init__('evgp_kart_bridge', program, domain, parameters)
 
 
@@ -84,15 +84,14 @@ class Team(RosSide):
     """
     A team's node beside its bridge.
 
-    ``state`` is the newest race state of the bridge, and ``stop`` its lock. ``changes`` are the
-    received race states without repetitions, each with the monotonic time (s) of its first
-    message, and ``states`` the same without times. ``speed`` is the newest from odometry, m/s.
+    ``state`` is the bridge's newest race state, and ``stop`` its lock. ``changes`` are the race
+    states received, without repetitions, each with the monotonic time (s) of its first message.
+    ``states`` are the same without times. ``speed`` is odometry's newest speed, in m/s.
 
     :param bridge: the full name of the bridge's node.
     """
 
     def __init__(self, domain: int, name: str = 'team', bridge: str = '/kart_bridge') -> None:
-        """Join the kart's domain."""
         super().__init__(name, domain)
         self.state: msg.KartRaceState | None = None
         self.changes: list[tuple[float, RaceState | None]] = []
@@ -123,11 +122,10 @@ class Team(RosSide):
 
     def acknowledge(self, state: RaceState | None, order: int | None = None) -> Answer:
         """
-        Report the state that the kart has reached to the bridge; return the bridge's answer.
+        Report to the bridge the state that the kart has reached, and return the bridge's answer.
 
-        :param order: the number of the command that was carried out; None: the one in the newest
-            race state.
-        :raises AssertionError: if the bridge does not answer in time.
+        :param order: the number of the command that was carried out; None for the one in the
+            newest race state.
         """
         if order is None:
             order = self.wait_for(lambda heard: True, 'a race state').order
@@ -136,11 +134,7 @@ class Team(RosSide):
         return Answer(response.success, response.message)
 
     def remote(self, stop: bool) -> None:
-        """
-        Press or release the team's safety remote.
-
-        :raises AssertionError: if the bridge does not listen in time.
-        """
+        """Press or release the team's safety remote."""
         if self._remote is None:
             self._remote = self._publisher(Bool, 'tsr', QoSProfile(depth=10))
         remote = self._remote
@@ -148,46 +142,30 @@ class Team(RosSide):
         remote.publish(Bool(data=stop))
 
     def drive_at(self, speed: float) -> None:
-        """
-        Publish this speed, m/s, as odometry from now on, at 50 Hz.
-
-        :raises AssertionError: if the bridge does not listen in time.
-        """
+        """Publish this speed, in m/s, as odometry from now on, at 50 Hz."""
         self._driven = speed
         if self._odometry is None:
             self._odometry = self._publisher(Odometry, 'odom', QoSProfile(depth=10))
             self._driving = self.node.create_timer(0.02, self._publish_speed)
         odometry = self._odometry
-        # The bridge, and this node itself.
+        # The bridge subscribes, and so does this node.
         self.wait_until(lambda: odometry.get_subscription_count() > 1, lambda: 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
 
     def roll_at(self, speed: float) -> None:
-        """
-        Publish a pose that moves at this speed, m/s, and a twist of 0, from now on.
-
-        :raises AssertionError: if the bridge does not listen in time.
-        """
+        """From now on, publish a pose that moves at this speed, in m/s, and a twist of 0."""
         self._rolls = speed
         self.drive_at(0.0)
 
     def team_stop(self, engaged: bool) -> Answer:
-        """
-        Engage or release the team's own stop.
-
-        :raises AssertionError: if the bridge does not answer in time.
-        """
+        """Engage or release the team's own stop."""
         response: Any = self.request(self._team_stop, SetBool.Request(data=engaged))
         return Answer(response.success, response.message)
 
     def wait_for(
         self, found: Callable[[msg.KartRaceState], object], what: str
     ) -> msg.KartRaceState:
-        """
-        Return the first race state for which `found` is true.
-
-        :raises AssertionError: if none comes in time.
-        """
+        """Return the first race state for which `found` is true."""
         self.wait_until(
             lambda: self.state is not None and found(self.state),
             lambda: f'{what}; the bridge says: {self.state}',
@@ -196,45 +174,29 @@ class Team(RosSide):
         return self.state
 
     def wait_for_state(self, state: RaceState) -> msg.KartRaceState:
-        """
-        Wait until the state to obey is this one.
-
-        :raises AssertionError: if it does not come in time.
-        """
+        """Wait until this is the state to obey."""
         return self.wait_for(lambda heard: state_of(heard.state) is state, f'obeys {state.value}')
 
     def wait_for_stop(self, stop: bool) -> None:
-        """
-        Wait until the lock has this value.
-
-        :raises AssertionError: if it does not come in time.
-        """
+        """Wait until the lock has this value."""
         self.wait_until(lambda: self.stop is stop, lambda: f'~/stop {stop}; it is {self.stop}')
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
-        """
-        Wait until odometry has a speed, m/s, for which `found` is true.
-
-        :raises AssertionError: if that does not happen in time.
-        """
+        """Wait until `found` is true for odometry's speed, in m/s."""
         self.wait_until(
             lambda: self.speed is not None and found(self.speed),
             lambda: f'such a speed; it is {self.speed}',
         )
 
     def wait_for_diagnostic(self, found: Callable[[DiagnosticStatus], bool]) -> None:
-        """
-        Wait until the bridge's diagnostics have a status for which `found` is true.
-
-        :raises AssertionError: if that does not happen in time.
-        """
+        """Wait until the bridge's diagnostics have a status for which `found` is true."""
         self.wait_until(
             lambda: any(map(found, self.diagnostics)),
             lambda: f'such a diagnostic; there is {self.diagnostics}',
         )
 
     def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
-        """Create a publisher that wakes waiting threads once the bridge has found it."""
+        """Return a publisher that wakes waiting threads once the bridge has found it."""
 
         def matched(_: object) -> None:
             with self.news:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""An official: every command as a service call, and the race as officials see it."""
+"""An official, who sends every command by a service call and sees the race as officials do."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SEES = {
     for kind, entry in CATALOGUE.items()
     if entry.names_karts or entry.names_hold
 }
-"""The commands whose requests contain what the official saw, by service."""
+"""The commands whose requests contain what the official saw, by their services."""
 
 
 _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
@@ -40,11 +40,11 @@ _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
     RaceState.GREEN_GREEN: (RaceState.GRID_ACTIVE, 'green_green', {}),
     RaceState.RED_FLAG: (RaceState.GREEN_GREEN, 'red_flag', {}),
 }
-"""How officials bring a race to a state: previous state (None: any), command, statement."""
+"""How officials bring a race to a state: the previous state (None for any), command, statement."""
 
 
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
-    """Return the request fields for what the official saw in a snapshot."""
+    """Return the fields of a request that contain what the official saw in a snapshot."""
     if race is None or service not in SEES:
         return {}
     kind = SEES[service]
@@ -58,9 +58,9 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
 
 def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:
     """
-    Return the command that calling a service with these fields gives.
+    Return the command that a call of this service with these fields sends.
 
-    :raises ValueError: if there is none; the text lists the possible ones.
+    :raises ValueError: if there is no such command. The text lists the possible ones.
     """
     kinds = kinds_by_service().get(service)
     if kinds is None:
@@ -73,7 +73,7 @@ def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:
 
 
 TRIES = 5
-"""Maximum number of attempts at a command, each with a newer race."""
+"""Maximum number of attempts at a command, each with a newer snapshot of the race."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,11 @@ class Official(RosSide):
     """
     A client of a running race control, on its domain.
 
-    ``race`` is the newest snapshot, ``results`` the timekeeper's newest results, and ``events``
-    every received event in order.
+    ``race`` is the newest snapshot, ``results`` are the timekeeper's newest results, and
+    ``events`` are all events received, in order.
 
     :param judge: receives every call and its answer.
-    :param hears: the topics it listens to: `race`, `events`, `results`.
+    :param hears: the topics that the official listens to, out of `race`, `events`, `results`.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Official(RosSide):
         self.events: list[msg.RaceEvent] = []
         self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
-            # With the usual depth of 10, a burst of answers would push out the first ones.
+            # With the usual depth of 10, the last answers of a burst would push out the first.
             service: self.node.create_client(
                 kind, f'/rcs/{service}', qos_profile=QoSProfile(depth=1000)
             )
@@ -127,13 +127,12 @@ class Official(RosSide):
 
     def call(self, service: str, **request: Any) -> Answer:
         """
-        Give a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
+        Send a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
 
         The request includes the official's name and what the official sees (karts, hold), unless
-        ``request`` gives them.
+        ``request`` contains them.
 
-        :raises AssertionError: if race control does not answer in time.
-        :raises ValueError: if there is no such command; the text lists the possible ones.
+        :raises ValueError: if there is no such command. The text lists the possible ones.
         """
         kind = kind_of(service, request)
         if service in SEES:
@@ -159,11 +158,7 @@ class Official(RosSide):
         return Answer(response.success, response.message)
 
     def call_all(self, service: str, requests: Iterable[Mapping[str, Any]]) -> list[Answer]:
-        """
-        Give a command many times at once and return the answers.
-
-        :raises AssertionError: if race control does not answer each call in time.
-        """
+        """Send a command many times at once, and return the answers."""
         client = self._clients[service]
         assert client.wait_for_service(self.timeout), f'there is no service {service}'
         answered = threading.Semaphore(0)
@@ -182,12 +177,10 @@ class Official(RosSide):
 
     def command(self, service: str, **request: Any) -> Answer:
         """
-        Give a command that must be accepted, once it is available.
+        Send a command that must be accepted: a stop at once, any other once it is available.
 
-        A stop is given at once.
-
-        :raises AssertionError: if it is refused; the text contains the reason.
-        :raises ValueError: if there is no such command; the text lists the possible ones.
+        :raises AssertionError: if the command is refused. The text contains the reason.
+        :raises ValueError: if there is no such command. The text lists the possible ones.
         """
         entry = CATALOGUE[kind_of(service, request)]
         if entry.stop:
@@ -213,9 +206,9 @@ class Official(RosSide):
         """
         Bring the race from its present state to another, as officials do.
 
-        :param numbers: the karts to wait for at each step; none: those in the race.
-        :param acknowledge: called at each step with its state, for karts that do not acknowledge
-            automatically.
+        :param numbers: the karts to wait for at each step; if there are none, those in the race.
+        :param acknowledge: called at each step with the step's state, for karts that do not
+            acknowledge automatically.
         :raises AssertionError: if a step is refused, or a kart does not acknowledge in time.
         """
         race = self.wait_for_race(lambda race: True, 'a first look at the race')
@@ -234,11 +227,7 @@ class Official(RosSide):
         self.wait_for_acks(state, *numbers, needs_ack=state is not RaceState.IN_GARAGE)
 
     def wait_for_available(self, service: str, **request: Any) -> msg.Race:
-        """
-        Return the first snapshot in which a command is available, for example after a pause.
-
-        :raises AssertionError: if none comes in time.
-        """
+        """Return the first snapshot in which a command is available, for example after a pause."""
         number = request.get('kart', 0)
         wanted = getattr(msg.CommandAvailability, kind_of(service, request).name)
 
@@ -254,8 +243,7 @@ class Official(RosSide):
         """
         Return the first snapshot for which `found` is true.
 
-        :param what: what is awaited, for the failure message.
-        :raises AssertionError: if none comes in time.
+        :param what: what the caller waits for, for the failure message.
         """
         self.wait_until(
             lambda: self.race is not None and found(self.race),
@@ -265,11 +253,7 @@ class Official(RosSide):
         return self.race
 
     def wait_for_results(self, found: Callable[[msg.Results], object], what: str) -> msg.Results:
-        """
-        Return the timekeeper's first results for which `found` is true.
-
-        :raises AssertionError: if none come in time.
-        """
+        """Return the timekeeper's first results for which `found` is true."""
         self.wait_until(
             lambda: self.results is not None and found(self.results),
             lambda: f'{what}; the results: {self.results!s:.5000}',
@@ -278,11 +262,7 @@ class Official(RosSide):
         return self.results
 
     def wait_for_event(self, found: Callable[[msg.RaceEvent], object], what: str) -> msg.RaceEvent:
-        """
-        Return the first past or future event for which `found` is true.
-
-        :raises AssertionError: if none comes in time.
-        """
+        """Return the first past or future event for which `found` is true."""
         return self.wait_until(
             lambda: next((event for event in self.events if found(event)), None),
             lambda: f'{what}; heard last: {[event.text for event in self.events[-50:]]}',
@@ -291,11 +271,7 @@ class Official(RosSide):
     def wait_for_kart(
         self, number: int, found: Callable[[msg.KartStatus], object], what: str
     ) -> msg.KartStatus:
-        """
-        Return the first status of a kart for which `found` is true.
-
-        :raises AssertionError: if none comes in time.
-        """
+        """Return the first status of a kart for which `found` is true."""
         race = self.wait_for_race(
             lambda race: any(kart.number == number and found(kart) for kart in race.karts),
             f'kart {number}: {what}',
@@ -306,8 +282,7 @@ class Official(RosSide):
         """
         Wait until each of these karts is sent this state and has acknowledged it.
 
-        :param needs_ack: False: no acknowledgement is needed, as in IN_GARAGE.
-        :raises AssertionError: if that does not happen in time.
+        :param needs_ack: False if no acknowledgement is needed, as in IN_GARAGE.
         """
         for number in numbers:
             self.wait_for_kart(
@@ -317,17 +292,13 @@ class Official(RosSide):
             )
 
     def wait_for_connected(self, *numbers: int) -> None:
-        """
-        Wait until each of these karts is connected.
-
-        :raises AssertionError: if that does not happen in time.
-        """
+        """Wait until each of these karts is connected."""
         for number in numbers:
             self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
 
     @contextlib.contextmanager
     def telling(self, tell: Callable[[msg.RaceEvent], object]) -> Iterator[None]:
-        """Pass on each event once, in order: those already received, then each new one."""
+        """Pass on each event once and in order, first those already received, then new ones."""
         with self.news:
             for event in self.events:
                 tell(event)

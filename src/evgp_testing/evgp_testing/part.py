@@ -8,22 +8,20 @@ from __future__ import annotations
 from typing import TypeVar
 
 PATIENCE = 30.0
-"""Maximum wait for anything before a test gives up, in seconds: far more than it ever takes."""
+"""Time for which a test waits for anything before it gives up, in seconds. It is far longer than
+anything ever takes."""
 
 P = TypeVar('P', bound='Part')
 
 
 class Part:
-    """A part of a race; it releases everything in ``close`` and can be used in ``with``."""
+    """A part of a race, which releases everything in ``close`` and can be used in ``with``."""
 
     def close(self) -> object:
-        """End the part."""
         raise NotImplementedError
 
     def __enter__(self: P) -> P:
-        """Return the part."""
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """End the part."""
         self.close()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The pytest plugin: the fixtures of a race, and the output of processes when a test fails.
+The pytest plugin, which offers the fixtures and shows the output of processes if a test fails.
 
 pytest loads it automatically wherever the workspace is sourced, so it imports neither ROS nor Qt.
 """
@@ -28,11 +28,11 @@ from evgp_testing.process import started
 import pytest
 
 LAST_WORDS = 1.0
-"""Time for the processes of a failed test to print why, s. A kart sees its connection end before
-race control, or the rest of it, has printed anything."""
+"""Time that the processes of a failed test have to print why, in seconds. A kart sees its
+connection end before any process of race control has printed anything."""
 
 MOST_LINES = 200
-"""Maximum number of last lines shown for each process when a test fails."""
+"""Maximum number of lines shown of each process when a test fails, which are its last."""
 
 
 def pytest_configure() -> None:
@@ -41,8 +41,8 @@ def pytest_configure() -> None:
         # A shell starts background programs with SIGINT ignored. Programs would inherit that, and
         # some would not end at Ctrl-C.
         signal.signal(signal.SIGINT, signal.default_int_handler)
-    # ROS's messages import numpy. Nothing here computes with it, but each process that imports it
-    # would start a thread per core.
+    # ROS's messages import numpy. Nothing here computes with numpy, but each process that imports
+    # it would start a thread per core.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 
@@ -62,5 +62,5 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
 
 
 def pytest_runtest_logfinish() -> None:
-    """Forget the processes that have ended; those of a wider fixture may continue."""
+    """Forget the processes that have ended. Those of a wider fixture may continue."""
     started[:] = [each for each in started if each.runs]

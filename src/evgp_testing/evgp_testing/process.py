@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Programs as real processes, which keep their output and always end."""
+"""Programs as real processes, whose output is kept and which always end."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def executable(package: str, name: str) -> str:
 
 def freeze(pid: int) -> None:
     """
-    Stop a process with SIGSTOP; return once none of its threads runs.
+    Stop a process with SIGSTOP, and return once none of its threads runs.
 
     On a busy computer, other threads continue until the thread that gets the signal has its turn.
     """
@@ -49,15 +49,15 @@ def _runs(stat: pathlib.Path) -> bool:
 
 class Program(Part):
     """
-    Any program as a process; its output is kept, and it always ends.
+    Any program as a process, whose output is kept and which always ends.
 
-    ``lines`` are the lines it has printed.
+    ``lines`` are the lines that it has printed.
 
-    :param name: its name in the output of a failed test.
-    :param domain: its ROS domain; None: that of the environment.
+    :param name: the program's name in the output of a failed test.
+    :param domain: its ROS domain; None for that of the environment.
     :param environment: more environment variables.
-    :param end: the signal it gets if its parent is killed, so that it does not live on in a domain
-        that others may then use.
+    :param end: the signal that the program gets if its parent is killed, so that it does not live
+        on in a domain that others may then use.
     """
 
     def __init__(
@@ -95,25 +95,24 @@ class Program(Part):
 
     @property
     def pid(self) -> int:
-        """Return the process number."""
         return self.process.pid
 
     @property
     def runs(self) -> bool:
-        """Return whether it is still running."""
+        """Return whether the program is still running."""
         return self.process.poll() is None
 
     @property
     def output(self) -> str:
-        """Return everything it has printed."""
+        """Return everything that the program has printed."""
         with self._news:
             return '\n'.join(self.lines)
 
     def wait_for_line(self, pattern: str) -> re.Match[str]:
         """
-        Return the first match of a pattern in a past or future line of its output.
+        Return the first match of a pattern in a past or future line of the output.
 
-        :raises AssertionError: if it ends or time runs out without such a line.
+        :raises AssertionError: if the program ends, or time runs out, without such a line.
         """
 
         def found() -> re.Match[str] | None:
@@ -128,14 +127,14 @@ class Program(Part):
         return match
 
     def wait(self) -> int:
-        """Wait until it ends and return its exit code (negative: the signal's number)."""
+        """Wait until the program ends, and return its exit code, or minus the signal's number."""
         code = self.process.wait(PATIENCE)
         self._reader.join(PATIENCE)
         return code
 
     @contextlib.contextmanager
     def output_held_up(self) -> Iterator[None]:
-        """Read nothing of its output meanwhile, like a terminal after Ctrl-S."""
+        """Meanwhile, read none of the output, like a terminal after Ctrl-S."""
         self._take_output.clear()
         try:
             yield
@@ -143,19 +142,19 @@ class Program(Part):
             self._take_output.set()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send it a signal; after a SIGSTOP, return only once it has stopped."""
+        """Send a signal to the program. After a SIGSTOP, return only once it has stopped."""
         if number is signal.SIGSTOP and self.process.poll() is None:
             freeze(self.process.pid)
         else:
             self.process.send_signal(number)
 
     def kill(self) -> None:
-        """End it like a crash."""
+        """End the program as if it had crashed."""
         self.process.kill()
         self.wait()
 
     def close(self) -> int:
-        """End it in order, or by force if that takes too long; return its exit code."""
+        """End the program in order, or by force if that takes too long; return its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGCONT)
             self.process.terminate()
@@ -184,7 +183,7 @@ class Process(Program):
 
     :param parameters: ROS parameters, as ``-p name:=value``.
     :param arguments: further arguments after ``--ros-args``.
-    :param under: a command that runs it, with the command's own arguments.
+    :param under: a command, with its arguments, that runs the executable.
     """
 
     def __init__(
@@ -196,7 +195,6 @@ class Process(Program):
         arguments: tuple[str, ...] = (),
         under: tuple[str, ...] = (),
     ) -> None:
-        """Start the process."""
         command = [*under, executable(package, name), '--ros-args', *arguments]
         for parameter, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)

@@ -18,7 +18,8 @@ from evgp_testing.usage import family
 import yaml
 
 SETTLE_TIME = 0.5
-"""Time for which a kart must stand in tests, in seconds; short, because tests run many races."""
+"""Time for which a kart must stand still in tests, in seconds. It is short, because tests run many
+races."""
 
 
 Heats = Mapping[str, Iterable[int] | Mapping[str, object]]
@@ -39,7 +40,7 @@ def write_roster(
     heats: Heats | None = None,
     addresses: Callable[[int], str] = address_of,
 ) -> pathlib.Path:
-    """Write a roster into a folder and return its path; see ``RaceControl``."""
+    """Write a roster into a folder, and return its path. For the parameters, see `RaceControl`."""
     racing = set(in_race)
     content: dict[str, object] = {
         'karts': [
@@ -64,9 +65,9 @@ def write_roster(
 
 def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
     """
-    Return the parameters of a race control at its own port, with its files in a folder.
+    Return the parameters of a race control with its own port, and with its files in a folder.
 
-    It starts as on a machine where none has run before.
+    It starts as if none had run on this machine before.
     """
     return {
         'roster': roster,
@@ -78,7 +79,7 @@ def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
 
 
 def new_port() -> int:
-    """Return a free port where no race control is known to have run on this machine."""
+    """Return a free port at which no race control is known to have run on this machine."""
     port = free_port()
     for address in ('127.0.0.1', ServerSettings.host):
         forget_runs_at(address, port)
@@ -86,7 +87,7 @@ def new_port() -> int:
 
 
 def forget_runs_at(address: str, port: int) -> None:
-    """Let race control start there as if none had run on this machine; never for a real race."""
+    """Let race control start there as if none had run on this machine. Never use it in a race."""
     place(address, port).unlink(missing_ok=True)  # left by a killed one
 
 
@@ -94,8 +95,8 @@ class RaceControl(Process):
     """
     A real ``rcs_node`` on a domain, listening at its own port.
 
-    It starts in IN_GARAGE, like the very first one on a machine. To start it again as on the same
-    machine, give the same port in the parameters.
+    It starts in IN_GARAGE, like the very first one on a machine. To start it again as if on the
+    same machine, pass the same port in the parameters.
 
     :param folder: the folder for its roster.
     :param in_race: the numbers of the karts in the first race.
@@ -105,7 +106,7 @@ class RaceControl(Process):
     :param arguments: more ROS arguments of the node.
     :param heats: the heats of the roster, each with its karts or with all its roster fields.
     :param addresses: returns the address of a kart in the roster.
-    :param under: a command that runs it, with the command's own arguments.
+    :param under: a command, with its arguments, that runs race control.
     """
 
     def __init__(
@@ -122,7 +123,6 @@ class RaceControl(Process):
         under: tuple[str, ...] = (),
         program: str = 'rcs_node',
     ) -> None:
-        """Start race control and wait until karts can connect."""
         roster = write_roster(folder, in_race, others, teams, heats, addresses)
         self.domain = domain
         given = {**settings(folder, roster), **(parameters or {})}
@@ -139,14 +139,14 @@ class RaceControl(Process):
         return self.pid, self.kart_server_pid, self.record_pid
 
     def freeze(self) -> None:
-        """Stop all processes of race control, like a machine that hangs."""
+        """Stop all processes of race control, as if the machine hung."""
         for pid in self._pids:
             freeze(pid)
 
     def lose_power(self) -> None:
-        """End all processes at once, so that anything not yet written is lost."""
+        """End all processes at once, so that everything that is not yet written is lost."""
         self.freeze()
-        # The record's process first, because it keeps writing when the kart server ends.
+        # The record's process goes first, because it keeps writing when the kart server ends.
         for pid in reversed(self._pids):
             os.kill(pid, signal.SIGKILL)
         self.wait()
@@ -161,7 +161,7 @@ class Timekeeper(Process):
     """
     A real ``timekeeper`` beside a race control, with the same roster.
 
-    :param folder: race control's folder, which also gets the book.
+    :param folder: race control's folder, in which the timekeeper also keeps its book.
     :param parameters: more ROS parameters of the node.
     """
 

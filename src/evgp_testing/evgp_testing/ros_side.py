@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A separate ROS context, node and executor, spun in the background."""
+"""A separate ROS context with a node and an executor that spins in the background."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class RosSide(Part):
     """
     A node on a domain, in this process, with methods that wait for what it receives.
 
-    Subclasses subscribe, change their data inside ``with self.news:`` and notify. Every wait lasts
-    at most ``timeout`` seconds.
+    Subclasses subscribe, change their data inside ``with self.news:`` and notify. A method that
+    waits raises AssertionError if what it waits for does not come within ``timeout`` seconds.
     """
 
     timeout = PATIENCE
@@ -43,8 +43,8 @@ class RosSide(Part):
         self.failures: list[BaseException] = []
         self.context = Context()
         with environment_kept():
-            # Like our programs, without DDS's shared memory. Tests freeze and kill processes, and
-            # one that holds a lock in that memory would delay every other one for seconds.
+            # Like our programs, this one uses no shared memory of DDS. Tests freeze and kill
+            # processes, and one that holds a lock there would delay all others for seconds.
             bind_graph()
             rclpy.init(context=self.context, domain_id=domain)
             self.node = Node(
@@ -58,7 +58,7 @@ class RosSide(Part):
 
     def spin(self, only_serves: bool = False) -> None:
         """
-        Start to receive; call this once everything is subscribed.
+        Start to receive. Call this once everything is subscribed.
 
         :param only_serves: see ``Spinning``.
         """
@@ -66,10 +66,9 @@ class RosSide(Part):
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
-        Wait until `found` returns a true value, and return it.
+        Wait until `found` returns a true value, and return that value.
 
-        :param what: for the failure: returns what was awaited and what came instead.
-        :raises AssertionError: if it does not become true in time.
+        :param what: returns, for the failure message, what was awaited and what came instead.
         """
         with self.news:
             value = self.news.wait_for(found, self.timeout)
@@ -77,22 +76,14 @@ class RosSide(Part):
         return value
 
     def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
-        """
-        Wait until `found` is true, by polling, because nothing notifies of it.
-
-        :raises AssertionError: if it does not become true in time.
-        """
+        """Wait until `found` is true. This polls, because nothing notifies of the change."""
         until = time.monotonic() + self.timeout
         while not found():
             assert time.monotonic() < until, f'not within {self.timeout:g} s: {what}'
             time.sleep(0.02)
 
     def request(self, client: Client, request: object) -> object:
-        """
-        Call a service and return its response.
-
-        :raises AssertionError: if there is no such service, or no answer in time.
-        """
+        """Call a service and return its response."""
         assert client.wait_for_service(self.timeout), f'there is no service {client.srv_name}'
         done = threading.Event()
         future = client.call_async(request)

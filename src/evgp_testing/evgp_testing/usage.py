@@ -10,7 +10,7 @@ import re
 
 
 def family(pid: int) -> list[int]:
-    """Return a process and all its descendants."""
+    """Return the IDs of a process and all its descendants."""
     children = pathlib.Path(f'/proc/{pid}/task/{pid}/children').read_text(encoding='ascii')
     return [pid, *(each for child in children.split() for each in family(int(child)))]
 

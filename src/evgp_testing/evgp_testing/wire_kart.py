@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A kart without ROS: a TCP client like those of today's teams, well-behaved or not.
+A kart without ROS, which is a TCP client like those of today's teams, well-behaved or not.
 
-It finds whole frames itself and counts anything else as malformed. It does not use the decoder of
+It finds whole frames itself, and counts anything else as malformed. It does not use the decoder of
 race control and the bridge, so a mistake in that decoder cannot hide one on the wire.
 """
 
@@ -49,8 +49,8 @@ def kart_socket(
     """
     Connect to race control from a kart's address.
 
-    :param receive_buffer: size in bytes; 0: the usual size.
-    :param timeout: timeout of this and all later operations of the socket, s.
+    :param receive_buffer: size in bytes; 0 for the usual size.
+    :param timeout: timeout of this and all later operations of the socket, in seconds.
     :raises OSError: if race control cannot be reached.
     """
     kart = socket.socket()
@@ -79,7 +79,7 @@ def read_until(kart: socket.socket, state: RaceState) -> bytes:
 
 
 def read_to_end(kart: socket.socket) -> bytes:
-    """Return everything until the connection ends in any way."""
+    """Return everything that arrives until the connection ends in any way."""
     heard = b''
     with contextlib.suppress(ConnectionError):
         while data := kart.recv(4096):
@@ -89,15 +89,15 @@ def read_to_end(kart: socket.socket) -> bytes:
 
 class KartLink:
     """
-    One connection of a plain kart; its owner reads it with ``take``.
+    One connection of a plain kart, whose owner reads it with ``take``.
 
-    ``changes`` are the states it was sent, each with the monotonic time (s) of its first frame.
-    ``times`` has the time of every frame, ``frames`` counts them, and ``malformed`` has the bytes
-    that are no frame.
+    ``changes`` are the states that the kart was sent, each with the monotonic time (s) of its
+    first frame. ``times`` are the times of all frames, ``frames`` is their number, and
+    ``malformed`` contains the bytes that are not frames.
 
-    :param address: its own address, by which race control knows it.
+    :param address: the kart's own address, by which race control knows it.
     :param to: race control's address and port.
-    :param judge: receives everything seen on this connection; `kart` is the kart's number there.
+    :param judge: receives everything seen on this connection, with `kart` as the kart's number.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -128,7 +128,7 @@ class KartLink:
 
     @property
     def state(self) -> RaceState | None:
-        """Return the last state sent to it; None before the first frame."""
+        """Return the last state that the kart was sent; None before the first frame."""
         return self.changes[-1][1] if self.changes else None
 
     def take(self, after: float) -> list[tuple[RaceState, bool]] | None:
@@ -142,7 +142,7 @@ class KartLink:
         return None if data == b'' else self.note(data or b'', after)
 
     def receive(self) -> bytes | None:
-        """Return the available bytes: empty at the end of the connection; None: none yet."""
+        """Return the available bytes, which are empty at the end; None if there are none yet."""
         try:
             return self.socket.recv(1 << 16)
         except BlockingIOError:
@@ -151,7 +151,7 @@ class KartLink:
             return b''
 
     def note(self, data: bytes, after: float) -> list[tuple[RaceState, bool]]:
-        """Process the bytes that were read; see ``take``."""
+        """Process the bytes that were read. For the rest, see ``take``."""
         now = time.monotonic()
         *frames, self._unread = (self._unread + data).split(b';')
         heard = []
@@ -173,7 +173,7 @@ class KartLink:
         return heard
 
     def say(self, *states: RaceState) -> None:
-        """Send frames, whether due or not."""
+        """Send frames, whether they are due or not."""
         self.send(b''.join(map(encode, states)))
 
     def send(self, data: bytes) -> None:
@@ -199,8 +199,8 @@ class KartLink:
         """
         Close the connection.
 
-        :param earliest: a time (monotonic, s) before which it had not ended.
-        :param reset: reset it, as a machine does that no longer knows the connection.
+        :param earliest: a time (monotonic, s) at which the connection had not ended yet.
+        :param reset: reset the connection, like a machine that no longer knows it.
         """
         if reset:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
@@ -209,7 +209,7 @@ class KartLink:
             self._judge.closed(self.number, earliest, time.monotonic())
 
     def _note_said(self, data: bytes, before: float, after: float, judge: Judge) -> None:
-        """Report newly complete frames to the judge, however they were split."""
+        """Report newly completed frames to the judge, however they were split."""
         kept = b''.join(piece for piece, _ in self._tail)
         for match in _SAID.finditer(kept + data):
             if match.end() <= len(kept):
@@ -229,13 +229,14 @@ class KartLink:
 
 class WireKart(KartLink, Part):
     """
-    A plain TCP kart that reads all the time; see ``KartLink`` for its attributes.
+    A plain TCP kart that reads all the time. For most of its attributes, see ``KartLink``.
 
-    ``ended`` is true once the connection is gone.
+    ``ended`` is true once the connection is gone. A method that waits raises AssertionError if
+    what it waits for does not come within ``PATIENCE``.
 
-    :param acknowledges: when it acknowledges what it is sent; can be changed at any time.
+    :param acknowledges: when the kart acknowledges what it is sent. You can change this any time.
     :param host: race control's address.
-    :param timeout: maximum time to connect, s.
+    :param timeout: maximum time to connect, in seconds.
     """
 
     def __init__(
@@ -258,22 +259,18 @@ class WireKart(KartLink, Part):
 
     def answer(self, state: RaceState, change: bool) -> None:
         """
-        Answer a frame, in the thread that reads; subclasses may answer differently.
+        Answer a frame, in the thread that reads. Subclasses may answer differently.
 
-        :param change: the state differs from the one before.
+        :param change: whether the state differs from the one before.
         """
         if self.acknowledges is Acknowledges.EACH_FRAME or (
             change and self.acknowledges is Acknowledges.EACH_CHANGE
         ):
-            with contextlib.suppress(OSError):  # it is gone: the reader is told next
+            with contextlib.suppress(OSError):  # it is gone; the reader notices next
                 self.say(state)
 
     def wait_for_state(self, state: RaceState) -> float:
-        """
-        Return the time (monotonic, s) of the first frame of the present run of this state.
-
-        :raises AssertionError: if it is not sent in time.
-        """
+        """Wait for a state; return the monotonic time (s) of its present run's first frame."""
         with self._news:
             self._news.wait_for(lambda: self.state is state, PATIENCE)
             assert self.changes, f'{self.address} was sent nothing'
@@ -282,11 +279,7 @@ class WireKart(KartLink, Part):
             return at
 
     def wait_for_frames(self, count: int) -> None:
-        """
-        Return once so many further frames have come.
-
-        :raises AssertionError: if they do not come in time.
-        """
+        """Wait until this many more frames have come."""
         with self._news:
             wanted = self.frames + count
             self._news.wait_for(lambda: self.frames >= wanted or self.ended, PATIENCE)
@@ -296,16 +289,11 @@ class WireKart(KartLink, Part):
             )
 
     def wait_for_end(self) -> None:
-        """
-        Return once the connection is gone.
-
-        :raises AssertionError: if it does not go in time.
-        """
+        """Wait until the connection is gone."""
         with self._news:
             assert self._news.wait_for(lambda: self.ended, PATIENCE), 'it is still connected'
 
     def close(self) -> None:
-        """Disconnect."""
         with contextlib.suppress(OSError):  # the other end was quicker
             self.socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(PATIENCE)
