@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     programs = {'kart': inspect_kart, 'survey': survey_network}
     if what in programs:
         return programs[what](rest[:-1])
-    print('Give kart or survey. "kart --help" shows the options.', file=sys.stderr)
+    print('Choose kart or survey. "kart --help" shows the options.', file=sys.stderr)
     return Exit.NOT_PASSED
 
 
@@ -65,17 +65,17 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     add('--list', action='store_true', help='list the clauses and exit')
     add('--explain', metavar='CLAUSE', default='', help='explain clauses and exit')
     add('--only', metavar='CLAUSES', default='', help='check only these, such as K-3A-07,K-4D')
-    add('--race', action='store_true', help='only a race: connect, one drive, RED_FLAG, RED_RED')
+    add('--race', action='store_true', help='only stage a race: connect, drive, RED_FLAG, RED_RED')
     add('--team', default='', help="the team's name, for the report")
     add('--inspector', default='', help="the inspector's name, for the report")
     add(
         '--report',
         metavar='FOLDER',
         default='inspections',
-        help='folder for the HTML and JSON report (%(default)s); empty: no report',
+        help='folder for the HTML and JSON report (%(default)s); if empty, there is no report',
     )
     add('--version', action='version', version=VERSION)
-    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
+    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='IPv4 address here (%(default)s)')
     add('--port', type=int, default=DEFAULT_PORT, help='port for the kart (%(default)s)')
     add(
         '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
@@ -85,8 +85,9 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         '--odometry',
         metavar='SOURCE',
         default='',
-        help='measured speed instead of an inspector\'s eyes: "-" (lines "time speed" or "speed" '
-        'on standard input), udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), a file or a pipe',
+        help='where to read the speed in place of an inspector\'s eyes: "-" (lines "time speed" or '
+        '"speed" on standard input), udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), a file '
+        'or a pipe',
     )
     for part, what in (('bridge', 'is connected to race control'), ('stack', 'drives')):
         add(
@@ -94,10 +95,14 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
             metavar='COMMAND',
             default='',
             help=f"a shell command that kills the kart's program that {what}, such as "
-            f'"ssh kart pkill -KILL {part}"; default: it asks you to',
+            f'"ssh kart pkill -KILL {part}"; by default, the inspection asks you to do so',
         )
     add('--unattended', action='store_true', help='ask no questions; needs --word')
-    add('--word', default='', help=f'"{WORD}" states: wheels off the ground, MSR in hand')
+    add(
+        '--word',
+        default='',
+        help=f'"{WORD}" states that the wheels are off the ground, and the MSR in hand',
+    )
     Limits.add_to(parser)
     options = parser.parse_args(arguments)
     try:

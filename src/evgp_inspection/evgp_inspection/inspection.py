@@ -52,7 +52,6 @@ class Inspection:
 
     @property
     def exit_code(self) -> Exit:
-        """Return the exit code."""
         good = self.finished and verdict_on(self.results) is Verdict.PASS
         return Exit.PASSED if good else Exit.NOT_PASSED
 

@@ -55,7 +55,6 @@ class Unattended:
         self.tell = tell
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        """Return None at once."""
         return None
 
 

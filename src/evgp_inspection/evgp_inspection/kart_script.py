@@ -88,8 +88,8 @@ Kill: TypeAlias = Callable[[], Awaitable[bool]]
 """Kills a part of the kart's program; returns whether that worked."""
 
 KILL_PART = {
-    'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
-    'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
+    'bridge': "Kill (kill -9) the kart's program that is connected to race control. Is it dead?",
+    'stack': "Kill (kill -9) the kart's program that commands the motors. Is it dead?",
 }
 """Requests to the inspector to kill a part of the kart's program while the kart drives."""
 

@@ -54,12 +54,10 @@ Beats: TypeAlias = Iterator[Beat]
 
 
 def whole(state: RaceState) -> Beats:
-    """Send whole frames."""
     return itertools.repeat([(0.0, encode(state))])
 
 
 def single_bytes(state: RaceState) -> Beats:
-    """Send each byte individually."""
     return itertools.repeat([(0.002, bytes([byte])) for byte in encode(state)])
 
 
@@ -214,7 +212,6 @@ class KartWire:
             self._recording.note(Kind.BACK)
 
     async def shut_down(self) -> None:
-        """End everything."""
         if self._beating is not None:
             self._beating.cancel()
             await asyncio.gather(self._beating, return_exceptions=True)

@@ -35,7 +35,6 @@ class _Limits:
     """
 
     def __post_init__(self) -> None:
-        """Refuse unusable values."""
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
             least = 0.0 if field.name in ('warning', 'hold', 'seed') else math.ulp(0.0)

@@ -43,7 +43,6 @@ class Lines(asyncio.DatagramProtocol):
         self._take = take
 
     def datagram_received(self, data: bytes, address: object) -> None:
-        """Read the lines of a datagram."""
         for line in data.decode('ascii', 'replace').splitlines():
             speed = speed_in(line)
             if speed is not None:

@@ -203,7 +203,6 @@ class Spell:
 
     @property
     def top(self) -> float:
-        """Return the highest speed, in m/s."""
         return max((speed for _, speed in self.speeds), default=0.0)
 
 
@@ -268,7 +267,6 @@ class Oracle:
 
     @classmethod
     def of(cls, events: Iterable[Event], limits: Limits) -> Oracle:
-        """Return an oracle that has judged these events."""
         oracle = cls(limits)
         for event in events:
             oracle.take(event)
@@ -338,7 +336,6 @@ class Oracle:
     # ----- events -------------------------------------------------------------------------------
 
     def take(self, event: Event) -> None:
-        """Judge the next event."""
         at = event.at
         self.trace.add(event)
         self._let_time_pass(at)

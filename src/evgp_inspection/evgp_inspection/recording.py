@@ -45,7 +45,6 @@ class Recording:
 
     @property
     def now(self) -> float:
-        """Return the current time."""
         return self._loop.time() - self._began
 
     def note(

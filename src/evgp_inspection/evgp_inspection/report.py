@@ -47,7 +47,6 @@ class Header:
 
 
 def counts(results: Sequence[Result]) -> dict[Verdict, int]:
-    """Return the number of each verdict."""
     return {verdict: sum(each.verdict is verdict for each in results) for verdict in Verdict}
 
 

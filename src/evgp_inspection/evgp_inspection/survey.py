@@ -78,7 +78,6 @@ class Figure:
     at_least: bool = False
 
     def line(self) -> str:
-        """Return the figure for people."""
         value = 'nothing' if self.value is None else f'{self.value:.3g} {self.unit}'.rstrip()
         most = 'at least' if self.at_least else 'at most'
         limit = f'{most} {self.limit:.3g} {self.unit}'.rstrip()
@@ -285,7 +284,6 @@ class Report:
         return f'at {self.began + datetime.timedelta(seconds=at):%H:%M:%S}{where}'
 
     def text(self) -> str:
-        """Return the report as text for people."""
         lines = [
             f'Survey of the network, {self.began:%Y-%m-%d %H:%M:%S}, {duration(self.seconds, 0)}',
             '',

@@ -93,7 +93,6 @@ class Link(asyncio.Protocol):
         return self.resent - before
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Pass the new connection to the surveyor."""
         assert isinstance(transport, asyncio.Transport)
         self.transport = transport
         self.socket = transport.get_extra_info('socket')
@@ -101,7 +100,6 @@ class Link(asyncio.Protocol):
         self._surveyor.opened(self, transport.get_extra_info('peername')[0])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Report the loss to the surveyor."""
         self._surveyor.lost(self, self.why if exc is None else str(exc))
 
 
@@ -330,16 +328,16 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
         'or wrong usage. To make a laptop a kart: ' + EXAMPLE,
     )
     add = parser.add_argument
-    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
+    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='IPv4 address here (%(default)s)')
     add('--port', type=int, default=DEFAULT_PORT, help='port for karts (%(default)s)')
     add('--kart-address', default='', help='the only IPv4 address that counts; default: all')
-    add('--word', default='', help=f'"{WORD}" states what the survey asks at the start')
-    add('--seconds', type=float, default=None, help='end after this time, s; default: at Ctrl-C')
+    add('--word', default='', help=f'"{WORD}" confirms what the survey asks at the start')
+    add('--seconds', type=float, default=None, help='duration in seconds; default: until Ctrl-C')
     add(
         '--report',
         metavar='FOLDER',
         default='surveys',
-        help='folder for the text and JSON report (%(default)s); empty: no report',
+        help='folder for the text and JSON report (%(default)s); if empty, there is no report',
     )
     add('--version', action='version', version=VERSION)
     SurveyLimits.add_to(parser)

@@ -98,7 +98,6 @@ class Said:
     reason: str = ''
 
     def __str__(self) -> str:
-        """Return the frame for people."""
         return self.state.value if self.state else f'bytes that are not a frame: {self.reason}'
 
 
@@ -130,7 +129,6 @@ class Trace:
 
     @classmethod
     def of(cls, events: Iterable[Event]) -> Trace:
-        """Return the trace that consists of these events."""
         trace = cls()
         for event in events:
             trace.add(event)
@@ -154,7 +152,6 @@ class Trace:
         return all(self._wires[link].hearing.has_reached_last for link in self._sent)
 
     def add(self, event: Event) -> None:
-        """Add the next event."""
         self._let_pass(event.at)
         self.events.append(event)
         if event.kind in (Kind.CLOSED, Kind.ENDED):

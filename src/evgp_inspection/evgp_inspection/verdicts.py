@@ -87,7 +87,6 @@ class Clause:
         return '\n'.join(lines)
 
     def line(self) -> str:
-        """Return the clause in one line."""
         return f'{self.name}{"*" if self.starred else " "} {self.section:5} {self.title}'
 
 
@@ -105,7 +104,6 @@ class Result:
 
     @property
     def verdict(self) -> Verdict:
-        """Return the verdict."""
         return self.finding.verdict
 
 

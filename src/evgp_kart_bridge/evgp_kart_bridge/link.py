@@ -292,7 +292,6 @@ class RaceControlLink:
             wait = min(2 * wait, LAST_WAIT)
 
     def opened(self, connection: _Connection) -> None:
-        """Record that a connection has been made."""
         self._connection = connection
         self._status.connections += 1
         self._take(Arbiter.connected)
@@ -336,7 +335,6 @@ class RaceControlLink:
         return why
 
     def lost(self, connection: _Connection, reason: str) -> None:
-        """Record that a connection was lost."""
         if connection is self._connection:
             self._connection = None
             self._status.failures += 1

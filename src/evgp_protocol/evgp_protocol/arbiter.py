@@ -148,7 +148,6 @@ class Settings:
     drive_in_garage: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse values that no rule can work with."""
         for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if not (math.isfinite(value) and value >= 0):
@@ -506,7 +505,6 @@ class Arbiter:
         self._still_since = None
 
     def _command(self, state: RaceState, now: float) -> None:
-        """Record a new command from race control."""
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state
@@ -611,7 +609,6 @@ class Arbiter:
             self._signs = {**self._signs, source: now}
 
     def _why(self, source: StopSource) -> str:
-        """Return why a source stops the kart."""
         who = self._who.get(source)
         return f'{_WHY[source]}: {who}' if who else _WHY[source]
 
@@ -636,7 +633,6 @@ class Arbiter:
         self._disarm('a team stop came after it')
 
     def _may_drive(self, state: RaceState) -> bool:
-        """Return whether the kart may drive while it obeys `state`."""
         if state is RaceState.RED_FLAG:
             return self._slowing_since is not None
         if state is RaceState.IN_GARAGE:

@@ -48,7 +48,6 @@ class BoottimeEventLoop(asyncio.SelectorEventLoop):
     """
 
     def time(self) -> float:
-        """Return `now`."""
         return now()
 
 

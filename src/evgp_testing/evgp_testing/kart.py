@@ -116,7 +116,6 @@ class Team(RosSide):
 
     @property
     def states(self) -> list[RaceState | None]:
-        """Return the received race states, without repetitions."""
         with self.news:
             return [state for _, state in self.changes]
 

@@ -24,7 +24,6 @@ started: list[Program] = []
 
 
 def executable(package: str, name: str) -> str:
-    """Return the path of an executable of a package."""
     return str(pathlib.Path(get_package_prefix(package), 'lib', package, name))
 
 
@@ -99,12 +98,10 @@ class Program(Part):
 
     @property
     def runs(self) -> bool:
-        """Return whether the program is still running."""
         return self.process.poll() is None
 
     @property
     def output(self) -> str:
-        """Return everything that the program has printed."""
         with self._news:
             return '\n'.join(self.lines)
 

@@ -123,6 +123,7 @@ class RaceControl(Process):
         under: tuple[str, ...] = (),
         program: str = 'rcs_node',
     ) -> None:
+        """Start race control and wait until karts can connect."""
         roster = write_roster(folder, in_race, others, teams, heats, addresses)
         self.domain = domain
         given = {**settings(folder, roster), **(parameters or {})}
@@ -152,7 +153,6 @@ class RaceControl(Process):
         self.wait()
 
     def thaw(self) -> None:
-        """Let all processes continue."""
         for pid in self._pids:
             os.kill(pid, signal.SIGCONT)
 

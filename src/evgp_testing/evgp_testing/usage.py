@@ -28,5 +28,4 @@ def _resident(pid: int) -> int:
 
 
 def open_files(pid: int) -> int:
-    """Return the number of files that a process has open."""
     return len(list(pathlib.Path(f'/proc/{pid}/fd').iterdir()))

@@ -60,5 +60,4 @@ class WireRace(Part):
         self.official.bring_to(state, *self.racing)
 
     def close(self) -> None:
-        """End everything."""
         self._stack.close()
