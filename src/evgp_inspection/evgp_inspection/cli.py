@@ -85,7 +85,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         '--odometry',
         metavar='SOURCE',
         default='',
-        help='where to read the speed in place of an inspector\'s eyes: "-" (lines "time speed" or '
+        help='source of the speed in place of an inspector\'s eyes: "-" (lines "time speed" or '
         '"speed" on standard input), udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), a file '
         'or a pipe',
     )
