@@ -74,7 +74,7 @@ class Clause:
 
     def explain(self, done: Mapping[str, str]) -> str:
         """
-        Return the complete description, for people.
+        Return the complete description of the clause.
 
         :param done: the description of each step.
         """

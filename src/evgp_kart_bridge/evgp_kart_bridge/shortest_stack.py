@@ -60,7 +60,7 @@ class Stack(Node):
         return still and state is not RaceState.GREEN_GREEN
 
     def move(self, speed: float) -> None:
-        """Send the motors a speed, m/s."""
+        """Send the motors a speed, in m/s."""
         command = Twist()
         command.linear.x = speed
         self.motors.publish(command)

@@ -16,7 +16,7 @@ def generate_launch_description() -> LaunchDescription:
     launch = PathJoinSubstitution([FindPackageShare('evgp_kart_bridge'), 'launch'])
     return LaunchDescription(
         [
-            # The arguments of that file are also arguments of this one.
+            # The arguments of the included file are also arguments of this one.
             IncludeLaunchDescription(
                 PythonLaunchDescriptionSource(
                     PathJoinSubstitution([launch, 'kart_bridge.launch.py'])

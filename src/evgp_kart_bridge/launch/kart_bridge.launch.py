@@ -22,7 +22,7 @@ def generate_launch_description() -> LaunchDescription:
                 'odom',
                 default_value='~/odom',
                 description="The topic of the kart's odometry, nav_msgs/msg/Odometry. The bridge "
-                'requires odometry if you set another topic than ~/odom.',
+                'requires odometry if you set a topic other than ~/odom.',
             ),
             DeclareLaunchArgument(
                 'params_file',

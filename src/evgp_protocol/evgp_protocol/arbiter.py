@@ -322,12 +322,12 @@ class Arbiter:
 
     @property
     def starting(self) -> bool:
-        """Whether the bridge still waits for the first sign that it receives its team."""
+        """Return whether the bridge still waits for the first sign that it receives its team."""
         return self._starting and StopSource.TEAM in self._missed
 
     @property
     def missing_odometry(self) -> str:
-        """Why missing odometry keeps every red from being acknowledged; empty if it does not."""
+        """Return why missing odometry keeps reds from being acknowledged; empty if it does not."""
         if not self._odometry_expected:
             return ''
         topic = self._names.odometry
@@ -339,7 +339,7 @@ class Arbiter:
 
     @property
     def awaited(self) -> RaceState | None:
-        """The state that the stack could acknowledge now but has not; None if there is none."""
+        """Return the state that the stack could acknowledge now but has not; None if none."""
         reached = self.verdict.reached
         if reached in (None, RaceState.IN_GARAGE) or self._acknowledged:
             return None
@@ -601,7 +601,7 @@ class Arbiter:
 
     @property
     def _missed(self) -> list[StopSource]:
-        """The sources that must be heard but are silent."""
+        """Return the sources that must be heard but are silent."""
         return [source for source in self._timeouts if source not in self._signs]
 
     def _sign(self, source: StopSource, now: float) -> None:

@@ -88,7 +88,7 @@ class FrameDecoder:
         self._states = {state.value.encode('ascii'): state for state in RaceState}
         if ready_is_grid_active:
             self._states[b'READY'] = RaceState.GRID_ACTIVE
-        self._frame = b''  # the frame so far, '$' included; empty: not in a frame
+        self._frame = b''  # the frame so far, '$' included; empty outside a frame
         self._skipping = False
 
     @property

@@ -54,7 +54,7 @@ class Kart:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a connection. If there is none, close any open socket."""
+        """Return whether there is a connection. If there is none, close any open socket."""
         return self._decoder is not None
 
     def tick(self, now: float) -> None:

@@ -40,7 +40,7 @@ _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
     RaceState.GREEN_GREEN: (RaceState.GRID_ACTIVE, 'green_green', {}),
     RaceState.RED_FLAG: (RaceState.GREEN_GREEN, 'red_flag', {}),
 }
-"""How officials bring a race to a state: the previous state (None for any), command, statement."""
+"""The previous state (None for any), the command and the statement that bring a race to a state."""
 
 
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:

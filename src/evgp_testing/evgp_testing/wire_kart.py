@@ -36,7 +36,7 @@ _links = itertools.count(1)
 
 
 class Acknowledges(enum.Enum):
-    """When a plain kart acknowledges what it is sent."""
+    """The frames that a plain kart acknowledges."""
 
     NEVER = enum.auto()
     EACH_CHANGE = enum.auto()
