@@ -40,7 +40,7 @@ _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
     RaceState.GREEN_GREEN: (RaceState.GRID_ACTIVE, 'green_green', {}),
     RaceState.RED_FLAG: (RaceState.GREEN_GREEN, 'red_flag', {}),
 }
-"""The previous state (None for any), the command and the statement that bring a race to a state."""
+"""The previous state (None for any), command and statement with which a race gets to a state."""
 
 
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
