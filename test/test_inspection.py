@@ -387,7 +387,7 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
     terminal.wait_for('DRIVES NOW')
     began = time.monotonic()
     terminal.press(' ')
-    terminal.wait_for('the kart reports that it stands')
+    terminal.wait_for('the kart reports a standstill')
     assert terminal.process.wait(PATIENCE) == 2
     assert time.monotonic() - began < PATIENCE
 
