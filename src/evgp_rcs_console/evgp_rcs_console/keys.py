@@ -203,11 +203,13 @@ class KartField:
 
     def expire(self, now: float) -> None:
         """Clear the digits and the refusal if they are too old at a time (s)."""
-        if self.digits and now - self._typed_at >= FORGOTTEN:
+        before = self.digits, self._refusal
+        if now - self._typed_at >= FORGOTTEN:
             self.digits = ''
-        if self._refusal and now - self._refused_at >= FORGOTTEN:
+        if now - self._refused_at >= FORGOTTEN:
             self._refusal = ''
-        self.changed()
+        if (self.digits, self._refusal) != before:
+            self.changed()
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """

@@ -207,7 +207,10 @@ class Officials:
         """Return a snapshot with the officials' shown names."""
 
         def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
-            return tuple(each._replace(reason=self.in_text(each.reason)) for each in commands)
+            return tuple(
+                each._replace(reason=self.in_text(each.reason)) if each.reason else each
+                for each in commands
+            )
 
         return race._replace(
             state_cause=self.in_text(race.state_cause),

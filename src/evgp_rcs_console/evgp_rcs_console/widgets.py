@@ -190,6 +190,7 @@ class Text(QtWidgets.QLabel):
         policy.setVerticalPolicy(_Policy.Minimum if flows and wrap else _Policy.Ignored)
         self.setSizePolicy(policy)
         self._fills = fills
+        self._shown: tuple[Cell, bool] | None = None
 
     @property
     def cut(self) -> bool:
@@ -204,6 +205,9 @@ class Text(QtWidgets.QLabel):
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
         """Show a text in its tone, or in grey if it is stale."""
+        if (cell, stale) == self._shown:
+            return
+        self._shown = cell, stale
         self.setText(cell.text)
         is_filled = self._fills and cell.tone in (Tone.WAIT, Tone.BAD, Tone.BANNER)
         ground = cell.tone.value if is_filled else ''
