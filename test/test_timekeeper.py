@@ -366,7 +366,7 @@ def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_rest
     assert not line.wait_for_more(4).questions
     teller.tell(410, others[0])
     line.wait_for(
-        lambda seen: [*seen.questions] == ['7 events from race control were lost: check the laps'],
+        lambda seen: [*seen.questions] == ['7 events from race control were lost. Check the laps'],
         'the question',
     )
 

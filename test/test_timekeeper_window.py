@@ -323,7 +323,7 @@ def test_it_shows_the_race_and_what_the_timekeeper_asks(racing: Window, event: E
     assert {row[2] for row in racing.rows(0)} == {*TEAMS.values()}
     assert 'cannot stop a race' in racing.text('stops')
     event.finish(7)
-    racing.until(lambda: 'Kart 7 has FINISH, but 3 of its laps' in racing.text('warning'))
+    racing.until(lambda: 'Kart 7 is marked as finished, but 3 laps' in racing.text('warning'))
 
 
 def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(

@@ -935,7 +935,7 @@ def test_results_that_are_out_of_date_or_of_the_future_are_no_timing() -> None:
 
 def test_a_disagreement_about_results_is_no_question_to_the_race_director() -> None:
     known = timing(karts=(driven(7, 3),))
-    asked = known._replace(questions=('Kart 7 has FINISH, but 3 of its laps are missing',))
+    asked = known._replace(questions=('Kart 7 is marked as finished, but 3 laps are missing',))
 
     assert show(RACE, 0.0, {}, None, asked) == show(RACE, 0.0, {}, None, known)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Counts the passings of one device, leaves some out, and notices the device's faults."""
+"""Numbers one device's passings, drops those that must not count, and detects its faults."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ import secrets
 from evgp_timing.passings import Event, Passing, Refused
 
 MAX_RATE = 200
-"""Maximum number of passings accepted per second. The rest are counted and left out."""
+"""Maximum number of passings accepted per second. The rest are counted as faults and dropped."""
 
 CLOCK_TOLERANCE = 0.5
 """Maximum drift of the device's clock against this computer's between two passings, in seconds."""
 
 RECENT = 60.0
-"""How long the program reports a fault, in seconds."""
+"""Time for which a fault is reported, in seconds."""
 
 REMEMBERED = 1000
-"""Number of passings that the program remembers to recognise repeated ones."""
+"""Number of passings that are remembered in order to recognise repeats."""
 
 _LAST = 2**32 - 1
 
@@ -30,12 +30,12 @@ class Trouble(enum.Enum):
     """The faults of a device, worst first. The values are sentences for officials."""
 
     TOO_MANY = f'The device sends more than {MAX_RATE} passings a second. The rest are ignored'
-    MISSED = 'Some passings were not received, because the device counts more. Check the laps'
+    MISSED = "Some passings were not received: the device's numbers have gaps. Check the laps"
     RESTARTED = 'The device restarted, or its clock was set back. Check the laps'
-    CLOCK = "The device's clock jumped, or its passings came late. Check the lap times"
+    CLOCK = "The device's clock jumped, or its passings arrived late. Check the lap times"
     UNCHECKED = 'The device sends no checksums, so transmission errors go unnoticed'
-    REPEATED = 'The device sends some passings again. Each of them counts once'
-    REFUSED = 'Some data of the device cannot be read. Check the cable, kind and baud rate'
+    REPEATED = 'The device sends some passings more than once. Each counts only once'
+    REFUSED = "Some of the device's data cannot be read. Check the cable, kind and baud rate"
 
 
 class Account:
@@ -44,10 +44,10 @@ class Account:
 
     :param now: the current time, in seconds.
     :param gates: numbers and labels of transponders that belong to gates instead of karts. Their
-        passings are left out.
-    :ivar session: a random value, new each time the device restarts its count.
-    :ivar counts: number of times that each trouble has occurred.
-    :ivar taken: number of passings accepted.
+        passings are dropped.
+    :ivar session: a random value that changes each time the device restarts its numbers.
+    :ivar counts: number of times that each fault has occurred.
+    :ivar taken: number of accepted passings.
     :ivar heard_at: when the last complete message arrived, in seconds.
     :ivar last_refusal: why the last unreadable message was refused; empty if there was none.
     """
@@ -61,15 +61,19 @@ class Account:
         self._noted_at: dict[Trouble, float | None] = dict.fromkeys(Trouble)
         self._gates = gates
         self._number = 0
-        self._by_one = False  # it counts in ones, so a gap means a lost passing
-        self._gaps = 0  # gaps in the count before that was known
+        self._by_one = False  # its numbers increase by one, so a gap means a lost passing
+        self._gaps = 0  # size of the gaps before that was known
         self._recent: OrderedDict[tuple[int, str, int], None] = OrderedDict()
         self._offset: float | None = None  # this computer's clock minus the device's
         self._second = 0
         self._in_second = 0
 
     def take(self, event: Event, now: float) -> int | None:
-        """Process an event, and return a passing's number in `session`; None if it is left out."""
+        """
+        Process an event.
+
+        :return: the number in `session` of an accepted passing; None for everything else.
+        """
         if isinstance(event, Refused):
             self.last_refusal = event.reason
             self._note(Trouble.REFUSED, now)
@@ -77,7 +81,7 @@ class Account:
         self.heard_at = now
         if not isinstance(event, Passing):
             return None
-        # The number itself is not unique, because a device that restarts counts from 1 again.
+        # The number alone is not unique, because a device that restarts begins again at 1.
         identity = event.number, event.transponder, event.time_us
         if identity in self._recent:
             self._note(Trouble.REPEATED, now)
@@ -102,7 +106,7 @@ class Account:
         return self._number
 
     def trouble(self, now: float) -> Trouble | None:
-        """Return the worst recent trouble; None if there was none."""
+        """Return the worst recent fault; None if there was none."""
         for trouble, at in self._noted_at.items():
             if at is not None and now - at < RECENT:
                 return trouble
@@ -114,7 +118,7 @@ class Account:
         if passing.number <= self._number:
             self._begin_session(now)
             return
-        # Some devices also count other things, and a recording may lack every second passing.
+        # Some devices number other things too, and a recording may lack every second passing.
         self._gaps += passing.number - self._number - 1
         self._by_one |= passing.number == self._number + 1
         if self._by_one and self._gaps:
@@ -125,7 +129,7 @@ class Account:
         offset = now - passing.time_us / 1_000_000
         if self._offset is not None and abs(offset - self._offset) > CLOCK_TOLERANCE:
             self._note(Trouble.CLOCK, now)
-            # Without a count, only the clock shows that the device restarted.
+            # Without numbers, only the clock shows that the device restarted.
             if not passing.number and offset > self._offset:
                 self._begin_session(now)
             self._offset = None

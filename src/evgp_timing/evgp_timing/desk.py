@@ -2,19 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's desk. It knows all the races of the event, their laps and their results.
+The timekeeper's data: all races of the event, with their laps and results.
 
-Inputs (`Input`) change what the desk knows, in the order in which they arrive. They are events
-from race control (`Told`, `Heard`, `Missed`), passings at the timing line (`Passed`), and
-officials' corrections (`Corrected`). The timekeeper writes every input to the timekeeper's own
-stream. After a restart, it feeds the inputs in again, and the desk then knows everything again.
+Only inputs (`Input`) change the data: events from race control (`Told`, `Heard`, `Missed`),
+passings at the timing line (`Passed`), and officials' corrections (`Corrected`). The timekeeper
+writes every input to its book in the order of arrival. After a restart, it replays the book, which
+restores the data.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node requests FINISH from race control.
 
-Times are in seconds since the machine started, by the clock of race control's events.
-
-This module is pure.
+Times are in seconds since the machine started, by the clock of race control's events. This module
+is pure.
 """
 
 from __future__ import annotations
@@ -43,10 +42,11 @@ from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
-"""Maximum number of passings that the desk keeps so that it can recognise repeated ones."""
+"""Maximum number of passings that are remembered in order to recognise repeats."""
 
 MOST_GIVEN = 100
-"""Maximum number of transponders that officials can assign, and of penalties in each race."""
+"""Maximum number of transponders that officials can assign, and maximum number of penalties in
+each race."""
 
 MOST_PASSINGS = 200
 """Maximum number of passings in the results."""
@@ -103,7 +103,7 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """A report that all events up to this number, in one run of race control, have arrived."""
+    """Confirms that all events of a run of race control have arrived, up to this number."""
 
     at: float
     run: str
@@ -111,7 +111,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """A report that this many events did not arrive, so their content is unknown."""
+    """Reports that this many events were lost, so their content is unknown."""
 
     at: float
     run: str
@@ -125,8 +125,8 @@ class Passed(NamedTuple):
 
     :param at: when they arrived, in seconds.
     :param dropped: number of further passings that were dropped because there were too many.
-    :param away: how long the timekeeper had been away before this, in seconds. Passings may arrive
-        this late.
+    :param away: how long the timekeeper had been away before this, in seconds. Passings may
+        therefore arrive late by as much as this.
     """
 
     at: float
@@ -139,7 +139,7 @@ Input = Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
-    """The answer to a correction: whether it was accepted, and a sentence."""
+    """The answer to a correction: whether it was accepted, and a sentence for the official."""
 
     success: bool
     text: str
@@ -149,19 +149,20 @@ class Finish(NamedTuple):
     """
     A FINISH that the node requests from race control.
 
+    The request's `attempt` is always 0, so that race control refuses the request if an official
+    has undone the kart's finish meanwhile.
+
     :param run: id of the run of race control.
     :param race: number of the race in that run.
     :param kart: number of the kart.
-    :param attempt: number of times that officials have undone this kart's finish in this race.
     """
 
     run: str
     race: int
     kart: int
-    attempt: int
 
 
-# ----- the desk -------------------------------------------------------------------------------
+# ----- the data -------------------------------------------------------------------------------
 
 
 @dataclass
@@ -175,9 +176,9 @@ class Race:
     :param laps: the laps of the race.
     :param started: whether race control has sent GREEN_GREEN.
     :param published: whether an official has published the current results.
-    :param missed: number of events from race control that did not arrive.
-    :param by_finish: for each kart whose FINISH counted as a crossing, the passing for it.
-    :param undone: number of times that officials have undone each kart's finish.
+    :param missed: number of events from race control that were lost.
+    :param by_finish: for each kart whose FINISH counted as a crossing, the passing made for it.
+    :param undone: the karts whose finish an official has undone.
     """
 
     run: str
@@ -188,17 +189,17 @@ class Race:
     published: bool = False
     missed: int = 0
     by_finish: dict[int, Identity] = field(default_factory=dict)
-    undone: dict[int, int] = field(default_factory=dict)
+    undone: set[int] = field(default_factory=set)
 
     @property
     def heat(self) -> str:
-        """Return the name of the race's heat; empty if it had none."""
+        """Return the name of the race's heat; empty if the race had none."""
         return self.laps.heat
 
 
 class Desk:
     """
-    The timekeeper's desk. `feed` changes what the desk knows. The other methods return it.
+    The timekeeper's data. Only `feed` changes it; the other methods return parts of it.
 
     :param roster: the karts and heats.
     :param settings: the settings for counting laps.
@@ -267,7 +268,11 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that begins now, with the sources' clocks of the last race."""
+        """
+        Return the laps of a race that begins now.
+
+        They take over the sources' clocks from the last race.
+        """
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -281,7 +286,11 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """Finish a kart. If only its last lap is missing, FINISH counts as the crossing."""
+        """
+        Finish a kart.
+
+        If only its last lap is missing, FINISH counts as the crossing that completes that lap.
+        """
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
@@ -291,7 +300,7 @@ class Desk:
         race.laps = laps.finish(kart, at)
 
     def _undo_finish(self, race: Race, kart: int) -> None:
-        race.undone[kart] = race.undone.get(kart, 0) + 1
+        race.undone.add(kart)
         race.laps = race.laps.undo_finish(kart)
         crossing = race.by_finish.pop(kart, None)
         if crossing is not None:
@@ -315,7 +324,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Replace a FINISH's crossing with the one that a source saw, if that would count."""
+        """Replace the crossing made for a FINISH with one that a source saw, if that counts."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)
@@ -323,7 +332,7 @@ class Desk:
             race.laps = laps
 
     def _by_hand(self, race: Race) -> int:
-        """Return the number for the next passing that officials count."""
+        """Return the number of the next passing that an official enters."""
         return 1 + sum(each.passing.source == BY_HAND for each in race.laps.crossings)
 
     def finishes(self) -> Iterator[Finish]:
@@ -333,14 +342,14 @@ class Desk:
             return
         for kart in race.laps.karts:
             out = kart in race.laps.finished or kart in race.laps.left
-            # If an official has undone a finish, only an official may give it again.
-            if race.laps.is_done(kart) and not out and not race.undone.get(kart):
-                yield Finish(race.run, race.number, kart, 0)
+            # Once an official has undone a finish, only an official may send FINISH again.
+            if race.laps.is_done(kart) and not out and kart not in race.undone:
+                yield Finish(race.run, race.number, kart)
 
     # ----- corrections --------------------------------------------------------------------
 
     def about(self, given: Corrected) -> Corrected:
-        """Return a correction with the run and number of its race filled in, if that is known."""
+        """Return a correction with the run and number of its race filled in, if known."""
         number = given.correction.race
         if not self.races or number > len(self.races):
             return given
@@ -406,14 +415,14 @@ class Desk:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
                 race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
-                became = taken[0].mark.value if taken else 'not accepted, too many passings arrive'
+                became = taken[0].mark.value if taken else 'not accepted: too many passings arrive'
                 return f'kart {kart} crossed the line: {became}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')
                 return f'passing {asked.passing} is struck out'
             case Act.RESTORE:
                 race.laps = laps.restore(asked.passing)
-                return f'passing {asked.passing} counts again, if the rules let it'
+                return f'passing {asked.passing} is restored, and counts if the rules allow it'
             case Act.PENALISE:
                 terms = kart, asked.seconds, asked.laps, asked.disqualified
                 penalty = Penalty(*terms, asked.reason, asked.official)
@@ -438,7 +447,7 @@ class Desk:
         """
         Return the race that counts for each heat.
 
-        This is the race that an official chose or, if none was chosen, the last one with a lap.
+        This is the race that an official chose. If none was chosen, it is the last one with a lap.
         """
         last = {each.heat: each for each in self.races if each.laps.is_result}
         return {heat: self._chosen.get(heat, race) for heat, race in last.items()}
@@ -451,7 +460,7 @@ class Desk:
         )
 
     def _order(self, source: str) -> list[int]:
-        """Return the karts of a heat, or of all heats of a format, in the order of results."""
+        """Return the karts of a heat, or of all heats of a format, ordered by their results."""
         if any(heat.name == source for heat in self.roster.heats):
             race = self.counting().get(source)
             results = race.laps.results if race is not None else ()
@@ -472,7 +481,7 @@ class Desk:
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
     def standings(self, now: float = 0.0) -> Standings:
-        """Return the current results for publication, as of `now`, in seconds."""
+        """Return the results to publish at `now`, in seconds."""
         grids = self.grids()
         seen = Standings(
             stamp=now,
@@ -516,25 +525,25 @@ class Desk:
         return min(turns, default=(0, ''))[1]
 
     def questions(self, now: float = 0.0) -> list[str]:
-        """Return sentences about what an official should check in the newest race."""
+        """Return a sentence for each thing that an official should check in the newest race."""
         if not self.races:
             return []
         laps, missed = self.races[-1].laps, self.races[-1].missed
-        asked = [f'{missed} events from race control were lost: check the laps'] if missed else []
+        asked = [f'{missed} events from race control were lost. Check the laps'] if missed else []
         others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
         others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}
         if others:
             asked.append(
-                f'Race control has {", ".join(sorted(others))}, which the roster here lacks: '
-                'start both with the same roster'
+                f'Race control has {", ".join(sorted(others))}, but the roster here does not. '
+                'Start both with the same roster'
             )
         for kart in laps.karts:
             missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
             if laps.wanted and kart in laps.finished and missing > 0:
-                asked.append(f'Kart {kart} has FINISH, but {missing} of its laps are missing')
+                asked.append(f'Kart {kart} is marked as finished, but {missing} laps are missing')
         if trouble := laps.trouble(now):
             asked.append(trouble)
         placed = [each.kart for each in laps.results if each.kart in laps.finished]
         if placed != sorted(placed, key=lambda kart: laps.finished[kart]):
-            asked.append('The order of FINISH is not the order of the results')
+            asked.append('The order of FINISH differs from the order of the results')
         return asked

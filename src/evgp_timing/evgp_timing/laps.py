@@ -4,32 +4,33 @@
 """
 Turns the passings at the timing line into laps, results and places.
 
-A passing is evidence. This module keeps each passing as it arrived, and judges it by these rules
-(``Mark``). Officials may strike out a passing, restore it, or give a transponder to a kart. Each
-time, this module judges all passings again. The laps do not depend on what a kart is sent.
+A passing is evidence, so this module keeps each one as it arrived, and judges it by the rules
+below (``Mark``). Officials may strike out a passing, restore it, or assign a transponder to a
+kart; all passings are then judged again. The laps do not depend on what a kart is sent.
 
-A beam sees that a kart crosses, and officials say which kart. An official's passing gives the kart
-the oldest unidentified crossing of the last `BEAM_PRESS` seconds. If the official was quicker than
-the beam, a crossing that the beam sees within `clock_tolerance` after the official's passing
-replaces that passing. Both happen only if the crossing counts for that kart.
+A beam sees that a kart crosses the line, and an official says which kart it was. The official's
+passing assigns the oldest unidentified crossing of the last `BEAM_PRESS` seconds to that kart. If
+the official was quicker than the beam, a crossing that the beam sees within `clock_tolerance`
+after the official's passing replaces that passing. Both happen only if the crossing counts for
+that kart.
 
 A passing counts for a kart that started the race if all of these are true:
 
-- The passing comes after GREEN_GREEN, and before the kart's finish, its leaving or the end of the
-  race. A passing within `clock_tolerance` after the finish still counts, because an official who
+- It comes after GREEN_GREEN, and before the kart finishes or leaves the race and before the race
+  ends. A passing within `clock_tolerance` after the finish still counts, because an official who
   sees the kart cross may be quicker than the source.
-- The kart does not have all its laps yet.
+- The kart has not completed all its laps.
 - At least `min_lap_time` has passed since the kart's last counted passing.
 
-The time of a crossing is found as follows. For the first passing of a source and session, it is
-the time of arrival. After that, it is by the source's clock, as long as this clock agrees with the
-times of arrival to within `clock_tolerance`. Passings that waited while the timekeeper was away
-may be older by that time. If a passing does not agree, its time is the time of arrival, and the
-source's clock is set by this passing. However, if it is the first passing of its source in this
-race, and the old clock puts it before GREEN_GREEN, it is late and never counts.
+The first passing of a source and session is timed by its arrival. Later passings are timed by the
+source's clock, as long as this clock agrees with the times of arrival to within `clock_tolerance`.
+Passings that arrive after the timekeeper was away may be older by the length of its absence. A
+passing that does not agree is timed by its arrival, and the source's clock is set by it. However,
+if it is the first passing of its source in this race, and the old clock puts it before
+GREEN_GREEN, it is late and never counts.
 
-Differences between the crossings of one source therefore have the source's precision. A clock that
-is set or drifts cannot produce a lap that the times of arrival do not confirm.
+The time between two crossings of one source therefore has the source's precision. A clock that is
+set or drifts cannot produce a lap that the times of arrival do not confirm.
 
 This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
@@ -63,17 +64,14 @@ MOST_A_RACE = 4_000
 """Maximum number of passings accepted from one source per race."""
 
 MOST_SOURCES = 3
-"""Maximum number of sources per race, besides officials. A correction judges all their passings
-again. This takes about 2 ms per thousand, and a stop waits as long."""
+"""Maximum number of sources per race, besides officials. After a correction, all their passings
+are judged again, which takes about 2 ms per thousand, and a stop may wait as long."""
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
-"""Names under which surplus passings are counted that do not come from one known source."""
+"""Names under which surplus passings are counted if they do not come from one known source."""
 
 BEAM_PRESS = 3.0
-"""How long after a crossing of a beam an official can say which kart crossed, in seconds."""
-
-MOST_SEEN = 100_000
-"""Maximum number of identities of passings remembered, over all races."""
+"""Maximum time from a beam's crossing until an official says which kart crossed, in seconds."""
 
 
 class Crossing(NamedTuple):
@@ -91,11 +89,11 @@ class Crossing(NamedTuple):
 
 class Taken(NamedTuple):
     """
-    What became of a passing when it arrived.
+    How a passing was judged when it arrived.
 
     :param kart: number of the kart that crossed; 0 if it is unknown.
-    :param lap: number of the lap that the passing completed; 0 if none.
-    :param seconds: the time of that lap, in seconds.
+    :param lap: number of the lap that the passing completed; 0 if it completed none.
+    :param seconds: time of that lap, in seconds.
     """
 
     passing: Passing
@@ -127,8 +125,8 @@ class _Rate(NamedTuple):
     The passings accepted from a source.
 
     :param since: start of the current second, in seconds since GREEN_GREEN.
-    :param lately: number of passings since then.
-    :param taken: number of passings in this race.
+    :param lately: number of passings accepted since then.
+    :param taken: number of passings accepted in this race.
     """
 
     since: float = -math.inf
@@ -141,7 +139,7 @@ class Laps:
     """
     The laps of one race.
 
-    :param wanted: number of laps that each kart drives; 0 if no number is set.
+    :param wanted: number of laps that each kart must drive; 0 if no number is set.
     :param green: when race control sent GREEN_GREEN, in seconds by the rules' clock.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
@@ -155,11 +153,11 @@ class Laps:
     :param given: the karts that officials assigned to unidentified passings.
     :param penalties: the penalties, in the order in which officials gave them.
     :param counted: the times of each kart's counted crossings, in seconds since GREEN_GREEN.
-    :param marks: the judgement of each crossing.
+    :param marks: how each crossing was judged.
     :param unknown: transponders that do not belong to any kart.
-    :param clocks: sources whose clocks did not agree with the times of arrival.
+    :param clocks: sources whose clocks disagreed with the times of arrival.
     :param over: number of surplus passings, by source.
-    :param rates: how many passings of each source were accepted.
+    :param rates: the passings accepted from each source.
     :param anchors: the crossing by which the clock of each source and session is set.
     """
 
@@ -192,13 +190,12 @@ class Laps:
         self, passings: Iterable[Passing], now: float, dropped: int = 0, away: float = 0.0
     ) -> tuple[Laps, list[Taken]]:
         """
-        Add passings that arrive now, and return the new laps and what became of each passing.
+        Add passings that arrive now, and return the new laps and how each passing was judged.
 
-        :param passings: the passings, each of which arrives for the first time.
+        :param passings: the passings, none of which has arrived before.
         :param now: the time, in seconds by the rules' clock.
-        :param dropped: number of further passings that were dropped, from any source.
-        :param away: how long the timekeeper had been away before this, in seconds. Passings may
-            arrive this late.
+        :param dropped: number of further passings, from any source, that were dropped.
+        :param away: how long the timekeeper had been away, in seconds, as in ``desk.Passed``.
         """
         came = now - self.green
         crossings: list[Crossing] = []
@@ -257,12 +254,12 @@ class Laps:
         return laps, taken
 
     def _waiting(self, came: float) -> Crossing | None:
-        """Return the oldest unidentified crossing that an official's passing now may mean."""
+        """Return the oldest unidentified crossing that an official may be identifying now."""
         lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing by an official that this crossing of a beam replaces."""
+        """Return the oldest passing that an official entered and this beam's crossing replaces."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (
@@ -277,7 +274,7 @@ class Laps:
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
-        """Assign an unidentified crossing to a kart, and return what becomes of it."""
+        """Assign an unidentified crossing to a kart, and return how it is then judged."""
         identity = crossing.passing.identity
         laps = self.again(given={**self.given, identity: kart}, **changes)
         before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
@@ -335,8 +332,8 @@ class Laps:
         if passing.kart:
             return passing.kart
         if passing.transponder:
-            # Find the kart by the whole name. Otherwise, find it by the number or the label in the
-            # name, unless these belong to two karts.
+            # Find the kart by the whole name or, failing that, by the number or the label in it,
+            # unless these belong to two different karts.
             names = passing.transponder.split(' ', 1)
             owners = {self.transponders.get(name, 0) for name in names} - {0}
             alone = owners.pop() if len(owners) == 1 else 0
@@ -355,7 +352,7 @@ class Laps:
         return fresh._judge(self.crossings)[0]
 
     def strike(self, identity: Identity, why: str) -> Laps:
-        """Strike out a passing, for this reason."""
+        """Strike out a passing for this reason."""
         return self.again(struck={**self.struck, identity: why})
 
     def restore(self, identity: Identity) -> Laps:
@@ -391,11 +388,11 @@ class Laps:
     # ----- results ------------------------------------------------------------------------
 
     def knows(self, identity: Identity) -> bool:
-        """Return whether a passing belongs to this race."""
+        """Return whether this race has the passing."""
         return any(each.passing.identity == identity for each in self.crossings)
 
     def is_done(self, kart: int) -> bool:
-        """Return whether a kart has all its laps."""
+        """Return whether a kart has completed all its laps."""
         return bool(self.wanted) and len(self.counted.get(kart, ())) > self.wanted
 
     @functools.cached_property
@@ -407,13 +404,13 @@ class Laps:
         )
 
     def trouble(self, now: float) -> str:
-        """Return a sentence about what is wrong with the passings; empty if nothing is."""
+        """Return a sentence about everything wrong with the passings; empty if nothing is."""
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
-            phrases.append(f'the clock of {who} jumped, or its passings came late')
+            phrases.append(f'the clock of {who} jumped, or its passings arrived late')
         for source, count in sorted(self.over.items()):
-            phrases.append(f'{count} passings of {source} were too many and are not counted')
+            phrases.append(f'{count} passings of {source} were over the limit and do not count')
         if self.unknown:
             phrases.append(f'no kart has the transponder {_some(self.unknown)}')
         if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
@@ -431,7 +428,7 @@ class Laps:
         return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
 
     def last_passings(self, most: int) -> list[Judged]:
-        """Return at most this number of the last passings, oldest first."""
+        """Return the last passings, oldest first; at most this number of them."""
         shown = zip(self.crossings[-most:], self.marks[-most:], strict=True)
         return [
             Judged(
@@ -487,9 +484,9 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
     """
     Return results in order, with places. Results that are equal to the millisecond share a place.
 
-    A race is ordered by laps, and then by total time. A time trial is ordered in the same way, and
-    then by best lap. Practice is ordered by best lap. Karts that did not finish, were not
-    classified or are disqualified come last.
+    A race is ordered by laps and then by total time; a time trial breaks ties by best lap.
+    Practice is ordered by best lap. Karts that did not finish, were not classified or were
+    disqualified come last.
     """
     key = functools.partial(_key, format_)
     placed: list[KartResult] = []
@@ -502,7 +499,7 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
 
 
 def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
-    """Return the key by which results are sorted. A better result has a smaller key."""
+    """Return the key by which results are sorted; a better result has a smaller key."""
     group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
     if format_ is Format.PRACTICE:
         return group, best
@@ -525,7 +522,7 @@ def _ms(seconds: float | None) -> float:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Return up to three names, and how many more there are, as text."""
+    """Return up to three names, and the number of the others, as text."""
     shown = sorted(names)
     more = f' and {len(shown) - 3} more' if len(shown) > 3 else ''
     return ', '.join(shown[:3]) + more

@@ -4,8 +4,8 @@
 """
 The ``timing_source`` node publishes the passings from one timing device.
 
-One thread owns the device. This thread connects, reads, decodes and publishes. The executor's
-thread only reports the device's condition, once a second.
+One thread owns the device: it connects, reads, decodes and publishes. The executor's thread only
+reports the device's condition, once a second.
 """
 
 from __future__ import annotations
@@ -36,25 +36,25 @@ from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
 
 PASSINGS_QOS = latched(200)
-"""QoS of ``passings``. With it, late subscribers also get the last passings. Each passing has a
-number, so that a passing that arrives twice counts once."""
+"""QoS of ``passings``, which gives late subscribers the last passings too. Each passing has a
+number, so one that arrives twice counts once."""
 
 LINES = ('cts', 'dsr', 'cd', 'ri')
 """Control lines of a serial port to which a contact can be wired."""
 
 DEVICE_LOOK = 0.2
-"""Maximum time until the device's thread notices that the node ends, in seconds."""
+"""Maximum time until the device's thread notices that the node is ending, in seconds."""
 
 CONTACT_LOOK = 0.001
-"""Time between two looks at a contact, in seconds."""
+"""Time between two readings of a contact, in seconds."""
 
 RECONNECT_DELAYS = (0.5, 1.0, 2.0, 5.0)
-"""Times before further attempts to connect, in seconds. The last one repeats."""
+"""Times before each further attempt to connect, in seconds. The last one repeats."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TimingSettings:
-    """The values of the parameters. `read_settings` says what they mean."""
+    """The values of the parameters, which `read_settings` explains."""
 
     kind: str
     device: str
@@ -72,12 +72,12 @@ class TimingSource(StrictNode):
     The node of one timing device.
 
     :param on_failure: called with the error, in another thread, if the node cannot go on.
-    :param node_options: further arguments for the node of rclpy.
+    :param node_options: further arguments for rclpy's node.
     :raises ParameterError: if a parameter is wrong.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters and start to connect."""
+        """Read the parameters, and start connecting to the device."""
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
         self._settings = read_settings(Parameters(self))
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
@@ -100,7 +100,7 @@ class TimingSource(StrictNode):
         self._thread.start()
 
     def close(self) -> None:
-        """Release the device, and wait until subscribers have received every passing."""
+        """Release the device, and wait for subscribers to receive every passing."""
         self._ending.set()
         self._thread.join()
         wait_until_heard(self._passings)
@@ -211,7 +211,7 @@ class TimingSource(StrictNode):
         self._diagnostics.publish(array)
 
     def _is_silent(self, now: float, since: float = 0.0) -> bool:
-        """Return whether the device has been silent for too long, at the earliest `since`."""
+        """Return whether the device has been silent for too long, not counting before `since`."""
         after = self._settings.silent_after
         if self._settings.kind == CONTACT or not after:
             return False
@@ -227,22 +227,22 @@ def read_settings(parameters: Parameters) -> TimingSettings:
     declare, default = parameters.declare, TimingSettings
     kinds = (CONTACT, *DECODERS)
     settings = TimingSettings(
-        kind=declare('kind', '', f'Kind of the device: {", ".join(kinds)}.'),
-        device=declare('device', '', 'Path of the serial port of the device, or host:port.'),
+        kind=declare('kind', '', f'Kind of device: {", ".join(kinds)}.'),
+        device=declare('device', '', "Path of the device's serial port, or its host:port."),
         source=declare('source', default.source, 'Name of the source, which must not change.'),
         baud=declare('baud', default.baud, 'Baud rate of a serial port.', (300, 3_000_000)),
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'How long the device may be silent before this is reported, s. 0 means never.',
+            'Silence of the device after which this is reported, s. 0: never.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
-        inverted=declare('inverted', default.inverted, 'Active while no kart crosses.'),
+        inverted=declare('inverted', default.inverted, 'Active while no kart crosses the line.'),
         debounce=declare(
             'debounce',
             default.debounce,
-            'How long the contact must have been free before a crossing, s.',
+            'Minimum time for which the contact must be free before a crossing, s.',
             (0.01, 10.0),
         ),
         gates=declare(
@@ -258,18 +258,20 @@ def read_settings(parameters: Parameters) -> TimingSettings:
     ):
         if value not in possible:
             raise ParameterError(
-                f'parameter {name}: {value!r} is not possible. Give {" or ".join(possible)}'
+                f'parameter {name}: {value!r} is not valid. Set {" or ".join(possible)}'
             )
     if not settings.source:
-        raise ParameterError('parameter source is empty. Give a name such as line')
+        raise ParameterError('parameter source is empty. Set a name such as line')
     try:
         at = split(settings.device)
     except ValueError as error:
         raise ParameterError(
-            f'parameter device: {error}. Give one such as /dev/ttyUSB0 or 10.1.0.20:5403'
+            f'parameter device: {error}. Examples: /dev/ttyUSB0, 10.1.0.20:5403'
         ) from error
     if settings.kind == CONTACT and at is not None:
-        raise ParameterError('parameter device: give a contact a port such as /dev/ttyUSB0')
+        raise ParameterError(
+            'parameter device: a contact needs a serial port such as /dev/ttyUSB0'
+        )
     return settings
 
 

@@ -4,16 +4,16 @@
 """
 The ``timekeeper`` node counts laps and publishes results.
 
-The timekeeper's inputs are race control's events and the passings of the timing line. It runs on
-race control's machine, because both use that machine's clock. Karts do not depend on it. If it
-ends, hangs or is wrong, the race goes on, and screens show that there is no timing. The only
-command that it sends to race control is FINISH, for a heat with `auto_finish`.
+It counts from race control's events and the passings at the timing line. It runs on race control's
+machine, because both use that machine's clock. Karts do not depend on the timekeeper: if it ends,
+hangs or is wrong, the race goes on, and screens show that there is no timing. The only command
+that it sends to race control is FINISH, in a heat with `auto_finish`.
 
-The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
-events and passings into the book before it acts on them.
+The executor's thread does all the work, and the main thread closes the node. Events and passings
+are written into the book before the timekeeper acts on them.
 
-Passings wait for a moment, so that a flood of them needs few writes. After a start or a hang, they
-also wait for race control's events, because a passing belongs to the race of its time.
+Passings wait for a moment, so that even a flood of them takes few writes. After a start or a hang,
+they also wait for race control's events, which show to which race a passing belongs.
 """
 
 from __future__ import annotations
@@ -52,42 +52,41 @@ from rclpy.task import Future
 _P = ParamSpec('_P')
 
 RESULTS_QOS = latched(1)
-"""QoS of ``~/results``. With it, a late subscriber gets the current results at once."""
+"""QoS of ``~/results``, which gives a late subscriber the current results at once."""
 
 EVENTS_QOS = latched(200)
 """QoS of race control's events, the same as their publisher's."""
 
 ARRIVING_QOS = latched(1000)
-"""QoS of ``passings``. With it, passings that a source published before it was found also
-arrive."""
+"""QoS of ``passings``. Passings that a source published before DDS discovered it also arrive."""
 
 DUE_EVERY = 0.2
 """Time between two checks whether anything is due, in seconds."""
 
 GATHERED = 0.05
-"""How long passings wait so that they can be processed together, in seconds."""
+"""Time for which passings are collected before they are processed together, in seconds."""
 
 MOST_WAITING = 1000
-"""Maximum number of passings that may wait. The timekeeper only counts further ones."""
+"""Maximum number of waiting passings. Further ones are only counted."""
 
 HANG = 1.0
-"""How long the timekeeper may be inactive before it considers that it was away, in seconds."""
+"""Time without any activity after which the timekeeper counts as having been away, in seconds."""
 
 CATCH_UP = 3.0
-"""How long after an absence missed messages may still arrive, in seconds."""
+"""Time after an absence in which missed messages may still arrive, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
 
 KEPT_EVERY = 10.0
-"""Maximum time until changed results and the number of the last event are in the book, in
-seconds."""
+"""Maximum time until changed results and the number of the last event are written into the book,
+in seconds."""
 
 FINISH_EVERY = 2.0
-"""Time until the timekeeper requests FINISH again if the kart has not finished, in seconds."""
+"""Time after which FINISH is requested again if the kart has not finished, in seconds."""
 
 MOST_STRENGTH = 1e9
-"""Upper limit for the strength of a passing, in the device's own unit."""
+"""Limit of the strength of a passing, in the device's own unit."""
 
 _COMMANDS = {
     msg.CommandAvailability.GRID_ACTIVE: What.GRID_ACTIVE,
@@ -100,7 +99,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event from race control means for the laps; None if it means nothing."""
+    """Return what an event from race control means for the laps; None if it does not affect them."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
@@ -122,11 +121,10 @@ def told_of(event: msg.RaceEvent, run: str) -> Told | None:
 
 def passing_of(message: msg.Passing) -> Passing:
     """
-    Return the passing in a message, whatever the message contains.
+    Return the passing in a message, with values that the book can store.
 
-    The book cannot store every value. A strength that is NaN or too large becomes unknown, and a
-    time before 1970 becomes 1970. Names become one printable line. If a source uses the name of
-    officials' passings, its name becomes empty.
+    A strength that is NaN or too large becomes unknown, and a time before 1970 becomes 1970. Names
+    become one printable line. A source that uses the name of officials' passings loses its name.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength
@@ -141,7 +139,7 @@ def passing_of(message: msg.Passing) -> Passing:
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """The values of the parameters. `read_settings` says what they mean."""
+    """The values of the parameters, which `read_settings` explains."""
 
     roster: pathlib.Path
     book: pathlib.Path
@@ -150,7 +148,7 @@ class Settings:
 
 def read_roster(path: pathlib.Path) -> Roster:
     """
-    Return the part of a roster file that the desk needs.
+    Return the part of a roster file that timing uses.
 
     :raises RosterError: if the file cannot be read or is not a roster.
     """
@@ -164,14 +162,14 @@ class Timekeeper(StrictNode):
     The timekeeper's node.
 
     :param on_failure: called with the error if the node cannot go on.
-    :param node_options: further arguments for the node of rclpy.
+    :param node_options: further arguments for rclpy's node.
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is wrong.
     :raises BookError: if the book cannot be used.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Restore from the book what is known of this event, and start to listen."""
+        """Restore this event's races from the book, and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
@@ -208,8 +206,8 @@ class Timekeeper(StrictNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DUE_EVERY, self._alone(self._look), clock=steady)
         self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
-        known = f'{len(self._desk.races)} races of this event are known'
-        self.get_logger().info(f'The timekeeper keeps its book in {settings.book}; {known}')
+        known = f'It has {len(self._desk.races)} races of this event'
+        self.get_logger().info(f'The timekeeper keeps its book in {settings.book}. {known}')
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
@@ -220,7 +218,7 @@ class Timekeeper(StrictNode):
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that never runs beside another one or after the node has closed."""
+        """Return a callback that runs neither beside another one nor after the node has closed."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:
@@ -236,7 +234,7 @@ class Timekeeper(StrictNode):
     # ----- inputs -------------------------------------------------------------------------
 
     def _take(self, *given: Input) -> Answer | None:
-        """Write inputs into the book and process them, and return the answer to the last one."""
+        """Write inputs into the book, process them, and return the answer to the last one."""
         self._write(*given)
         return [self._feed(each) for each in given][-1]
 
@@ -275,7 +273,7 @@ class Timekeeper(StrictNode):
     def _read_roster(self) -> None:
         try:
             self._desk.roster = read_roster(self._roster)
-            self.get_logger().info(f'Read {self._roster} again, because race control took it')
+            self.get_logger().info(f'Reloaded {self._roster}, because race control did')
         except RosterError as error:
             self.get_logger().error(f'The old roster stays in use: {error}')
 
@@ -354,7 +352,7 @@ class Timekeeper(StrictNode):
                 self._asked[wanted] = now, self._ask_for(wanted)
 
     def _keep(self, now: float, at_once: bool = False) -> None:
-        """Write changed results into the book, at most every `KEPT_EVERY` unless `at_once`."""
+        """Write changed results into the book, but not within `KEPT_EVERY` unless `at_once`."""
         if self._shown is None or not self._shown.race:
             return
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]
@@ -363,7 +361,7 @@ class Timekeeper(StrictNode):
             try:
                 self._book.write(self._shown)
             except OSError as error:
-                self.get_logger().error(f'{error}. The report would lack these results')
+                self.get_logger().error(f'{error}. The report will lack these results')
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))
@@ -393,13 +391,13 @@ def read_settings(parameters: Parameters) -> Settings:
     :raises ParameterError: if a parameter is wrong.
     """
     declare, default = parameters.declare, LapSettings
-    roster = declare('roster', '', "The file that lists the karts, race control's roster.")
+    roster = declare('roster', '', "Race control's roster: the file that lists the karts.")
     book = declare('book', '', 'The book (SQLite). Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
         min_lap_time=declare(
             'min_lap_time',
             default.min_lap_time,
-            'Minimum time between two passings that count, s. A sooner passing is doubtful.',
+            'Minimum time between two passings that count, s. An earlier one is doubtful.',
             (0.1, 3600),
         ),
         first_crossing=declare(
@@ -417,12 +415,12 @@ def read_settings(parameters: Parameters) -> Settings:
     parameters.refuse_unknown(own_file=True)
     if settings.first_crossing not in ('starts', 'ends'):
         raise ParameterError(
-            f'parameter first_crossing: {settings.first_crossing!r} is not possible. Give starts '
-            'or ends'
+            f'parameter first_crossing: {settings.first_crossing!r} is not valid. Set starts or '
+            'ends'
         )
     if not roster:
         raise ParameterError(
-            'parameter roster is missing. Give the file that lists the karts, '
+            'parameter roster is missing. Name the file that lists the karts, '
             'such as: --ros-args -p roster:=config/karts.yaml'
         )
     path = pathlib.Path(book).expanduser() if book else rcs_folder() / BOOK

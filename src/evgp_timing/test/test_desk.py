@@ -126,7 +126,7 @@ def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(event: Even
     event.lap(1, 3)
     assert [*event.desk.finishes()] == []
     event.cross(3)
-    assert [*event.desk.finishes()] == [Finish('run 1', 1, 3, 0)]
+    assert [*event.desk.finishes()] == [Finish('run 1', 1, 3)]
     event.tell(What.FINISH, 3)
     assert [*event.desk.finishes()] == []
 
