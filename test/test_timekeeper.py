@@ -387,7 +387,7 @@ def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None
     event.line.wait_for_more()
     second = event.start_timekeeper()
     assert second.wait() == IN_THE_WAY
-    assert 'belongs to another timekeeper that is running' in second.output
+    assert 'another running timekeeper is using' in second.output
     event.line.wait_for_more()
 
 

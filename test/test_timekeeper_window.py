@@ -347,7 +347,7 @@ def test_a_timekeeper_that_hangs_is_told_and_nothing_is_sent_until_it_is_back(
 def test_without_a_timekeeper_and_race_control_it_says_so(seen: Window, event: Event) -> None:
     seen.until(lambda: 'The timekeeper has been silent' in seen.text('warning'))
     assert seen.text('title') == 'No race yet'
-    assert seen.text('about') == 'race control is not heard'
+    assert seen.text('about') == 'no contact with race control'
     event.state()
     seen.until(lambda: 'GREEN GREEN' in seen.text('about'))
     seen.count('7')

@@ -2,13 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's book, a file that contains all its inputs in the format of the record.
+The timekeeper's book: a file with all its inputs, from which a restart restores the races.
 
-The timekeeper begins a stream at each start, and after each half day. A stream begins with
-`Began`, which contains the id of the machine's start. After that, it contains every input of the
-desk (``desk.Input``) in the order of arrival, and the results of a race whenever they change
-(``Standings``). Reading the streams of an event one after the other restores everything that the
-timekeeper knew.
+The timekeeper begins a new stream, in the format of the record, at each start and every half day.
+A stream begins with `Began`, which contains the machine's boot id. After that come the inputs
+(``desk.Input``) in the order of arrival, and the results of a race as they change (``Standings``).
 """
 
 from __future__ import annotations
@@ -29,15 +27,15 @@ WRITER = 'timekeeper'
 """Name of the writer in these streams."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
-"""Age beyond which a stream belongs to an earlier event, in nanoseconds. The heats of that event
-may have the same names."""
+"""Age from which a stream belongs to an earlier event, in nanoseconds. Such a stream is not
+restored, because the heats of that event may have the same names."""
 
 STREAM_LASTS_NS = 12 * 3_600 * 10**9
-"""Age of a stream at which the next entry begins a new one, in nanoseconds. The start of a stream
-gives the age of its races."""
+"""Age at which a stream is replaced by a new one, in nanoseconds. The age of a race is taken from
+the start of its stream, so a stream must not become too long."""
 
 BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
-"""File in which Linux keeps the id of this start of the machine."""
+"""File with the machine's boot id."""
 
 Entry = Began | desk.Input | Standings
 
@@ -54,15 +52,15 @@ CREATE TABLE IF NOT EXISTS block ( -- the streams, one for each start of the tim
 
 
 class BookError(RuntimeError):
-    """The file cannot be used. The text says why, and what to do."""
+    """The book cannot be used. The text says why, and what to do."""
 
 
 class Book:
     """
     The file, and the stream that this program writes into it.
 
-    :param path: path of the file. If the file or its folder does not exist, the book creates it.
-    :raises BookError: if the file cannot be written, or another timekeeper uses it.
+    :param path: path of the file. The file and its folder are created if necessary.
+    :raises BookError: if the file cannot be written, or another timekeeper is using it.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -80,7 +78,7 @@ class Book:
         except BlockingIOError as error:
             self._claimed.close()
             raise BookError(
-                f'{path} belongs to another timekeeper that is running. End that one, or choose '
+                f'another running timekeeper is using {path}. End that timekeeper, or choose '
                 'another file with the parameter book'
             ) from error
         except sqlite3.Error as error:
@@ -94,7 +92,7 @@ class Book:
         )
 
     def _open(self) -> sqlite3.Connection:
-        # One thread opens the database, and another later writes into it.
+        # One thread opens the database, and another writes into it later.
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
@@ -117,7 +115,7 @@ class Book:
         """
         Yield the inputs and gaps of this event's streams, oldest first.
 
-        The times of inputs are by the current clock, even if the machine has restarted since.
+        The times of the inputs fit the current clock, even if the machine has restarted since.
 
         :raises BookError: if SQLite finds the file damaged.
         """
@@ -140,16 +138,16 @@ class Book:
             elif isinstance(entry, Gap):
                 yield entry
             elif not isinstance(entry, Standings):
-                if began is not None:  # the machine has restarted, so its clock began at 0
+                if began is not None:  # the machine has restarted, so its clock began again at 0
                     moved = clock.now() - (now_ns - began.wall_ns) / 1e9 - entry.at
                     began = None
                 yield entry._replace(at=entry.at + moved)
 
     def write(self, *entries: Entry) -> None:
         """
-        Write entries in one transaction.
+        Write entries in one transaction: either all of them, or none.
 
-        :raises OSError: if the entries cannot be written. In that case, none of them is written.
+        :raises OSError: if the entries cannot be written.
         """
         new: list[Entry] = list(entries)
         now_ns = time.time_ns()
@@ -169,6 +167,6 @@ class Book:
         self._blocks += 1
 
     def close(self) -> None:
-        """Close the file. Another timekeeper can then use it."""
+        """Close the file, so that another timekeeper can use it."""
         self._database.close()
         self._claimed.close()

@@ -1,20 +1,20 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A light beam or a switch at the line. It sees that a kart crosses, but not which kart."""
+"""A light beam or a switch at the line, which detects that a kart crosses, but not which one."""
 
 from __future__ import annotations
 
 STUCK = 10.0
-"""How long a kart may break the beam, in seconds. A beam broken for longer is stuck."""
+"""Time after which a broken beam is stuck, in seconds, because no kart needs that long."""
 
 
 class Contact:
     """
-    A contact. It turns all interruptions of the beam by one kart into one crossing.
+    A contact, which merges all interruptions of the beam by one kart into one crossing.
 
-    :param debounce: how long the beam must have been free before a crossing, in seconds.
-        With it, the wheels and gaps of one kart do not count as several crossings.
+    :param debounce: minimum time for which the beam must be free before the next crossing, in
+        seconds, so that the wheels and gaps of one kart do not count as several crossings.
     """
 
     def __init__(self, debounce: float) -> None:
@@ -24,10 +24,10 @@ class Contact:
 
     def look(self, broken: bool, now: float) -> bool:
         """
-        Process the current state of the beam, and return whether a kart is crossing now.
+        Process the state of the beam, and return whether a new crossing begins.
 
         :param broken: whether the beam is broken.
-        :param now: the time, in seconds. It never decreases.
+        :param now: the time, in seconds, which never decreases.
         """
         if self._broken_at is None:
             self._broken_at = self._free_at = now

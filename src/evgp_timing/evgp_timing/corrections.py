@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of the timekeeper's corrections. They are never sent to karts.
+The catalogue of the timekeeper's corrections, which are never sent to karts.
 
 This module is pure.
 """
@@ -38,7 +38,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.GIVE: Entry(
         'GIVE TRANSPONDER',
-        'assign a transponder to this kart, for which its passings in this race then count',
+        'assign a transponder to this kart; its passings in this race then count for the kart',
         f'{OF_TIMEKEEPER}kart/give_transponder',
         to_one_kart=True,
         takes=('transponder',),
@@ -62,7 +62,7 @@ CORRECTIONS: dict[Act, Entry] = {
     ),
     Act.CHOOSE: Entry(
         'COUNT THIS RACE',
-        'make the results of this race those of its heat',
+        'make the results of this race the results of its heat',
         f'{OF_TIMEKEEPER}choose_race',
         takes=('race',),
         word='choose-race',

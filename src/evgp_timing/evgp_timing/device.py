@@ -15,7 +15,7 @@ from typing import Protocol
 import serial
 
 CONNECT_TIMEOUT = 2.0
-"""Maximum time for connecting to a device over TCP, in seconds."""
+"""Maximum time to connect to a device over TCP, in seconds."""
 
 READ_BYTES = 4096
 
@@ -67,7 +67,7 @@ def connect(device: str, baud: int) -> Device:
 
 def read(device: Device, timeout: float) -> bytes:
     """
-    Return the bytes that come within the timeout, in seconds; empty if none come.
+    Return the bytes that arrive within the timeout, in seconds; empty if none arrive.
 
     :raises OSError: if the device is gone.
     """

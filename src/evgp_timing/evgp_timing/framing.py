@@ -6,8 +6,8 @@ Finds data between two marks in a stream, and reads the record format that P3 an
 
 A record consists of a mark, a header with length, checksum and type, some fields (name, length and
 value), and another mark. Numbers are little-endian. The checksum covers the unescaped record, with
-zeros in the place of the checksum. Inside a record, a mark or escape byte is sent as an escape
-byte followed by the shifted byte.
+zeros in place of the checksum itself. Inside a record, a byte that equals a mark or the escape
+byte is shifted, and an escape byte precedes it.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import re
 from evgp_timing.passings import Event, Refused
 
 MAX_RECORD_BYTES = 1024
-"""Maximum length between two marks, in bytes. Known records have fewer than two hundred bytes."""
+"""Maximum length between two marks, in bytes. Known records are shorter than 200 bytes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,8 +28,8 @@ class Record:
     A complete record.
 
     :ivar kind: the type of the record.
-    :ivar fields: the value of each field. If a field occurs several times, this is the last value.
-    :ivar checked: True if the checksum is right, False if the record has none.
+    :ivar fields: the value of each field; the last one if a field occurs several times.
+    :ivar checked: True if the checksum is correct, False if the record has no checksum.
     """
 
     kind: int
@@ -37,13 +37,13 @@ class Record:
     checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
-        """Return the number in a field of this size, in bytes; None if there is no such field."""
+        """Return the number in a field of `size` bytes; None if there is no such field."""
         value = self.fields.get(name, b'')
         return int.from_bytes(value, 'little') if len(value) == size else None
 
 
 def _two(at: int) -> slice:
-    """Return the slice of the two bytes at an index."""
+    """Return the slice of two bytes that begins at an index."""
     return slice(at, at + 2)
 
 
@@ -60,7 +60,7 @@ class Framing:
     :ivar length_at: index of the two bytes of the length in the unescaped record.
     :ivar checksum_at: index of the two bytes of the checksum in the unescaped record.
     :ivar checksum: a function that computes the checksum of an unescaped record.
-    :ivar may_lack_checksum: whether a record whose checksum is 0 has no checksum and is valid.
+    :ivar may_lack_checksum: whether a checksum of 0 means that the record has none and is valid.
     """
 
     begin: int
@@ -74,7 +74,7 @@ class Framing:
     may_lack_checksum: bool = False
 
     def encode(self, kind: int, fields: Iterable[tuple[int, bytes]]) -> bytes:
-        """Return a record of this type with these fields, as bytes to send."""
+        """Return the bytes of a record with this type and these fields."""
         body = b''.join(bytes((name, len(value))) + value for name, value in fields)
         record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
         record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
@@ -88,7 +88,7 @@ class Framing:
         return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
     def unpack(self, inside: bytes) -> Record | Refused:
-        """Return the record in the escaped bytes between two marks, or why it is refused."""
+        """Return the record in the escaped bytes between two marks, or why they are refused."""
         plain = re.sub(
             re.escape(bytes((self.escape,))) + rb'(.)',
             lambda pair: bytes(((pair[1][0] - self.shift) % 256,)),
@@ -102,7 +102,7 @@ class Framing:
         place = _two(self.checksum_at)
         checksum, record[place] = record[place], b'\0\0'
         checked = self.checksum(bytes(record)) == int.from_bytes(checksum, 'little')
-        # What is left of a truncated record may also have zeros there.
+        # The rest of a truncated record may also have zeros in that place.
         whole = int.from_bytes(record[_two(self.length_at)], 'little') == len(record)
         if not checked and (any(checksum) or not self.may_lack_checksum or not whole):
             return Refused('a checksum is wrong')
@@ -117,7 +117,7 @@ class Framing:
         return Record(kind, fields, checked)
 
     def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
-        """Return a decoder for one connection. `read` interprets each complete record."""
+        """Return a decoder for one connection, in which `read` interprets each record."""
 
         def read_inside(inside: bytes) -> Event:
             record = self.unpack(inside)

@@ -6,9 +6,9 @@ The text format of I-Lap and AMBrc, with one line for each passing.
 
     SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
 
-There is a TAB before each item except SOH, @ and CR. Some devices do not send the items in
-brackets. The format comes from public descriptions (see README.md). They disagree about the
-meaning of the count and about the range of the checksum at the end, so this decoder uses neither.
+A TAB precedes each item except SOH, @ and CR. Some devices do not send the items in brackets. The
+format comes from public descriptions (see README.md). They disagree on the meaning of the count
+and on what the checksum at the end covers, so this decoder uses neither.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PASSING = re.compile(
 
 
 def read(line: bytes) -> Event:
-    """Return the event in a line. Its time is the time since the device started."""
+    """Return the event in a line. Its time counts from the start of the device."""
     if not line.startswith(b'@'):
         return Sign()
     match = _PASSING.fullmatch(line)

@@ -55,7 +55,7 @@ LAPRF = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record. Its time is the time since the device started."""
+    """Return the event in a record. Its time counts from the start of the device."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)

@@ -6,9 +6,9 @@ A format of plain text lines for home-made timers, such as a microcontroller or 
 
     $transponder,seconds LF
 
-The transponder has up to 32 printable ASCII characters without ``$``, comma and space. It is empty
-if the timer does not know who crossed. The seconds are by the timer's own clock, with up to six
-decimals. A line with only ``$`` is a sign of life.
+The transponder consists of up to 32 printable ASCII characters, without ``$``, comma or space. It
+is empty if the timer does not know who crossed. The seconds are read from the timer's own clock,
+with up to six decimal places. A line that contains only ``$`` is a sign of life.
 """
 
 from __future__ import annotations

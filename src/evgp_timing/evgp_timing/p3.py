@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The protocol P3 of MYLAPS, as its decoders send it over TCP.
+The P3 protocol of MYLAPS, as its decoders send it over TCP.
 
-The decoder is the server, and this program only reads.
-
-The format comes from public descriptions and captures, not from MYLAPS (see README.md).
+The decoder is the server, and our side only reads. The format comes from public descriptions and
+captures, not from MYLAPS (see README.md).
 """
 
 from __future__ import annotations
@@ -43,8 +42,8 @@ def checksum(record: bytes) -> int:
     """
     Return the 16-bit CRC of a record.
 
-    Its polynomial is 0x1021 and its initial value 0xFFFF. Each byte is added at the low end. The
-    usual CCITT variant adds each byte at the high end, so it is two bytes ahead.
+    Its polynomial is 0x1021, and its initial value is 0xFFFF. Each byte enters at the low end. In
+    the usual CCITT variant, bytes enter at the high end, so that variant is two bytes ahead.
     """
     return binascii.crc_hqx(b'\xff\xff' + record[:-2], 0) ^ int.from_bytes(record[-2:], 'big')
 
@@ -63,7 +62,7 @@ P3 = Framing(
 
 
 def read(record: Record) -> Event:
-    """Return the event in a record. Its time is since 1970, by the decoder's clock."""
+    """Return the event in a record. Its time counts from 1970, by the decoder's clock."""
     if record.kind != Kind.PASSING:
         return Sign()
     number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)

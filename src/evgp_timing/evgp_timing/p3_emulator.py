@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An emulator of a MYLAPS P3 decoder. It simulates karts on laps for rehearsals and tests.
+An emulator of a MYLAPS P3 decoder, for trying out timing without hardware and for tests.
 
 The emulator follows the public descriptions, so it cannot prove that they are right.
 """
@@ -25,7 +25,7 @@ STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0
 
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
-    """Return the record of a passing. The passing's time is in microseconds since 1970."""
+    """Return the record of a passing, whose time is in microseconds since 1970."""
     fields = (
         (p3.Field.NUMBER, number, 4),
         (p3.Field.TRANSPONDER, transponder, 4),
@@ -42,12 +42,12 @@ def serve(
     server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
 ) -> None:
     """
-    Simulate laps until the process ends, and send the passings to every listener.
+    Simulate laps until the process ends, and send the passings to every connected program.
 
     :param server: the listening socket.
-    :param transponders: number of the transponder of each kart.
+    :param transponders: number of each kart's transponder.
     :param lap: mean lap time, in seconds.
-    :param spread: maximum deviation from it, as a fraction.
+    :param spread: maximum deviation from the mean, as a fraction of it.
     :param status: time between two signs of life, in seconds.
     """
     listeners: list[socket.socket] = []
@@ -88,7 +88,7 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--port', type=int, default=p3.PORT, help='port to listen on; 0 for any')
     parser.add_argument('--transponders', type=int, nargs='+', default=[1001, 1002])
     parser.add_argument('--lap', type=float, default=20.0, help='mean lap time, s')
-    parser.add_argument('--spread', type=float, default=0.1, help='their spread, as a fraction')
+    parser.add_argument('--spread', type=float, default=0.1, help='maximum deviation, a fraction')
     parser.add_argument('--status', type=float, default=4.0, help='time between signs of life, s')
     given = parser.parse_args(args)
     with socket.create_server((given.address, given.port)) as server:

@@ -15,10 +15,9 @@ class Passing:
     A crossing of the line, by a transponder or by something that broke the beam.
 
     :ivar time_us: time of the crossing by the device's clock, in microseconds.
-    :ivar number: the device's number of the passing, up to 2**32 - 1; 0 if the device does not
-        count.
-    :ivar transponder: number or name of the transponder as the device reports it, or its number, a
-        space and the label printed on it. Empty if it is unknown.
+    :ivar number: number that the device assigned, up to 2**32 - 1; 0 if it does not assign any.
+    :ivar transponder: number or name of the transponder as the device reports it, if necessary
+        followed by a space and the label printed on it. Empty if the transponder is unknown.
     :ivar hits: number of times that the device saw the transponder, up to 65535; 0 if unknown.
     :ivar strength: strength of the signal, in the device's own unit; None if unknown.
     :ivar checked: False if the device sends no checksum, so that transmission errors are possible.
@@ -41,14 +40,14 @@ class Refused:
 
 @dataclasses.dataclass(frozen=True)
 class Sign:
-    """A complete message other than a passing. It shows that the device is alive."""
+    """A complete message other than a passing, which shows that the device is alive."""
 
 
 Event: TypeAlias = Passing | Refused | Sign
 
 
 class Decoder(Protocol):
-    """A decoder of the bytes from one connection. It never raises an exception."""
+    """A decoder of the bytes from one connection, which never raises an exception."""
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return the events that these bytes complete, however the bytes are split."""
+        """Return the events that these bytes complete. The bytes may be split anywhere."""

@@ -99,7 +99,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event from race control means for the laps; None if it does not affect them."""
+    """Return what an event from race control means for the laps; None if it is irrelevant."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)

@@ -5,7 +5,7 @@
 The process of the timekeeper's window (`ros2 run evgp_timing timekeeper_window`).
 
 The window may run on any machine of the officials' network. It shows what the timekeeper
-publishes, and calls the timekeeper's services. It cannot stop or start anything.
+publishes, and sends officials' corrections to the timekeeper. It cannot start or stop a race.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ NO_QT = (
     'Qt for Python is not installed. Install it with '
     "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
 )
-NO_DISPLAY = 'no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
+NO_DISPLAY = 'There is no screen for the window. Set DISPLAY or WAYLAND_DISPLAY.'
 NOT_ALLOWED = (
     'ROS does not allow this program to correct results. With SROS2, use the enclave /officials.'
 )
@@ -53,12 +53,12 @@ TIMING = 'timing: '
 """Prefix of a timing source's name in diagnostics."""
 
 END_TIMEOUT = 5.0
-"""Maximum time that the process takes to end after its window is closed, in seconds."""
+"""Maximum time from closing the window to the end of the process, in seconds."""
 
 
 class Client:
     """
-    The client that hears the timekeeper and race control in its own thread.
+    The window's client, which listens to the timekeeper and race control in its own thread.
 
     It also calls the timekeeper's services.
 
@@ -83,11 +83,11 @@ class Client:
         subscribe(DiagnosticArray, '/diagnostics', self._hear_lines, DIAGNOSTICS_QOS)
         log = self.node.get_logger()
         self._spinning = Spinning(
-            self.node, lambda error: log.error(f'This window receives nothing more: {error!r}')
+            self.node, lambda error: log.error(f'This window no longer receives news: {error!r}')
         )
 
     def take(self, window: Any) -> None:
-        """Pass to a window what was heard since the last call, in the calling thread."""
+        """Pass the news since the last call to a window, in the calling thread."""
         while not self._inbox.empty():
             self._inbox.get()(window)
 
@@ -104,8 +104,8 @@ class Client:
         :param entry: the row of the correction.
         :param official: name of the official.
         :param fields: the other fields of the request.
-        :param answered: called with the answer, by `take`. If the timekeeper was not found, it is
-            called at once.
+        :param answered: called with the answer, by `take`; or at once, if the timekeeper was not
+            found.
         """
         service = self._services[entry.service]
         if not service.service_is_ready():
@@ -132,7 +132,7 @@ class Client:
         try:
             results = value_of(message, Standings)
         except ValueError as error:
-            said = f'Ignored results that do not fit this timekeeper: {error}'
+            said = f'Ignored results from another version of the timekeeper: {error}'
             self.node.get_logger().warning(said, throttle_duration_sec=10.0)
             return
         self._inbox.put(lambda window: window.on_results(results))
@@ -163,7 +163,7 @@ def main(arguments: list[str] | None = None) -> int:
     Open the window, and run until it is closed.
 
     :param arguments: command-line arguments; None for those of this process.
-    :return: 0 after an orderly end, 2 if Qt or a screen is missing or a setting is wrong.
+    :return: 0 after an orderly end; 2 if Qt or a screen is missing, or a setting is wrong.
     """
     program, *given = ['timekeeper_window', *arguments] if arguments is not None else sys.argv
     try:
@@ -183,7 +183,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(str(error))
     application = QtWidgets.QApplication(remove_ros_args([program, *given]))
     application.setStyle('Fusion')
-    # Python runs these handlers only when a timer of Qt calls Python.
+    # Python runs these handlers only when one of Qt's timers calls Python.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     # ROS reads an unquoted name such as 7 or yes as a number or a truth value, so accept any type.

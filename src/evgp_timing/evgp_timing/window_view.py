@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The texts that the timekeeper's window shows. This module does not compute results.
+The texts that the timekeeper's window shows.
 
-This module is pure.
+This module computes no results, and is pure.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Crossing(NamedTuple):
 
     :param at: time from GREEN_GREEN to the crossing, as text.
     :param kart: number of the kart; ``?`` if it is unknown.
-    :param text: what became of the passing.
-    :param act: what the button of the row does.
+    :param text: how the passing was judged.
+    :param act: the correction that the row's button sends.
     """
 
     passing: Passing
@@ -88,7 +88,7 @@ def title(results: Standings) -> str:
 
 def about(results: Standings, state: str) -> str:
     """
-    Return the facts about the shown race, such as its format and state, as text.
+    Return the format, time and state of the shown race as text.
 
     :param state: the state of the race, and how long it has lasted.
     """
@@ -106,7 +106,7 @@ def _hour(stamp: float) -> str:
 
 
 def races(results: Standings) -> list[tuple[str, int]]:
-    """Return a text for every race of the event, with the race's number, newest first."""
+    """Return a text and the number of every race of the event, newest first."""
     return [
         (
             f'{each.heat or "Race"}, run of {_hour(each.stamp)}: {each.classified} classified'
@@ -118,13 +118,13 @@ def races(results: Standings) -> list[tuple[str, int]]:
 
 
 def newest_with_results(results: Standings) -> int:
-    """Return the number of the race that a correction probably means; 0 if there is none."""
+    """Return the number of the race that an official probably wants to correct; 0 if none."""
     began = results.races[: len(results.races) - (not results.karts)]
     return began[-1].number if began else 0
 
 
 def karts(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, int]]:
-    """Return a text for every kart, with its number, for an official to choose from."""
+    """Return a text and the number of every kart, for an official to choose from."""
     known = {**{each.kart: '' for each in results.karts}, **teams}
     return [(f'{number}  {team}'.rstrip(), number) for number, team in sorted(known.items())]
 
@@ -168,8 +168,7 @@ def crossings(results: Standings) -> list[Crossing]:
 
 
 def _crossings(results: Standings) -> Iterator[Crossing]:
-    # A kart's newest counted crossing ended its last lap. The crossing before it ended the lap
-    # before that.
+    # A kart's newest counted crossing ended its last lap, and so on backwards.
     laps = {each.kart: [*each.lap_times] for each in results.karts}
     for judged in reversed(results.passings):
         passing = judged.passing
@@ -185,7 +184,7 @@ def _crossings(results: Standings) -> Iterator[Crossing]:
 
 
 def _became(judged: Judged, laps: list[float], wanted: int) -> str:
-    """Return what became of a passing. ``laps`` are the times of the laps completed until then."""
+    """Return how a passing was judged. ``laps`` are the times of the laps completed by then."""
     match judged.mark:
         case Mark.STRUCK:
             return f'struck: {judged.struck}'

@@ -30,19 +30,19 @@ QtGui: Any = importlib.import_module(f'{_BINDING}.QtGui')
 QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 
 NO_ANSWER = 5.0
-"""How long a correction may be unanswered before the window says so, in seconds."""
+"""Time after which the window reports a correction as unanswered, in seconds."""
 
 STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button.'
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
 NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
 NOT_ANSWERED = '{label}: no answer for {age}. Check the results before you press it again'
 LINE_SILENT = 'silent for {age}'
-NO_RACE_CONTROL = 'race control is not heard'
+NO_RACE_CONTROL = 'no contact with race control'
 NEWEST_FIRST = 'CROSSINGS, NEWEST FIRST'
 
 Give: TypeAlias = Callable[[Entry, str, Mapping[str, Any], Callable[[Answer], None]], None]
-"""A function that sends a correction and returns at once. It gets the correction, the official's
-name, the fields of the request, and a function that is called with the answer in the window's
+"""A function that sends a correction without waiting. Its arguments are the correction, the
+official's name, the fields of the request, and a function to call with the answer, in the window's
 thread."""
 
 REFRESH = 50
@@ -92,12 +92,10 @@ QPushButton:disabled, QTableWidget:disabled { background: #FFFFFF; color: #A3ADB
 
 class TimekeeperWindow:
     """
-    The timekeeper's window.
-
-    Its methods `on_...` receive the news in the window's thread.
+    The timekeeper's window. Its methods `on_...` receive the news, in the window's thread.
 
     :param give: a function that sends a correction.
-    :param take: a function that passes on what was heard since the last call.
+    :param take: a function that passes the news since its last call to a window.
     :param official: name of the official; empty if it is not known at the start.
     """
 
@@ -143,7 +141,7 @@ class TimekeeperWindow:
         self._refresh()
         self._lap.setFocus()
 
-    # ----- what is heard ------------------------------------------------------------------
+    # ----- the news -----------------------------------------------------------------------
 
     def on_results(self, results: Standings) -> None:
         """Show the current results and crossings."""
@@ -152,7 +150,7 @@ class TimekeeperWindow:
         self._show_crossings(view.crossings(results))
 
     def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
-        """Update the state of the race, how long it has lasted (in seconds), and the teams."""
+        """Show the state of the race and its duration, in seconds, and update the teams."""
         self._race_heard, self._state = clock.now(), state
         self._since = self._race_heard - seconds
         if teams != self._teams:
@@ -166,7 +164,7 @@ class TimekeeperWindow:
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Process the news, and show how old everything is and what is still unanswered."""
+        """Process the news, and show what is out of date and what was not answered."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:
@@ -196,7 +194,7 @@ class TimekeeperWindow:
         return self._results.stamp > 0.0 and clock.now() - self._heard <= TIMING_GONE
 
     def _say(self, text: str, bad: bool = False) -> None:
-        """Show a sentence in the bottom line, in red if it is bad news."""
+        """Show a sentence in the bottom line; in red if `bad`."""
         self._said.setText(text)
         self._said.setProperty('bad', bad)
         self._said.style().polish(self._said)
@@ -217,7 +215,7 @@ class TimekeeperWindow:
                     _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
 
     def _show_crossings(self, seen: list[view.Crossing]) -> None:
-        """Show the crossings. Each row keeps its passing while new rows appear above it."""
+        """Show the crossings. New rows are inserted above the old ones, which do not change."""
         if seen == self._crossings:
             return
         table, new = self._passings, [each.passing for each in seen]
@@ -267,8 +265,8 @@ class TimekeeperWindow:
         Open a dialog for a correction, and send the correction once the official confirms it.
 
         :param act: the kind of correction.
-        :param text: what the correction is about; if empty, the correction's meaning is shown.
-        :param given: the fields of the request that are known already.
+        :param text: what the correction is about; if empty, the dialog shows what it does.
+        :param given: the fields of the request that are already known.
         """
         entry = CORRECTIONS[act]
         dialog = QtWidgets.QDialog(self.widget, objectName='dialog', windowTitle=entry.label)
@@ -439,8 +437,8 @@ _READ = {
     'textChanged': 'text',
     'toggled': 'isChecked',
 }
-"""The signal by which each kind of field reports changes, and its getter. The order matters,
-because a field for a number also has a text."""
+"""The signal with which each kind of field reports a change, and the field's getter. The order
+matters, because a field for a number also has a text."""
 
 
 def _changed(field: Any) -> Any:
