@@ -4,9 +4,9 @@
 """
 The code that race control's node, the bridge and our other ROS processes share.
 
-Every one of these processes imports this package before rclpy. If the middleware in
-RMW_IMPLEMENTATION is not installed, this package ends the process with a clear sentence and
-exit code 2. rclpy would not do this.
+Each of these processes imports this package before rclpy. If the middleware in RMW_IMPLEMENTATION
+is not installed, this package ends the process with exit code 2 and a clear sentence, as rclpy
+would not.
 """
 
 import os
@@ -19,7 +19,7 @@ def _refuse_absent_middleware(wanted: str) -> None:
 
     try:
         there = sorted({*get_resources('rmw_typesupport')} - {'rmw_implementation'})
-    except OSError:  # without AMENT_PREFIX_PATH, this is unknown
+    except OSError:  # without AMENT_PREFIX_PATH, nobody can tell
         return
     if there and wanted not in there:
         print(

@@ -4,10 +4,10 @@
 """
 Converts values to ROS messages of ``evgp_rcs_msgs`` and back.
 
-The conversion follows from the types of the message and of the value, so this module need not name
-any field. A field of the value becomes the message's field of the same name, and ``stamp_ns``
-becomes `stamp`. A member of an enum becomes the constant of its name. None becomes UNKNOWN for a
-state, 0 for a time or a constant, and NaN for any other number.
+The types of the message and of the value determine the conversion, so no field is named here. A
+field of the value becomes the message's field of the same name, and ``stamp_ns`` becomes `stamp`.
+A member of an enum becomes the constant of its name. None becomes UNKNOWN for a state, 0 for a
+time or a constant, and NaN for any other number.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ CONSTANTS: dict[type[enum.Enum], Any] = {
     Mark: msg.JudgedPassing,
     Status: msg.KartResult,
 }
-"""The message with the constants of each enum. A module with another enum adds it here."""
+"""The message that has each enum's constants. Modules with further enums add them here."""
 
 STAMPED = ('sequence', 'monotonic')
 """Fields of an event's message, besides `stamp`, that come from the ``StampedEvent``."""
 
 SENTENCES = ('text', 'reason', 'statement', 'state_cause', 'hold_reason', 'button_fault')
-"""Fields that contain race control's sentences. Other texts are names and stay unchanged."""
+"""Fields that contain race control's sentences. All other texts are names."""
 
 _Value = TypeVar('_Value')
 _TIME = 'builtin_interfaces/Time'
@@ -71,7 +71,7 @@ def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str)
 
     :param message: the message.
     :param kind: the type of the value.
-    :param said: function that is applied to each of ``SENTENCES``.
+    :param said: a function to apply to each of ``SENTENCES``.
     :raises ValueError: if the message has an unknown constant, or lacks a required state.
     """
     return kind(
@@ -87,7 +87,7 @@ _Read = Callable[[Any, Callable[[str], str]], Any]
 
 
 def _find_fields(kind: Any, message: Any) -> list[tuple[str, str, _Write, _Read]]:
-    """Return each field's name in the message and in the type, and how to write and read it."""
+    """Return each field's name in the message and in the type, with its writer and reader."""
     hints = get_type_hints(kind)
     names = {name.removesuffix('_ns'): name for name in hints}
     return [

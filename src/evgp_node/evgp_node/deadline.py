@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Makes the C library end the process. This works even if something holds Python's lock.
+Makes the C library end the process, even if something holds the interpreter's lock.
 
-DDS may hang inside a call and keep the interpreter's lock. No thread or signal handler of Python
-can then run. This module does not use ROS.
+DDS may hang inside a call and keep that lock, and then no thread or signal handler of Python can
+run. This module does not use ROS.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 _SIGEV_THREAD = 2  # of signal.h
 
 _TO_SAY = 0.2
-"""Time for the C library to write the sentence before the process ends, in seconds."""
+"""Time from the sentence to the end of the process, in seconds."""
 
 _libc = ctypes.CDLL(None, use_errno=True)
 _timers: list[ctypes.c_void_p] = []
@@ -31,19 +31,18 @@ def end_within(seconds: float, code: int, said: str = '') -> None:
     """
     Make the C library end this process after a time. A later call replaces an earlier one.
 
-    `faulthandler` would not work, because it always exits with code 1, and some versions of Python
+    `faulthandler` would not do, because it always exits with code 1, and some versions of Python
     measure its time by the wall clock.
 
     :param seconds: time until the end, in seconds. 0 cancels the end.
     :param code: the exit code.
-    :param said: sentence to write to stderr before the end, after the program's name; empty for
-        none.
+    :param said: sentence to write to stderr before that, after the program's name; empty for none.
     :raises OSError: if the system has no timer for this.
     """
     sentence = ctypes.create_string_buffer(said.replace('%', '%%').encode())
     name = ctypes.create_string_buffer(pathlib.Path(sys.argv[0]).name.encode())
     short_name = ctypes.c_void_p.in_dll(_libc, 'program_invocation_short_name')
-    short_name.value = ctypes.addressof(name)  # otherwise, the name would be that of Python
+    short_name.value = ctypes.addressof(name)  # otherwise, the sentence would name Python
     timers = []
     if seconds > 0 and said:
         timers.append(_call_after(seconds, _libc.warnx, ctypes.addressof(sentence)))

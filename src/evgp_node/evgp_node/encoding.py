@@ -4,9 +4,9 @@
 """
 The record's encoding of values of the rules as JSON.
 
-The encoding follows from the types. A dataclass or a named tuple becomes the list of its fields. A
-member of an enum becomes its name, or its number if it is an ``IntEnum``. A set becomes a sorted
-list. JSON that does not fit its type is damaged.
+The types determine the encoding. A dataclass or a named tuple becomes the list of its fields. A
+member of an enum becomes its name, or its number in an ``IntEnum``. A set becomes a sorted list.
+JSON that does not fit its type is damaged.
 
 This module is pure.
 """
@@ -22,10 +22,10 @@ import types
 from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 MOST_SECONDS = 1e10
-"""Limit of a time by the rules' clock, in seconds. A time from here on is damaged."""
+"""Limit of a time by the rules' clock, in seconds. Times from there on are damaged."""
 
 MOST_NUMBER = 2**63
-"""Limit of a whole number. A number from here on is damaged."""
+"""Limit of a whole number. Numbers from there on are damaged."""
 
 DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
 """The exceptions that `reader` and `json` raise for damaged JSON."""

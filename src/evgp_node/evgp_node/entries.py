@@ -6,7 +6,7 @@ The rows of the catalogues of commands.
 
 A row contains everything about a command that does not depend on the race. Race control has one
 catalogue (``evgp_rcs.rules.catalogue``), and the timekeeper has another
-(``evgp_timing.corrections``). The nodes, the window and `rcs_ctl` use the rows.
+(``evgp_timing.corrections``). The nodes, the windows and `rcs_ctl` are built from these rows.
 
 This module is pure.
 """
@@ -26,10 +26,10 @@ OF_TIMEKEEPER = 'timekeeper/'
 @dataclass(frozen=True)
 class Result:
     """
-    What a screen shows once a command has taken effect. Empty fields do not matter.
+    What a screen shows once a command has taken effect. An empty field means that anything fits.
 
     :param race: the race is in one of these states.
-    :param hold: the kart's hold is one of these. ``None`` among them means no hold.
+    :param hold: the kart's hold is one of these, where ``None`` means no hold.
     :param in_race: whether the kart is in the race.
     :param placed: whether the kart has a finishing place.
     :param track_open: whether the track is open to humans.
@@ -45,19 +45,19 @@ class Result:
 @dataclass(frozen=True)
 class Entry:
     """
-    One row of the catalogue. It describes one command.
+    The row of one command.
 
     :param label: text of the command's button. RED RED for one kart and for all karts have the
         same text, because their places differ.
     :param meaning: what the command does, in a few words.
     :param service: name of the command's service below race control's node or, with the prefix
         `OF_TIMEKEEPER`, below the timekeeper's. Two commands may share a service. Every request
-        has `official`, the name of the sender as the sender gives it.
+        has `official`, the name that the sender claims.
     :param fixed: fields of the request that select this command if two commands share a service.
     :param result: what is true once the command has taken effect.
     :param undoes: the command that this one undoes. The two share a button, which offers this
-        command while the result of the other is true.
-    :param note: a sentence that the confirmation adds after which karts are sent what.
+        command while the result of the other is in effect.
+    :param note: a sentence that the confirmation adds after the list of what karts are sent.
     :param statement: the field of the request for the official's statement; empty if none.
     :param call_is_statement: whether calling the service is itself the statement.
     :param to_one_kart: whether the request names a kart (`kart`).
@@ -68,15 +68,15 @@ class Entry:
         for the track, `reading` for the roster; empty if there is none.
     :param takes: further fields of the request, with the same names as in ``Command``.
     :param flag: the option of `rcs_ctl` for a statement, and what it states; None if none.
-    :param word: the command's name in `rcs_ctl`, if it differs from that of the kind.
+    :param word: the command's name in `rcs_ctl`, if it differs from the name of the kind.
     :param short: text of the button where there is little room, if it differs from `label`.
     :param place: position of the button from the left, in the line of the race or, for a command
         to one kart, in the kart's row; 0 for no button there. A command that undoes another has
         the same place as that one.
     :param key: key of the button. A command to one kart goes to the selected kart.
-    :param does: what the button says that the command does. ``{karts}`` stands for how many karts
-        it starts or releases.
-    :param follows: when the command is possible, for a state of the race that does not allow it.
+    :param does: the button's description of the command. ``{karts}`` stands for the number of
+        karts that it starts or releases.
+    :param follows: a text that says when the command is possible, shown in other race states.
     :param condition: what an official confirms if race control asks for no statement. ``{kart}``
         stands for the kart.
     :param sends: the state that the command sends, if it asks for confirmation.
@@ -86,7 +86,7 @@ class Entry:
     :param stop: whether the command stops karts. A stop is never refused for a kart of the roster,
         and never waits behind another command.
     :param loosens: whether the command starts or releases karts, lets humans near them, or changes
-        the roster. It is refused whenever officials perhaps do not see the current race.
+        the roster. It is refused whenever officials may not be seeing the current race.
     """
 
     label: str
@@ -120,16 +120,12 @@ class Entry:
 
     @property
     def asks(self) -> bool:
-        """Return whether an official must confirm it, as it loosens or is itself a statement."""
+        """Return whether an official must confirm the command."""
         return self.loosens or self.call_is_statement
 
     @property
     def service_type(self) -> str:
-        """
-        Return the ROS name of the service type.
-
-        A command whose request has more fields than a kart has a type of its own.
-        """
+        """Return the ROS name of the service type, which may be the command's own."""
         name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
         names = self.names_karts or self.names_hold or self.names_heat or self.takes
         if self.fixed or self.statement or names:
@@ -139,15 +135,15 @@ class Entry:
 
     @property
     def overtakes(self) -> bool:
-        """Return whether it is judged before other commands. RACE_OVER may still be refused."""
+        """Return whether it is processed before other commands. RACE_OVER may still be refused."""
         return self.stop or self.result.race == (RaceState.RED_RED,)
 
     @property
     def is_seen(self) -> bool:
-        """Return whether the race shows that it took effect. Otherwise, only its answer does."""
+        """Return whether the race shows that it took effect; if not, only its answer does."""
         return self.result != Result() or self.names_heat
 
     @property
     def needs_journal(self) -> bool:
-        """Return whether it must be on the disk before karts are sent anything."""
+        """Return whether it must be on the disk before race control sends karts anything."""
         return RaceState.GREEN_GREEN in self.result.race

@@ -4,9 +4,9 @@
 """
 Converts other programs' lists of karts to rosters with gaps.
 
-This module knows two formats: an entry list exported by timing software (CSV), and the list of the
-first race control (`address: team`). Neither format has everything that a roster needs, so an
-official must fill in the rest.
+It reads two formats: an entry list exported by timing software (CSV), and the list of the first
+race control (`address: team`). Neither has everything that a roster needs, so an official must
+fill in the rest.
 """
 
 from __future__ import annotations

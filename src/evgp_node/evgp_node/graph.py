@@ -5,10 +5,10 @@
 Binds the ROS graph of this process to loopback, whatever the environment says.
 
 Without SROS2, anyone who can send to a node's DDS sockets can call the node's services. Each of
-our programs therefore decides itself where its sockets are. Before ``rclpy.init``, `bind_graph`
-tells DDS to open them only on 127.0.0.1. `fence_graph` then makes the kernel drop everything that
-reaches them through another interface. The setting `INTERFACE` adds one more interface by its
-address. An interface that was unplugged is used again when it comes back with this address.
+our programs therefore decides for itself where they are. Before ``rclpy.init``, `bind_graph` tells
+DDS to open its sockets only on 127.0.0.1. `fence_graph` then makes the kernel drop everything that
+reaches them through another interface. `INTERFACE` adds one more interface by its address, and an
+unplugged interface is used again when it comes back with that address.
 
 `reachable_at` reads the result from the sockets themselves and not from the settings.
 """
@@ -31,8 +31,8 @@ import threading
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
-"""Environment variable with this machine's IPv4 address at the one interface that the graph uses
-besides loopback. If the variable is empty or not set, the graph uses only loopback."""
+"""Environment variable with this machine's IPv4 address on the one interface that the graph uses
+besides loopback; if it is empty or not set, the graph uses only loopback."""
 
 DOMAIN = 'ROS_DOMAIN_ID'
 """Environment variable with the number of the ROS domain."""
@@ -41,7 +41,7 @@ LAST_DOMAIN = 232
 """The last domain that has UDP ports (7400 + 250 for each domain)."""
 
 EVERY = '0.0.0.0'
-"""The text by which `reachable_at` means every address of this machine."""
+"""What `reachable_at` returns for every address of this machine."""
 
 LOOPBACK = '127.0.0.1'
 
@@ -51,21 +51,21 @@ search for this process finds it within this time. (With ROS's own SUBNET, nodes
 network.)"""
 
 PROCESSES = 120
-"""Maximum number of ROS processes on this machine in one domain, for which it has ports."""
+"""Maximum number of ROS processes on this machine in one domain, because a domain has no more
+ports."""
 
 CROWDED = 60
 """Number of ROS processes on this machine in one domain above which race control warns officials.
-Each process announces itself to every other. With 115 processes, this took 1.6 processors."""
+Each process announces itself to every other; with 115 processes, this took 1.6 processors."""
 
 HEARTBEAT = 0.1
 """Time that a sender waits for an acknowledgement before it asks for one, in seconds. A lost
-message arrives about this late. Fast DDS's default of 3 s would delay an official's call or its
-answer by that much. Cyclone DDS's default is 0.1 s."""
+message arrives late by about this much. Fast DDS's default of 3 s would delay an official's call
+or its answer by that much. Cyclone DDS's default is 0.1 s."""
 
 RECEIVE_BUFFER_BYTES = 4 * 2**20
-"""Receive buffer of each socket of Fast DDS, in bytes. The kernel's limit is net.core.rmem_max.
-The ``~/race`` of a thousand karts fills the usual 0.2 MB, so that the kernel would drop an
-answer."""
+"""Receive buffer of each socket of Fast DDS, in bytes, up to the kernel's net.core.rmem_max. The
+``~/race`` of a thousand karts would fill the usual 0.2 MB, and the kernel would drop an answer."""
 
 _OVERRIDDEN = (
     # These say where DDS searches for other processes.
@@ -79,7 +79,7 @@ KEEPS_APART = (
     *('FASTDDS_BUILTIN_TRANSPORTS', 'ROS_AUTOMATIC_DISCOVERY_RANGE=OFF'),
     'ROS_DISCOVERY_SERVER',
 )
-"""Variables of a shell that may keep other programs from reaching ours, because ours use UDP on
+"""Variables with which a shell may keep its programs from reaching ours, which use UDP on
 loopback."""
 
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
@@ -145,7 +145,7 @@ class GraphError(RuntimeError):
 
 
 class NotNowError(GraphError):
-    """The graph cannot be bound as required now, but may be later."""
+    """The graph cannot be bound as required now, but perhaps later."""
 
 
 def refuse_domain() -> None:
@@ -159,13 +159,13 @@ def refuse_domain() -> None:
         if not 0 <= int(given, 0) <= LAST_DOMAIN:
             raise GraphError(
                 f'{DOMAIN} is {given}, which is not a ROS domain. '
-                f'Give a number from 0 to {LAST_DOMAIN}, preferably up to 101'
+                f'Set a number from 0 to {LAST_DOMAIN}, preferably up to 101'
             )
 
 
 def bind_graph() -> None:
     """
-    Make DDS open its sockets only on loopback and on the interface named by `INTERFACE`.
+    Make DDS open its sockets only on loopback and on the interface that `INTERFACE` names.
 
     Call this before ``rclpy.init``. It changes the environment of this process. With Fast DDS, it
     also sets `HEARTBEAT` and `RECEIVE_BUFFER_BYTES`.
@@ -186,7 +186,7 @@ def bind_graph() -> None:
         os.environ.pop(name, None)
     # Only with this range does ROS leave everything to the settings below.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    # Race control's call to itself must show that other calls can arrive (evgp_rcs.ros.node).
+    # Race control's call to itself must prove that other calls can arrive (evgp_rcs.ros.node).
     profile = _private_file(fast_dds_profile(interface, intraprocess=False))
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
@@ -198,9 +198,9 @@ def bind_graph() -> None:
 
 def kept_apart_by() -> str:
     """
-    Return the settings that may keep this process from reaching our programs: ``NAME=value``.
+    Return the settings that may keep this process from reaching our programs, as text.
 
-    Several settings are separated by commas. The text is empty if there are none.
+    Each has the form ``NAME=value``. They are separated by commas; without any, the text is empty.
     """
     found = []
     for name, _, bad in (each.partition('=') for each in KEEPS_APART):
@@ -214,10 +214,10 @@ def fence_graph() -> None:
     """
     Make the kernel drop datagrams that reach this process's UDP sockets by other interfaces.
 
-    Call this as soon as there is a node, because the first node opens the sockets. It is not
-    enough to bind them to an address, because Linux accepts a datagram for any of its addresses
-    at any interface. From then on, a thread follows the address named by `INTERFACE` to the
-    interface that has it.
+    Call this as soon as there is a node, because the first node opens the sockets. Binding them to
+    an address is not enough, because Linux accepts a datagram for any of its addresses on any
+    interface. From then on, a thread follows the address that `INTERFACE` names to the interface
+    that has it.
 
     :raises GraphError: if no interface can have that address.
     :raises NotNowError: if no interface has that address now, or DDS found no free port.
@@ -230,8 +230,8 @@ def fence_graph() -> None:
         listens = any(_is_read(each) for each, _ in found)
     if not listens:
         raise NotNowError(
-            'too many ROS processes run on this machine, so this one cannot be reached. A ROS '
-            f'domain has ports for {PROCESSES}. End some of them, or use another {DOMAIN}'
+            'too many ROS processes are running on this machine, so this one cannot be reached. A '
+            f'ROS domain has ports for {PROCESSES}. End some of them, or use another {DOMAIN}'
         )
     if named and named not in _followed:
         _followed.add(named)
@@ -254,7 +254,7 @@ def _follow(named: str, news: socket.socket) -> None:
 
 
 def _fence(named: str) -> None:
-    """Let each UDP socket hear only loopback and the interface that has this address, if any."""
+    """Restrict each UDP socket to loopback and the interface that has this address, if any."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # the interface was unplugged
         indices.append(socket.if_nametoindex(interfaces()[named]))
@@ -266,7 +266,7 @@ def _fence(named: str) -> None:
 
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
-    """Let a TCP server hear only loopback and the interface that has this address now."""
+    """Restrict a TCP server to loopback and the interface that has this address now."""
     name = interfaces().get(address, 'lo')
     _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
 
@@ -283,7 +283,7 @@ def network_of(address: str) -> ipaddress.IPv4Network | None:
 
 
 def has_its_address() -> bool:
-    """Return whether this machine has the address named by `INTERFACE`, if one is named."""
+    """Return whether this machine has the address that `INTERFACE` names, if it names one."""
     named = os.environ.get(INTERFACE, '').strip()
     return not named or named in interfaces()
 
@@ -300,13 +300,14 @@ def trouble_of_graph(domain: int) -> str:
         named = os.environ[INTERFACE].strip()
         return (
             f'No interface of this machine has the address {named} now, so consoles on other '
-            'machines cannot reach race control. Plug it in, or stop karts from this machine'
+            'machines cannot reach race control. Plug it in. Until then, use this machine to stop '
+            'karts'
         )
     if count_processes(domain) <= CROWDED:
         return ''
     return (
-        f'More than {CROWDED} ROS processes run on this machine in domain {domain}, which has '
-        f'room for {PROCESSES}. End those that you do not need, or a console may not find room'
+        f'More than {CROWDED} ROS processes are running on this machine in domain {domain}, which '
+        f'has room for {PROCESSES}. End those that you do not need, or a console may fail to start'
     )
 
 
@@ -321,7 +322,7 @@ class Inbox:
     """
     A check whether DDS still reads this process's sockets.
 
-    A thread of DDS reads each socket. If the thread hangs, the oldest datagram stays unread.
+    A thread of DDS reads each socket. If that thread hangs, the oldest datagram stays unread.
     """
 
     def __init__(self) -> None:
@@ -336,8 +337,8 @@ class Inbox:
         """
         Check the sockets again.
 
-        :return: the number of checks in a row, including this one, that have found the same
-            datagram unread. If this differs between sockets, the largest number.
+        :return: the number of checks in a row, including this one, that found the same datagram
+            unread; the largest such number of all sockets.
         """
         for at, each in enumerate(self._sockets):
             stamp = _oldest_arrival(each)
@@ -350,8 +351,8 @@ def reachable_at() -> tuple[str, ...]:
     """
     Return the IPv4 addresses at which other programs can reach the graph of this process.
 
-    This reads them from the UDP sockets and from the kernel's filters on the sockets. `EVERY`
-    means every address of this machine.
+    They are read from the UDP sockets and from the kernel's filters on them. `EVERY` means every
+    address of this machine.
     """
     names = interfaces()
     index: dict[int, list[str]] = {}
@@ -374,7 +375,7 @@ def reachable_at() -> tuple[str, ...]:
 
 def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     """
-    Refuse a graph that programs could reach from where karts connect.
+    Refuse a graph that programs on the karts' network could reach.
 
     Call this once there is a node.
 
@@ -407,7 +408,7 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
 
 
 def where_reachable() -> str:
-    """Return a sentence that says from where programs can reach the graph of this process."""
+    """Return a sentence that says where the graph of this process can be reached."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     if not beyond:
         return 'The ROS graph can be reached only from this machine'
@@ -464,8 +465,8 @@ def cyclone_dds_configuration(interface: str) -> str:
 
 
 def _private_file(content: str) -> str:
-    """Return the path of a file that only this user can read. `fence_graph` deletes the file."""
-    # Fast DDS requires a file with a name. A memfd has none.
+    """Return the path of a file that only this user can read, and that `fence_graph` deletes."""
+    # Fast DDS requires a file with a name, which a memfd does not have.
     file = tempfile.NamedTemporaryFile('w', prefix='evgp-graph-', suffix='.xml')  # noqa: SIM115
     file.write(content)
     file.flush()
@@ -544,12 +545,12 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
         number = bytes.fromhex(line[1].partition(':')[0])
         bound[line[9]] = socket.inet_ntoa(number[::-1])
     for line in _lines(_NETWORK / 'udp6'):
-        bound[line[9]] = EVERY  # our programs open none, so such a socket must not go unnoticed
+        bound[line[9]] = EVERY  # our programs open none, so any must be noticed
     with contextlib.ExitStack() as stack:
         found = []
         for own in list(_DESCRIPTORS.iterdir()):
             try:
-                # Use a copy, because the original may be closed now and its number used again.
+                # Use a copy, because the original may be closed and its number used again.
                 descriptor = os.dup(int(own.name))
             except OSError:
                 continue
@@ -584,9 +585,9 @@ def _oldest_arrival(each: socket.socket) -> bytes:
 
 
 def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
-    """Let a socket send and hear multicast at the interface that has this address now."""
+    """Let a socket send and receive multicast on the interface that has this address now."""
     if _sends_multicast_at(each) == named:
-        # The kernel has stored the number of the interface and not its address.
+        # The kernel has stored the interface's number and not its address.
         each.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(named))
     elif _is_open(bound):
         membership = socket.inet_aton(_DISCOVERY_GROUP) + socket.inet_aton(named)
@@ -602,12 +603,12 @@ def _lines(path: pathlib.Path) -> list[list[str]]:
 
 
 def _is_open(address: str) -> bool:
-    """Return whether a socket bound to this address hears more than one interface."""
+    """Return whether a socket bound to this address is open to more than one interface."""
     return address == EVERY or ipaddress.IPv4Address(address).is_multicast
 
 
 def _attach_filter(to: socket.socket, indices: list[int]) -> None:
-    """Let a socket hear only the interfaces with these numbers."""
+    """Restrict a socket to the interfaces with these numbers."""
     count = len(indices)
     program = [
         _LOAD_INTERFACE,
@@ -624,9 +625,9 @@ def _attach_filter(to: socket.socket, indices: list[int]) -> None:
 
 
 def _filtered_interfaces(of: socket.socket) -> list[int] | None:
-    """Return the numbers of the interfaces that a socket hears; None if it hears every one."""
+    """Return the numbers of the interfaces to which a socket is restricted; None if to none."""
     code = ctypes.create_string_buffer(8 * 64)
-    # Unlike others, this option counts instructions and not bytes, for its input and its result.
+    # Unlike other options, this one counts instructions and not bytes.
     count = ctypes.c_uint32(64)
     if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
         return None

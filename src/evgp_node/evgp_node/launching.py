@@ -23,9 +23,9 @@ OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 def keep_trying_if_it_was_up(*beside: Action) -> OnExit:
     """
-    Return an `on_exit` that gives up a node if a restart would not help.
+    Return an `on_exit` that stops restarting a node if that would not help.
 
-    :param beside: the nodes that end together with this one.
+    :param beside: nodes that must then end together with this one.
     """
     ends = Ends(time.monotonic())
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The name of the official who sends a command, as the sender gives it.
+The name under which an official sends a command.
 
 The name is a claim and proves nothing, because anyone who can send a command can use any name
 (docs/security.md). For this reason, no rule depends on the name, and race control never refuses a
@@ -23,15 +23,15 @@ MOST_OF_HOST = 24
 """Maximum length of the machine's name that our own programs send, in characters."""
 
 UNNAMED = 'unnamed'
-"""The name of an official who has not given one."""
+"""Used instead of the name of an official who has not entered one."""
 
 
 def tidy(text: str, most: int = MOST) -> str:
     """
     Return a name as one printable line, for logs, terminals and pages.
 
-    The line leaves out characters that cannot be printed, including those that change the
-    direction of the text.
+    Characters that cannot be printed are left out, including those that change the direction of
+    the text.
 
     :param text: the name, which may contain anything.
     :param most: maximum length of the line, in characters.
@@ -53,9 +53,9 @@ def heard(text: str) -> str:
 
 def claim(name: str, host: str, process: int | None = None) -> str:
     """
-    Return what our own programs send as the official. It differs for each program.
+    Return the `official` that our own programs send: the name, the machine and the process.
 
-    :param name: name of the official; empty if there is none.
+    :param name: name of the official; empty if it is unknown.
     :param host: name of the machine.
     :param process: number of the process; None for a process that sends only one command.
     """

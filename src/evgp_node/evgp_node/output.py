@@ -20,14 +20,14 @@ def unwaiting_output() -> Iterator[None]:
     """
     Put a pipe and a thread between the process and its standard output and error.
 
-    rclpy writes its log while it holds the interpreter's lock. If the terminal blocks (Ctrl-S, a
-    hung ssh, a stopped ``ros2 launch``), the next line of the log would block every thread of the
-    process, and officials could no longer stop any kart. With the pipe, output that does not fit
-    is lost instead.
+    rclpy writes its log while it holds the interpreter's lock. If the terminal blocked (Ctrl-S, a
+    hung ssh, a stopped ``ros2 launch``), the next log line would block every thread of the
+    process, and officials could no longer stop any kart. With the pipe, output for which there is
+    no room is lost instead.
     """
     for stream in (1, 2):
         if os.isatty(stream):
-            # rcutils would see a pipe and leave out the colours.
+            # Otherwise, rcutils would see a pipe and write no colours.
             os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
     pumps = [_Pump(stream) for stream in (1, 2)]
     try:
@@ -53,8 +53,8 @@ class _Pump:
         self._thread.start()
 
     def finish(self) -> None:
-        """Restore the descriptor, and wait up to `FINISH_TIMEOUT` until everything is printed."""
-        # This closes the last writing end of the pipe, so that the thread ends.
+        """Restore the descriptor, and give the thread `FINISH_TIMEOUT` to print the rest."""
+        # This closes the last writing end of the pipe, so the thread ends.
         os.dup2(self._original, self._stream)
         self._thread.join(FINISH_TIMEOUT)
 
@@ -65,4 +65,4 @@ class _Pump:
                     count = os.write(self._original, data)
                     data = data[count:]
             except OSError:
-                pass  # the reader is gone, and the process goes on without it
+                pass  # nobody reads the output any longer, and the process goes on

@@ -4,7 +4,7 @@
 """
 Finds duplicate keys and other nodes' sections in parameter files.
 
-ROS silently ignores both, so a setting there would keep its default without any message.
+ROS silently ignores both, so a setting there would have no effect, and no message would say so.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
 
     :param arguments: the command line, which names the files.
     :param node: name of the node, with its namespace, such as /rcs.
-    :param alone: whether the files are for this node only. If not, a file may also have sections
-        for other nodes.
+    :param alone: whether the files are for this node only, so that they must not have sections for
+        other nodes.
     """
     for before, path in itertools.pairwise(arguments):
         if before != '--params-file':
@@ -32,7 +32,7 @@ def ignored(arguments: Sequence[str], node: str, alone: bool) -> Iterator[str]:
         root = yaml.compose(pathlib.Path(path).read_text(encoding='utf-8'), yaml.SafeLoader)
         for key, first in _twice(root):
             line = first.start_mark.line + 1
-            yield _said(path, key, f'{key.value!r} is already given in line {line}. Give it once')
+            yield _said(path, key, f'{key.value!r} is already in line {line}. Write it once')
         sections = [*_sections(root)]
         others = [(name, key) for name, key in sections if not _is_for(name, node)]
         if alone or len(others) == len(sections):
@@ -55,7 +55,7 @@ def _twice(node: yaml.Node | None) -> Iterator[tuple[yaml.Node, yaml.Node]]:
 
 
 def _sections(node: yaml.Node | None, name: str = '') -> Iterator[tuple[str, yaml.Node]]:
-    """Yield the node's name and the key of each section that has parameters."""
+    """Yield the name and the key of each section that has parameters."""
     for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
         inner = f'{name}/{key.value}' if name else str(key.value)
         if isinstance(value, yaml.MappingNode):

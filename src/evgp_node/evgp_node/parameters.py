@@ -5,7 +5,7 @@
 Declares a node's parameters, with meaning and range, and refuses wrong ones in one sentence.
 
 ``rclpy`` ignores undeclared parameters, so a misspelt key in a file would silently leave the
-default in effect. Our nodes refuse such a key when they start, and suggest the right name.
+default in effect. Our nodes instead refuse to start, and suggest the right name.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ def check_address(name: str, address: str) -> None:
     except ipaddress.AddressValueError as error:
         raise ParameterError(
             f'parameter {name}: {address!r} is not an IPv4 address ({error}). '
-            'Give one like 10.0.0.1'
+            'Set one such as 10.0.0.1'
         ) from error
 
 
 class StrictNode(Node):
     """
-    A node that knows every parameter that it was given, even if it never declares it.
+    A node that knows the name of every parameter that was set, even of undeclared ones.
 
-    :ivar beside: other nodes of the process, which only offer services. Each has its own thread.
-    :ivar given: names of the given parameters, without those of ROS itself.
+    :ivar beside: other nodes of the process, each with its own thread, that only offer services.
+    :ivar given: names of the parameters that were set, without those of ROS itself.
     :raises ParameterError: if a parameter has no value.
     :raises GraphError: if the graph cannot be fenced (``graph.fence_graph``).
     """
@@ -73,7 +73,7 @@ class StrictNode(Node):
             )
         except ValueError as error:
             raise ParameterError(
-                f'a parameter has no value ({error}). Give it a value; a list must not be empty'
+                f'a parameter has no value ({error}). Set one; a list must not be empty'
             ) from error
         fence_graph()
         self.given = {
@@ -85,11 +85,11 @@ class StrictNode(Node):
             self.undeclare_parameter(name)
 
     def close(self) -> None:
-        """End the node's threads, and leave everything safe. ROS still works at this time."""
+        """End the node's threads, and leave everything safe. ROS is still running."""
 
 
 class Parameters:
-    """The parameters of one node. The node declares each of them through this object."""
+    """The parameters of one node, which declares each of them through this object."""
 
     def __init__(self, node: StrictNode) -> None:
         self._node = node
@@ -102,10 +102,10 @@ class Parameters:
         Declare a read-only parameter and return its value.
 
         :param name: name of the parameter.
-        :param default: value if none is given. It also determines the type.
+        :param default: the default value, which also determines the type.
         :param meaning: what the parameter means, with its unit.
         :param limits: minimum and maximum of a number; None for no limits.
-        :raises ParameterError: if the given value has another type or is outside the limits.
+        :raises ParameterError: if the value has another type or is outside the limits.
         """
         descriptor = ParameterDescriptor(description=meaning, read_only=True)
         of_texts = isinstance(default, list) and isinstance(default[0], str)
@@ -126,12 +126,12 @@ class Parameters:
         try:
             value: T = self._node.declare_parameter(name, default, descriptor).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            raise ParameterError(f'parameter {name}: {error}. Give {right}') from error
+            raise ParameterError(f'parameter {name}: {error}. Set {right}') from error
         return value
 
     def refuse_unknown(self, own_file: bool = False) -> None:
         """
-        Refuse given parameters that are not declared. Call this after the last ``declare``.
+        Refuse parameters that were set but not declared. Call this after the last ``declare``.
 
         :param own_file: whether to refuse sections for other nodes in a parameter file as well.
         :raises ParameterError: if there is such a parameter, such a section or a duplicate key.

@@ -29,26 +29,26 @@ from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
 SWITCH_INTERVAL = 0.0002
-"""Time after which a thread yields the interpreter to another, in seconds. With Python's usual 5
-ms, a stop would wait for 5 ms while another thread builds a message."""
+"""Time after which a thread yields the interpreter to another, in seconds. With Python's default
+of 5 ms, a stop would wait that long while another thread builds a message."""
 
 LOOK_INTERVAL = 1.0
 """Time between two signs of life of the main thread, in seconds."""
 
 HANGS = 10.0
-"""How long signs of life may be missing before the process ends with exit code 1, in seconds.
-Something such as DDS then holds the interpreter's lock, and only a restart helps."""
+"""Time without signs of life after which the process ends with exit code 1, in seconds. Something
+such as DDS is then holding the interpreter's lock, and only a restart helps."""
 
 CLOSE_TIMEOUT = 8.0
-"""Maximum time for a node to close, in seconds. After this time, the process ends with exit code
-1, and karts stop because their connections are gone."""
+"""Maximum time for a node to close, in seconds. After that, the process ends with exit code 1, and
+karts stop because their connections are gone."""
 
 LAST_WORD = 0.5
-"""Maximum time to wait until subscribers have received a publisher's last messages, in seconds."""
+"""Maximum time for subscribers to receive a publisher's last messages, in seconds."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time for shutting ROS down after the node has closed, in seconds. After this time, the
-process ends with the exit code that it has by then."""
+"""Maximum time for shutting ROS down after the node has closed, in seconds. After that, the
+process ends with its exit code anyway."""
 
 OnFailure = Callable[[BaseException], None]
 
@@ -63,35 +63,33 @@ def run_node(
     """
     Run a node until a signal of `ENDING`, and then `close` it. After that, the process must end.
 
-    The end takes at most `CLOSE_TIMEOUT` plus `TEARDOWN_TIMEOUT`, even if DDS holds the
+    Ending takes at most `CLOSE_TIMEOUT` plus `TEARDOWN_TIMEOUT`, even if DDS holds the
     interpreter's lock.
 
-    :param name: name of the program, which begins each sentence about an error on stderr.
-    :param make_node: a function that creates the node. It gets another function, which the node
-        calls in any thread when it cannot go on.
-    :param refusals: the exceptions that `make_node` raises, or that the node reports later, if a
-        setting is wrong.
+    :param name: name of the program, with which each error message on stderr begins.
+    :param make_node: a function that creates the node. Its argument is a function for the node to
+        call, in any thread, when it cannot go on.
+    :param refusals: exceptions that mean that a setting is wrong; `make_node` raises them, or the
+        node reports them later.
     :param args: command-line arguments; None for those of this process.
-    :param obstacles: the exceptions that `make_node` raises if something is in the way that may go
-        away.
+    :param obstacles: exceptions that `make_node` raises if something is in the way for now.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    # A signal may interrupt any thread, but only the main thread runs Python's handlers. The main
-    # thread therefore waits for a byte, which the interrupted thread writes.
+    # A signal may interrupt any thread, but only the main thread runs Python's handlers. It
+    # therefore waits for a byte, which the interrupted thread writes.
     ending, end = socket.socketpair()
     end.setblocking(False)
     signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
     for number in ENDING:
         signal.signal(number, lambda *_: None)
-    # Ctrl-Z would leave the karts with the last state that they were sent.
+    # Ctrl-Z would leave karts in the state that they were sent last.
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
         code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
     end_within(TEARDOWN_TIMEOUT, code)
-    # Python removes its handlers before the process ends. A signal could then change the exit
-    # code.
+    # Python removes its handlers before the process ends; a signal could then change its code.
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
     take_down()
@@ -102,8 +100,8 @@ def wait_until_heard(*publishers: Publisher) -> None:
     """
     Wait until every reliable subscriber has received the messages of these publishers.
 
-    A publisher that is gone cannot repeat lost messages. If a subscriber no longer listens, this
-    waits for at most `LAST_WORD` for each publisher.
+    Once a publisher is gone, it cannot repeat lost messages. If a subscriber no longer listens,
+    this takes at most `LAST_WORD` for each publisher.
     """
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
@@ -126,8 +124,8 @@ def _run(
         end.send(b'\0')
 
     program, *given = sys.argv if args is None else args
-    # A log file on a disk that hangs would block everything, for the reason that
-    # `unwaiting_output` gives. The option --enable-external-lib-logs turns the file on.
+    # A log file on a hanging disk would block everything, for the reason in `unwaiting_output`.
+    # The option --enable-external-lib-logs turns the file on.
     own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
         bind_graph()
@@ -150,7 +148,7 @@ def _run(
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
     ]
-    # The node and ROS stay until the end, and a garbage collection of them would block everything
+    # The node and ROS stay until the end, and garbage collection among them would block everything
     # for 20 ms.
     gc.collect()
     gc.freeze()

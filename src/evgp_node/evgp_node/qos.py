@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The QoS of topics whose last messages late subscribers must receive as well."""
+"""The QoS of topics whose last messages must also reach late subscribers."""
 
 from __future__ import annotations
 

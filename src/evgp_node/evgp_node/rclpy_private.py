@@ -4,9 +4,9 @@
 """
 The only module of ours that uses private parts of rclpy.
 
-Two errors of rclpy have no public name. The rest of this module does what the public executors
-cannot do: it drops calls and messages that cannot be read, answers a stop without a new wait set,
-and takes everything that waits in a subscription.
+It exports two errors that have no public name, and does what the public executors cannot: drop
+calls and messages that cannot be read, answer a stop without a new wait set, and take everything
+that is waiting in a subscription.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Executor(SingleThreadedExecutor):
     """
     An executor for a graph in which anyone may send anything.
 
-    rclpy raises an error when it receives something that it cannot read. The error would also lock
+    rclpy raises an error when it receives something that it cannot read, and the error would lock
     the node's callbacks forever. This executor drops what it cannot read instead.
     """
 
@@ -61,8 +61,7 @@ class Executor(SingleThreadedExecutor):
             return
         if not isinstance(entity, Service):
             raise error
-        # The callback itself refuses calls that fail, so this error means that the answer could
-        # not be sent.
+        # The callback itself refuses calls that fail, so here it was the answer that failed.
         _dropped(self._log, f'The answer of {entity.srv_name} could not be sent', error)
 
     def _take_service(self, srv: Any) -> Any:
@@ -84,9 +83,9 @@ class Executor(SingleThreadedExecutor):
 
 class Server:
     """
-    An executor for a node that only offers services. It uses a single wait set.
+    An executor with a single wait set, for a node that only offers services.
 
-    rclpy's executor creates a new wait set, a task and two coroutines for each callback. This
+    rclpy's executor creates a new wait set, a task and two coroutines for each callback, which
     would delay a stop by 0.2 ms (docs/dev/decisions.md, record 6). If the node also calls
     services, this executor ignores the answers.
     """
@@ -145,7 +144,7 @@ class Server:
 
 
 def take_waiting(subscription: Subscription, most: int) -> list[Any]:
-    """Return at most `most` messages that wait behind the one in the callback, oldest first."""
+    """Return up to `most` messages that are waiting behind the callback's own, oldest first."""
     waiting: list[Any] = []
     with subscription.handle:
         while len(waiting) < most:

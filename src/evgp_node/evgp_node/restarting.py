@@ -4,11 +4,10 @@
 """
 A small loop that keeps a program running without systemd or ``ros2 launch``.
 
-To use it, run ``python -m evgp_node.restarting program argument ...``
+Usage: ``python -m evgp_node.restarting program argument ...``
 
-The loop restarts a program that dies. `Ends` decides which ends are final. After a final end, the
-loop exits with the program's exit code. A signal of `ENDING` or a closed terminal ends both for
-good.
+The loop restarts a program that dies, unless `Ends` says that this end is final; the loop then
+exits with the program's exit code. A signal of `ENDING` or a closed terminal ends both for good.
 """
 
 from __future__ import annotations
@@ -22,14 +21,13 @@ import sys
 import time
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""Signals that end our programs in good order. Closing a terminal sends one of them."""
+"""Signals that end our programs in good order. A terminal sends one of them when it is closed."""
 
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Time before the first, second, ... restart in a row, in seconds. The last applies to all
-further restarts."""
+"""Times before the first, second, ... restart in a row, in seconds. The last one repeats."""
 
 HEALTHY = 30.0
-"""How long a program must run before the next delay is the first again, in seconds."""
+"""Time for which a program must run before the next restart counts as the first, in seconds."""
 
 FIRST_TRIES = 10.0
 """Maximum time for retrying a program that was never up because something is in the way, in
@@ -64,8 +62,8 @@ class Ends:
         :param now: the time by the same clock, in seconds.
         """
         if code not in (WRONG_SETTING, IN_THE_WAY):
-            # The program was up with these settings. A later refusal may be due to its own
-            # remains, or to a change around it.
+            # The program was up with these settings, so a later refusal may be due to its own
+            # remains or to a change around it.
             self._was_up = True
             self._tries_since = now
         if code == 0:
@@ -82,7 +80,7 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
 
     :param command: the program and its arguments.
     :param gives_way: as for `Ends`.
-    :return: the program's exit code, or 128 plus the number of the signal that ended it. 0 if a
+    :return: the program's exit code, or 128 plus the number of the signal that ended it; 0 if a
         signal came while the program was not running.
     """
     told, tell = os.pipe()
@@ -91,12 +89,12 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     for number in ENDING:
         signal.signal(number, lambda *_: None)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z
-    # If the parent ignores SIGCHLD, this process could not learn how the program ended.
+    # If SIGCHLD stayed ignored, as some parents leave it, the program's exit code would be lost.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     news = select.poll()
     news.register(told, select.POLLIN)
     if os.isatty(0):
-        # Notice here when the terminal is closed. The kernel signals only the terminal's first
+        # Watch for a closed terminal here, because the kernel signals only the terminal's first
         # process, which may be make.
         news.register(0, 0)
     name = os.path.basename(command[0])  # noqa: PTH119
@@ -116,7 +114,7 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
         os.close(ended)
         if is_told:
             program.terminate()
-            program.send_signal(signal.SIGCONT)  # a stopped program could not end
+            program.send_signal(signal.SIGCONT)  # a suspended program could not end
         code = program.wait()
         now = time.monotonic()
         failures = 1 if now - began >= HEALTHY else failures + 1

@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The results of races, as plain data.
+The results of races, as plain data with the fields of `Results.msg` and its parts.
 
-`Results.msg` and its parts contain the same fields as these types. The timekeeper computes the
-results. The board, the windows and the reports only show them.
+The timekeeper computes the results. The board, the windows and the reports only show them.
 
 This module is pure.
 """
@@ -23,8 +22,7 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
     """
     Return a time as minutes and seconds, such as ``1:02.345``.
 
-    :param seconds: the time, in seconds. For None or a number that is not finite, the result is
-        empty.
+    :param seconds: the time, in seconds. If it is None or not finite, the text is empty.
     :param digits: number of digits after the point.
     """
     if seconds is None or not math.isfinite(1000 * seconds):
@@ -36,28 +34,28 @@ def lap_time(seconds: float | None, digits: int = 3) -> str:
 
 
 TIMING_GONE = 3.0
-"""How long results may be missing before screens say that there is no timing, in seconds. The
-timekeeper sends results once a second."""
+"""Time without results after which screens say that there is no timing, in seconds. The timekeeper
+publishes results at least once a second."""
 
 BY_HAND = 'official'
 """The source of passings that officials enter (COUNT_PASSING)."""
 
 
 class Identity(NamedTuple):
-    """The identity of a passing. A repeated passing has the same identity."""
+    """The identity of a passing, which its repeats share."""
 
     source: str
     session: str
     number: int
 
     def __str__(self) -> str:
-        """Return the identity as officials name it."""
+        """Return the passing's name for officials."""
         return f'{self.source} {self.number}'
 
 
 class Passing(NamedTuple):
     """
-    A passing as its source sent it. The fields mean the same as in ``evgp_rcs_msgs/Passing``.
+    A passing as its source sent it. ``evgp_rcs_msgs/Passing`` explains the other fields.
 
     :param stamp_ns: time of the crossing, in ns since the epoch of the source's clock.
     :param strength: signal strength in the device's own unit; None if it is unknown.
@@ -121,7 +119,7 @@ class Penalty(NamedTuple):
 
 
 class Status(enum.Enum):
-    """The status of a kart in the results. From ``DNF`` on, a kart has no place."""
+    """The status of a kart in the results. With ``DNF`` and those after it, it has no place."""
 
     RUNNING = 'RUNNING'
     CLASSIFIED = 'CLASSIFIED'
@@ -134,11 +132,11 @@ class KartResult(NamedTuple):
     """
     The result of one kart.
 
-    :param place: place from 1; 0 if it has none. Karts with equal results share a place.
+    :param place: place from 1, which karts with equal results share; 0 if the kart has none.
     :param laps: number of laps that count, after penalties.
-    :param total: total time with the seconds of penalties, in seconds. In a race, it is the time
-        from GREEN_GREEN to the last crossing. Otherwise, it is the sum of the laps. None if the
-        kart has no lap.
+    :param total: total time including time penalties, in seconds. In a race, it counts from
+        GREEN_GREEN to the last crossing; otherwise, it is the sum of the laps. None if the kart
+        has no lap.
     :param lap_times: time of every lap, in seconds.
     :param penalties: the kart's penalties, in the order in which officials gave them.
     """
@@ -163,7 +161,7 @@ class Judged(NamedTuple):
 
     :param kart: number of the kart that crossed; 0 if it is unknown.
     :param at: time from GREEN_GREEN to the crossing, in seconds.
-    :param struck: why an official struck it out, and who did; empty if none did.
+    :param struck: why the passing was struck out, and by which official; empty if it was not.
     """
 
     passing: Passing
@@ -226,8 +224,7 @@ class Corrected(NamedTuple):
     A correction that the timekeeper has accepted.
 
     :param at: when the correction arrived, in seconds.
-    :param run: id of the run of race control to which the corrected race belongs; empty if no race
-        was known.
+    :param run: id of the run of race control with the corrected race; empty if there was no race.
     :param race: number of the corrected race in that run.
     """
 
@@ -250,7 +247,7 @@ class HeatGrid(NamedTuple):
 
 class RaceOfEvent(NamedTuple):
     """
-    A race of this event, as the timekeeper recorded it.
+    A race of this event, in the timekeeper's list.
 
     :param number: number of the race in the event, from 1.
     :param heat: name of the heat in the race; empty if there is none.
@@ -267,7 +264,7 @@ class RaceOfEvent(NamedTuple):
 
 
 class Standings(NamedTuple):
-    """The results of the newest race. The fields mean the same as in `Results.msg`."""
+    """The results of the newest race, with the fields of `Results.msg`, which explains them."""
 
     stamp: float = 0.0
     run: str = ''
@@ -290,7 +287,7 @@ class Standings(NamedTuple):
         return next((each for each in self.karts if each.kart == number), None)
 
     def behind(self, number: int) -> str:
-        """Return how far a kart is behind the first, such as ``+1 lap``; empty if it is not."""
+        """Return a kart's distance behind the first, such as ``+1 lap``; empty if it has none."""
         kart, first = self.kart(number), next(iter(self.karts), None)
         if kart is None or first is None or not kart.place:
             return ''
@@ -306,6 +303,6 @@ class Standings(NamedTuple):
         return f'+{gap:.3f}' if gap < 60.0 else f'+{lap_time(gap)}'
 
     def laps_left(self, number: int) -> int:
-        """Return how many laps a kart still has to drive; 0 if the race has no number of laps."""
+        """Return the number of laps left for a kart; 0 if the race has no set number of laps."""
         kart = self.kart(number)
         return 0 if kart is None else max(0, self.laps - len(kart.lap_times))

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The roster lists the karts, those of them in the first race, and the heats (§3.F, §4.A).
+The roster lists the karts, which of them are in the first race, and the heats (§3.F, §4.A).
 
-This module only parses: it turns text into a ``Roster`` or one ``RosterError``. An official edits
-the file by hand minutes before a race, so the error lists every fault at once, with its line and
-what to write instead. The parser reads the YAML as a tree of nodes that know their lines, and
-never turns it into objects. It refuses every feature of YAML that the roster does not need.
+This module turns text into a ``Roster`` or one ``RosterError``, and does nothing else. An official
+edits the file by hand minutes before a race, so the error lists every fault at once, with its line
+and what to write instead. The parser reads the YAML as a tree of nodes with their lines, never as
+objects, and refuses every feature of YAML that the roster does not need.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ _Read = TypeVar('_Read')
 
 class RosterError(ValueError):
     """
-    The roster cannot be used. The text is for the official who wrote the roster.
+    The roster cannot be used. The text tells the official who wrote it what to mend.
 
-    The text has one line for each fault, in the order of the file. Each line names the file and,
-    if possible, the line in it: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line
-    4); give every kart its own address`.
+    It has one line for each fault, in the order of the file. Each line names the file and, if
+    possible, the line in it: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
+    give every kart its own address`.
 
-    :ivar as_roster: if the file is another program's list of karts, that list as a roster with
-        gaps. Otherwise empty.
+    :ivar as_roster: another program's list of karts as a roster with gaps; empty if the file is no
+        such list.
     """
 
     as_roster = ''
@@ -77,7 +77,7 @@ class RosterEntry:
     :ivar address: IPv4 address of the kart.
     :ivar in_race: whether the kart is in the first race.
     :ivar inspected: date of the kart's inspection, YYYY-MM-DD; empty if there was none.
-    :ivar transponders: the kart's transponders. No other kart has them.
+    :ivar transponders: the kart's own transponders.
     """
 
     number: int
@@ -89,7 +89,7 @@ class RosterEntry:
 
 
 class Format(enum.Enum):
-    """The format of a race. It decides how karts get their places."""
+    """The format of a race, which determines how karts are placed."""
 
     RACE = 'race'
     TIME_TRIAL = 'time_trial'
@@ -102,9 +102,9 @@ class Heat:
     A heat: a group of karts that race together.
 
     :ivar karts: numbers of the karts, in ascending order.
-    :ivar laps: number of laps that each kart drives; 0 if the roster does not set it.
+    :ivar laps: number of laps that each kart must drive; 0 if the roster does not set it.
     :ivar grid_from: heat or format whose results give the starting order; empty if none.
-    :ivar auto_finish: whether the timekeeper sends FINISH for a kart at its last lap.
+    :ivar auto_finish: whether the timekeeper sends FINISH for a kart that completes its last lap.
     """
 
     name: str
@@ -120,8 +120,8 @@ class Roster:
     """
     The karts of the event and its heats, in the order of the file. There is at least one kart.
 
-    Numbers, addresses, transponders and names of heats are unique. A heat has only karts of the
-    roster, and gets its starting order from another heat or a format.
+    Numbers, addresses, transponders and names of heats are unique. Every kart of a heat is in the
+    roster, and a heat never takes its starting order from itself.
     """
 
     entries: tuple[RosterEntry, ...]
@@ -130,7 +130,7 @@ class Roster:
 
 def load_roster(path: pathlib.Path) -> Roster:
     """
-    Return the roster in a YAML file. It is the list that §3.F provides race control with.
+    Return the roster in a YAML file, which is the list of karts that §3.F requires.
 
     :param path: path of the file.
     :raises RosterError: if the file cannot be read or is not a roster.
@@ -146,7 +146,7 @@ def load_roster(path: pathlib.Path) -> Roster:
     except ValueError as error:  # a path that no file can have, for example with a null byte
         reason = f'is not a file name ({error}); name a readable file'
         raise RosterError(f'{path!s}: {reason}') from error
-    # Check this before decoding, which would fail for a text that is cut within a character.
+    # Check this before decoding, which would fail if the text was cut within a character.
     if len(content) > MAX_BYTES:
         raise _too_large(str(path))
     try:
@@ -166,7 +166,7 @@ def parse_roster(text: str, source: str) -> Roster:
 
     :param text: the text.
     :param source: name of the file, for messages.
-    :raises RosterError: if the text is not a roster. There are no other exceptions.
+    :raises RosterError: if the text is not a roster. No other exception is raised.
     """
     return _Parser(source).parse(text)
 
@@ -179,7 +179,7 @@ def _too_large(source: str) -> RosterError:
 
 
 class _FaultError(Exception):
-    """A fault at a line, or of the whole file (line 0), after which reading cannot go on."""
+    """A fault that ends the reading of a part, at a line or (line 0) of the whole file."""
 
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(line, reason)
@@ -188,7 +188,7 @@ class _FaultError(Exception):
 
 
 class _Parser:
-    """A parser of one text. It collects the faults, so that it can report them together."""
+    """A parser of one text, which collects all faults in order to report them together."""
 
     def __init__(self, source: str) -> None:
         self._source = source
@@ -250,8 +250,8 @@ class _Parser:
         """
         Return the tree of the text, in which each node occurs once, with YAML's own types.
 
-        With anchors and tags, YAML can grow without bound and name any type. A roster does not
-        need them, so this method refuses them before it builds the tree.
+        Anchors let YAML grow without bound, and tags can name any type. A roster needs neither, so
+        they are refused before the tree is built.
         """
         depth = 0
         with contextlib.suppress(yaml.YAMLError, ValueError, OverflowError):  # reported below
@@ -269,7 +269,7 @@ class _Parser:
                 # Limit the depth, because composing recurses. A kart's fields are three levels
                 # deep.
                 if depth > 10:
-                    raise _fault(event, "is nested too deep; list the karts under 'karts:'")
+                    raise _fault(event, "is nested too deeply; list the karts under 'karts:'")
             return yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.MarkedYAMLError as error:
             raise _broken(text, error) from error
@@ -282,20 +282,20 @@ class _Parser:
             raise _not_yaml(0, error) from error
 
     def _refuse_cuts(self, text: str) -> None:
-        """Report each comment after a name or in a list, because it may cut off a part of it."""
+        """Report each comment after a name or in a list, because it may cut part of that off."""
         inside = 0
         for token in yaml.scan(text, Loader=yaml.SafeLoader):
             inside += isinstance(token, (yaml.FlowSequenceStartToken, yaml.FlowMappingStartToken))
             inside -= isinstance(token, (yaml.FlowSequenceEndToken, yaml.FlowMappingEndToken))
             if inside > 10:
-                return  # nested too deep, which is reported next
+                return  # nested too deeply, which is reported next
             name = isinstance(token, yaml.ScalarToken) and token.plain and _is_text(token.value)
             end = token.end_mark
             if (inside or name) and _COMMENT.match(text, end.index):
                 self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
-        """Check each kart of the list by itself and against the earlier ones, and yield it."""
+        """Check each kart on its own and against the earlier ones, and yield it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
         carriers: dict[str, tuple[str, int]] = {}
@@ -369,7 +369,7 @@ class _Parser:
         return tuple(str(each.value).strip() for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Check each heat by itself and against the karts, and yield it."""
+        """Check each heat on its own and against the karts, and yield it."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
             self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
@@ -481,7 +481,7 @@ class _Parser:
         what: str,
         optional: tuple[str, ...] = (),
     ) -> dict[str, yaml.Node]:
-        """Return the fields of a mapping, and report those that are unknown, double or missing."""
+        """Return a mapping's fields, and report any that are unknown, duplicate or missing."""
         if not isinstance(node, yaml.MappingNode):
             raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
         fields: dict[str, yaml.Node] = {}
@@ -507,7 +507,7 @@ class _Parser:
         return fields
 
     def _number_in(self, node: yaml.Node) -> int | None:
-        """Return the number of a kart, or None, for messages about its other fields."""
+        """Return a kart's number, for messages about its other fields; None if it is unknown."""
         for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
             if isinstance(key, yaml.ScalarNode) and key.value == 'number':
                 try:
@@ -546,7 +546,7 @@ class _Parser:
             raise _fault(
                 node, f'{kart}: address {_shown(node)} is not an IPv4 address{why}; {right}'
             ) from error
-        # No kart can connect from these.
+        # No kart can connect from such an address.
         if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
             kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
             raise _fault(
@@ -580,7 +580,7 @@ class _Parser:
     def _tried(
         self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
     ) -> _Read | None:
-        """Read a node. Report a fault. Return ``None`` for a missing node or a fault."""
+        """Return what a node contains, or report its fault; None after a fault or without node."""
         if node is None:
             return None
         try:
@@ -602,7 +602,7 @@ CUT = (
 
 
 def _is_text(scalar: str) -> bool:
-    """Return whether a scalar may be a name, and not a number, address, date, true or false."""
+    """Return whether a scalar may be a name, as a number, address, date or truth value is not."""
     return not re.fullmatch(r'[-.:\d]+|true|false|yes|no|on|off', scalar, re.IGNORECASE)
 
 
@@ -619,7 +619,7 @@ _FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]
 
 
 def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
-    """Return the fault of a text that is not YAML, in words that help its author."""
+    """Return the fault of a text that is not YAML, worded for its author."""
     mark = error.problem_mark or error.context_mark
     if mark is None:
         return _not_yaml(0, error.problem or error.context)
@@ -631,7 +631,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
         "found character '\\t'"
     ):
         return _FaultError(at + 1, 'has a tab character; use spaces instead')
-    # Without a space after the colon, YAML does not see a field, and the next line does not fit.
+    # Without a space after the colon, YAML sees no field, and then the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
         if (
@@ -658,7 +658,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:
-    """Return the number, from 1, of the line in which a node or event begins."""
+    """Return the number of the line, from 1, in which a node or event begins."""
     mark = where.start_mark
     assert mark is not None  # PyYAML's parser marks all nodes and events
     return mark.line + 1

@@ -21,13 +21,13 @@ class Spinning:
     """
     A thread that runs the callbacks of a node.
 
-    Input from the graph cannot end the thread. The thread drops a request, message or answer that
-    it cannot read, refuses a call whose callback raises an exception, and logs both. An exception
-    in any other callback is a failure of this process.
+    Input from the graph cannot end the thread. It drops requests, messages and answers that it
+    cannot read, refuses a call whose callback raises an exception, and logs both. An exception in
+    any other callback is a failure of this process.
 
-    :param node: the node, which already has all its services.
+    :param node: the node, which must already have all its services.
     :param on_failure: called with the error, in the thread, when the thread cannot go on.
-    :param only_serves: whether the node only offers services. Its calls are then answered faster.
+    :param only_serves: whether the node only offers services, so that calls are answered faster.
     """
 
     def __init__(
@@ -48,8 +48,8 @@ class Spinning:
         """
         End the thread once the current callback has returned.
 
-        After that, the caller may destroy the node and its context. `rclpy` would also shut down
-        an executor that still spins, but would then destroy what the executor uses.
+        After that, the caller may destroy the node and its context. `rclpy` alone would destroy
+        what a running executor is still using.
 
         :param timeout: maximum time to wait, in seconds; None for no limit.
         :return: whether the thread has ended.

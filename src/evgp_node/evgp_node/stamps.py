@@ -16,9 +16,8 @@ def stamp_of(nanoseconds: int) -> Time:
     """
     Return a wall time, in nanoseconds since 1970, as a message.
 
-    The seconds of a message have 32 bits and end in January 2038. A later time becomes the last
-    time that fits, and a time before 1970 becomes 1970. A wrong clock therefore never prevents a
-    message.
+    A message's seconds have 32 bits, which end in January 2038. A later time becomes the last one
+    that fits, and a time before 1970 becomes 1970, so that a wrong clock never prevents a message.
     """
     seconds, rest = divmod(min(max(nanoseconds, 0), _LAST), _NS)
     return Time(sec=seconds, nanosec=rest)

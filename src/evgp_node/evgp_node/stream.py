@@ -4,9 +4,8 @@
 """
 Streams of typed entries, of which race control and the timekeeper each write one.
 
-`Began` is the first entry of every stream. Its id joins the streams of a run. A stream consists of
-blocks of entries. Each block contains the number of entries before it, so that a reader notices
-and counts missing entries.
+A stream begins with `Began` and consists of blocks of entries. Each block contains the number of
+entries before it, so that a reader notices and counts missing entries.
 
 This module is pure.
 """
@@ -23,15 +22,14 @@ from evgp_node.encoding import DAMAGED, reader, written
 _Entry = TypeVar('_Entry')
 
 SCHEMA_VERSION = 11
-"""Version of the files that contain such streams: their ``user_version``."""
-
+"""The ``user_version`` of the files that contain such streams."""
 
 BOOK = 'timing.sqlite3'
 """File name of the timekeeper's book. It is in the same folder as the record."""
 
 
 class DamagedError(ValueError):
-    """An entry or a block is damaged. The text says what is wrong."""
+    """An entry or a block is damaged. The text says how."""
 
 
 class Began(NamedTuple):
@@ -40,7 +38,7 @@ class Began(NamedTuple):
 
     :param run: random id of the run, which joins the streams of several programs.
     :param program: name of the program that writes this stream.
-    :param wall_ns: wall time of its beginning, in ns since the epoch.
+    :param wall_ns: wall time when the stream began, in ns since the epoch.
     """
 
     run: str
@@ -50,9 +48,9 @@ class Began(NamedTuple):
 
 class Gap(NamedTuple):
     """
-    A gap where entries are missing. A stream does not contain gaps. Its reader finds them.
+    A place where entries are missing, which is not in the stream itself but found by its reader.
 
-    :param entries: number of missing entries; 0 if the number is unknown.
+    :param entries: number of missing entries; 0 if it is unknown.
     :param why: the reason, as a phrase.
     :param damaged: True if the entries exist but cannot be read, False if they do not exist.
     """
@@ -84,7 +82,7 @@ class Block(NamedTuple):
         return self.data.count(b'\n')
 
     def compressed(self) -> bytes:
-        """Return the block in its compressed form. This form reveals damage."""
+        """Return the block in its compressed form, which reveals damage."""
         return zlib.compress(b'%d\n%s' % self)
 
     @staticmethod
@@ -102,7 +100,7 @@ class Block(NamedTuple):
 
 
 def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Yield the same entries in as few blocks as possible, with a new block after each gap."""
+    """Join blocks between which no entries are missing, and yield the results."""
     parts: list[Block] = []
     expected = 0
     for block in blocks:
@@ -119,7 +117,7 @@ class Stream(Generic[_Entry]):
     """
     The encoding of one kind of stream.
 
-    :param kinds: types of the entries, which are named tuples or dataclasses that can be iterated.
+    :param kinds: types of the entries: named tuples, or dataclasses that can be iterated.
     :param check: a function that raises ValueError for an invalid entry.
     """
 
