@@ -4,7 +4,7 @@
 """
 Makes untrusted texts safe, so that a terminal, a page or a table only displays them.
 
-The code is pure.
+This module is pure.
 """
 
 from __future__ import annotations

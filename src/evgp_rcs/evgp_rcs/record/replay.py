@@ -5,13 +5,13 @@
 Runs the rules again on the inputs of a stream, and compares the outputs with the stream.
 
 With the rules that made the record, nothing may differ: no order to a kart, no event, and no time
-of an event. The replay names the first difference. To learn what happened in a run, iterate over
-`Replay.steps` and inspect the race; there is no other account of a run.
+of an event. The replay names the first difference. `Replay.steps` is also the only account of what
+happened in a run: iterate over it and inspect the race.
 
-The time of an event is exactly that of the input that caused it. Inputs contain no wall times, and
-do not cause the events `OF_THE_SERVER`, so only the number and order of these events can be
-checked. The replay reports steps of the wall clock, but cannot know whether somebody set the clock
-or changed the record.
+An event has exactly the time of the input that caused it. The events `OF_THE_SERVER` are not
+caused by inputs, so only their number and order can be checked. Inputs contain no wall times: the
+replay reports steps of the wall clock, but cannot know whether somebody set the clock or changed
+the record.
 """
 
 from __future__ import annotations
@@ -39,13 +39,14 @@ from evgp_rcs.rules.inputs import Entry, Input, Ordered, Rules, Shown
 from evgp_rcs.rules.race import Event, EventKind, Order, Outcome, Race, StampedEvent
 
 OF_THE_SERVER = frozenset({EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED})
-"""Kinds of events that do not come from the rules."""
+"""Kinds of events that the rules do not produce."""
 
 LONGEST = 400
 """Maximum length of a value as text, in characters."""
 
 MOST_CLOCK_STEP = 0.1
-"""Maximum ignored difference between the two clocks from one event to the next, in seconds."""
+"""Maximum difference between the two clocks, from one event to the next, that does not count as a
+step, in seconds."""
 
 
 class Difference(NamedTuple):
@@ -53,11 +54,11 @@ class Difference(NamedTuple):
     A difference between a record and its replay, and the input at which it occurs.
 
     :param at: time since the run began, in seconds.
-    :param number: number of the input, from 1; 0 if the difference is before the first.
+    :param number: number of the input, from 1; 0 before the first input.
     :param given: the input as text.
-    :param what: what differs.
-    :param recorded: its value in the record.
-    :param replayed: its value in the replay.
+    :param what: name of the value that differs.
+    :param recorded: the value in the record.
+    :param replayed: the value in the replay.
     """
 
     at: float
@@ -79,9 +80,7 @@ class Difference(NamedTuple):
 
 class ClockStep(NamedTuple):
     """
-    A step of the wall clock against the clock of the rules, since the previous event.
-
-    Somebody set the computer's clock, or changed the record; a replay cannot tell which.
+    A step of the wall clock against the rules' clock since the previous event.
 
     :param by: size of the step, in seconds.
     """
@@ -95,9 +94,9 @@ class Step(NamedTuple):
     An entry of a stream, and its results.
 
     :param entry: an input, an event of the server, a snapshot that was shown, or a gap.
-    :param race: the race after it; None if only the stream is known from here on.
-    :param outcome: the outcome of an input.
-    :param events: the events of the stream that the entry caused, or that it is.
+    :param race: the race after the entry; None if only the stream is known from here on.
+    :param outcome: the outcome, if the entry is an input.
+    :param events: the events that the entry caused, or the entry itself if it is an event.
     """
 
     entry: Input | StampedEvent | Shown | Gap
@@ -112,12 +111,12 @@ class _EndError(Exception):
 
 class Replay:
     """
-    One run of the rules on a stream; `steps` fills in what it finds.
+    One run of the rules on a stream. `steps` fills in the results.
 
     :ivar rules: the setup of the rules; None if it is missing.
-    :ivar seconds: time up to which the stream was compared, since the run began, in seconds.
-    :ivar missing: why the replay could not continue to the end, as a clause; empty if it could.
-    :ivar clock_steps: where the wall clock deviated from the clock of the rules.
+    :ivar seconds: time since the run began, up to which the stream was compared, in seconds.
+    :ivar missing: a clause that says why the replay ended early; empty if it did not.
+    :ivar clock_steps: the steps of the wall clock against the rules' clock.
     """
 
     def __init__(self, kept: Kept) -> None:
@@ -129,7 +128,7 @@ class Replay:
         self.missing = ''
         self.clock_steps: list[ClockStep] = []
         self._race: Race | None = None
-        # The last input, its outcome, and what follows it in the stream.
+        # The last input, its outcome, and the orders and events that follow it in the stream.
         self._given: Input | None = None
         self._outcome: Outcome | None = None
         self._orders: list[Order] = []
@@ -145,7 +144,7 @@ class Replay:
 
     @property
     def lacks(self) -> str:
-        """Return why the race is unknown from some time on, as a clause; empty if it is known."""
+        """Return a clause that says why the race becomes unknown; empty if it is known."""
         if self.difference is not None:
             return f'the rules do not confirm the record ({self.difference.what} differs)'
         return self.missing or ('' if self.rules else 'the setup of the rules is missing')
@@ -157,7 +156,7 @@ class Replay:
         return self
 
     def steps(self) -> Iterator[Step]:
-        """Yield the run step by step; from where the race is unknown, only its events."""
+        """Yield the run step by step; once the race is unknown, only its events."""
         for entry in self.kept.entries():
             try:
                 if isinstance(entry, StampedEvent):
@@ -207,7 +206,7 @@ class Replay:
         if self._race is None:
             self.missing = self.missing or str(gap)
         elif gap.damaged:
-            self._differ('an entry', gap.why, 'they cannot run on it')
+            self._differ('an entry', gap.why, 'they cannot continue after it')
         else:
             self.missing = f'{gap}. Nothing after {self.seconds:.1f} s of the run can be compared'
         raise _EndError
@@ -229,11 +228,11 @@ class Replay:
         self._given, self.seconds = given, seconds
         try:
             self._outcome = inputs.feed(given, race)
-        except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
-            self._differ('an error of the rules', 'it was taken', repr(error))
+        except Exception as error:  # noqa: BLE001 - any error of the rules is a difference
+            self._differ('the result of an input', 'no error', repr(error))
 
     def _finish(self) -> Iterator[Step]:
-        """Compare the results of the last input. They are complete now."""
+        """Compare the results of the last input, which are complete now."""
         outcome = self._outcome or Outcome((), ())
         for recorded, replayed in zip_longest(self._orders, outcome.orders):
             if recorded != replayed:
@@ -261,7 +260,7 @@ class Replay:
         if abs(by) > MOST_CLOCK_STEP:
             self.clock_steps.append(ClockStep(entry, by))
         if self._race is not None and entry.sequence != number:
-            what = f'event {entry.sequence} is in its place'
+            what = f'event {entry.sequence} instead'
             self._differ(f'event {number}', what, f'event {number}')
         if self._race is not None and entry.monotonic < before.monotonic:
             what = f'its time is {entry.monotonic!r}'
@@ -270,7 +269,7 @@ class Replay:
 
     def _compare_event(self, entry: StampedEvent, made: Iterator[Event]) -> None:
         name = f'event {entry.sequence}'
-        # The server omits some of the events that karts cause too often.
+        # If karts cause too many events, the server omits some of them.
         event = next((each for each in made if not each.chatter or each == entry.event), None)
         if event is None or event != entry.event:
             self._differ(name, _fields(entry.event), _fields(event) if event else 'no such event')
@@ -293,9 +292,9 @@ class Replay:
 
     def judge(self) -> tuple[int, list[str]]:
         """
-        Return the verdict after `steps` or `run`.
+        Return the verdict after `steps` or `run`, as an exit code and lines of text.
 
-        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and lines of text.
+        :return: `FAILED` if anything differs, `PARTLY` if the replay is incomplete, or `DONE`.
         :raises UnreadableError: if the stream lacks the setup of the rules.
         """
         run = self.kept.run
@@ -319,16 +318,16 @@ class Replay:
             steps = self.clock_steps
             lines.append(
                 f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
-                f'event {steps[0].event.sequence}, or somebody changed the wall times in the '
+                f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
                 'record. A replay cannot tell which.'
             )
         if self.missing:
             return PARTLY, [*lines, f'The replay is incomplete: {self.missing}']
         if self.kept.goes_on:
-            lines.append('Race control is still writing this run; it was replayed up to now.')
+            lines.append('Race control is still writing this run, which was replayed up to now.')
         elif run.ended_ns is None:
             lines.append(
-                'This run did not end in good order; it was replayed up to its last entry.'
+                'This run did not end in good order. It was replayed up to its last entry.'
             )
         return DONE, lines
 
@@ -362,11 +361,11 @@ def options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=f'{CALLED} replay',
         description='Run the rules again on the inputs of a run (default: the newest), and '
-        'compare every order to a kart and every event, with its time, with the record. A run '
-        'that is still going on is replayed up to now, one that crashed up to its last entry.',
-        epilog='The inputs contain no wall times, and do not cause the events of the server '
-        'itself (refused connections, malformed messages, the end). Of these, only number and '
-        'order are checked. The exit codes are those of rcs_record.',
+        'compare every order to a kart, and every event with its time, with the record. A run '
+        'that is still going on is replayed up to now, and one that crashed up to its last entry.',
+        epilog='Wall times are not checked. Of the events that the server itself causes (refused '
+        'connections, malformed messages, the end), only number and order are checked. The exit '
+        'codes are those of rcs_record.',
     )
     add_run_arguments(parser)
     return parser
@@ -374,7 +373,7 @@ def options() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str]) -> int:
     """
-    Replay a run, and print what was compared and what differs first.
+    Replay a run, and print what was compared and the first difference.
 
     :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
@@ -382,7 +381,7 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         kept = runs.read(runs.choose(wanted.run))
-    # The record is closed now: this may take a long time, and race control must not wait for it.
+    # The record is closed by now: a replay may take long, and race control must not wait for it.
     code, lines = Replay(kept).run().judge()
     print('\n'.join(map(plain, lines)))
     return code or runs.code

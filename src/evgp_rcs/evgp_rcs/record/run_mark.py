@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mark of a run: a small file that says whether race control ended well on this machine.
+The mark of a run: a small file that says whether race control last ended well on this machine.
 
-There is one mark per port, at a fixed place that survives a restart of the machine. It does not
-depend on race control's user, home, record or unit. Race control writes `RUN_BEGAN` to the disk
-before a kart can connect, and, if the run ends normally, how it ended. A mark that cannot be read
-or written proves nothing.
+There is one mark for each port, at a fixed place that survives a restart of the machine and does
+not depend on race control's user, home, record or unit. Race control writes `RUN_BEGAN` to the
+disk before a kart can connect and, when the run ends normally, how it ended. A mark that cannot be
+read or written proves nothing.
 
-If `FOLDER` is private to a service, or is lost when the power fails, it cannot hold a mark; see
-``why_not_lasting``. Without a mark, race control does not start a race (``record_process``).
+A `FOLDER` that is private to a service, or whose files are lost with the power, cannot hold a mark
+(``why_not_lasting``). Without a mark, race control does not start a race (``record_process``).
 """
 
 from __future__ import annotations
@@ -28,11 +28,10 @@ from evgp_protocol import clock
 from evgp_rcs.rules.race import LastRun
 
 FOLDER = pathlib.Path('/var/tmp/evgp-race-control')  # noqa: S108 - see the checks below
-"""Folder of the marks. Every user of the machine may write there, without being root."""
+"""Folder of the marks, in which every user of the machine may write."""
 
 CLAIM_TIMEOUT = 2.0
-"""Maximum time to wait until a race control that is just ending releases its mark or its record,
-in seconds."""
+"""Maximum wait for an ending race control to release its mark or record, in seconds."""
 
 KEEP_EVERY = 1.0
 """Time between two checks that the mark still exists, in seconds."""
@@ -40,34 +39,34 @@ KEEP_EVERY = 1.0
 RUN_BEGAN = LastRun.UNKNOWN.value
 """Text of the mark while race control runs, and after a run that did not end well."""
 
-_SIZE = 32  # a new text overwrites the last one, by one write within one sector
+_SIZE = 32  # so that a single write within one sector replaces the text
 _MOUNTS = pathlib.Path('/proc/self/mountinfo')
 
 
 class InUseError(RuntimeError):
-    """Another running race control has this mark; the message says what to do."""
+    """Another running race control has this mark. The text says what to do."""
 
 
 def place(address: str, port: int) -> pathlib.Path:
     """
     Return the file of the mark.
 
-    :param address: address at which race control listens. Karts on other machines cannot reach a
-        loopback address, so a rehearsal there has a mark of its own.
+    :param address: address at which race control listens. Each loopback address has marks of its
+        own, because karts on other machines cannot reach it; rehearsals use such addresses.
     """
     loopback = ipaddress.IPv4Address(address).is_loopback
     return FOLDER / (f'{address}:{port}' if loopback else str(port))
 
 
 def in_words(error: BaseException) -> str:
-    """Return the text of an error for an official, without the system's error number."""
+    """Return an error's text for officials, without the system's error number."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror.lower()
     return str(error) or type(error).__name__
 
 
 def claim(file: int) -> bool:
-    """Lock a file until it is closed; return whether that was possible."""
+    """Lock a file until it is closed, and return whether that was possible."""
     until = clock.now() + CLAIM_TIMEOUT
     while True:
         try:
@@ -82,7 +81,7 @@ def claim(file: int) -> bool:
 
 def why_not_lasting(folder: pathlib.Path, mounts: str) -> str:
     """
-    Return why a file in this folder would be lost before the next run; empty if it would not.
+    Return why a file in this folder would not last until the next run; empty if it would.
 
     :param mounts: the text of ``/proc/self/mountinfo``.
     """
@@ -105,8 +104,8 @@ class RunMark:
     """
     The mark during a run of race control.
 
-    :param path: file of the mark; see ``place``.
-    :raises InUseError: if another running race control has it.
+    :param path: file of the mark (``place``).
+    :raises InUseError: if another running race control has the mark.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -114,11 +113,11 @@ class RunMark:
         self._file: int | None = None
         self._looked_at = clock.now()
         self.error = ''
-        """Why the mark cannot be written now, as a phrase; empty if it can."""
+        """A phrase that says why the mark cannot be written now; empty if it can."""
         self.last_run = LastRun.UNKNOWN
-        """How the last run ended, if known."""
+        """How the last run ended, if that is known."""
         self.why = ''
-        """Why nothing is known about the last run; empty if something is."""
+        """A phrase that says why nothing is known about the last run; empty if something is."""
         try:
             self.last_run = LastRun(self._begin())
         except OSError as error:
@@ -131,7 +130,7 @@ class RunMark:
         return max(0.0, self._looked_at + KEEP_EVERY - clock.now())
 
     def keep(self) -> None:
-        """Write *began* if that failed before, or if somebody has deleted the mark."""
+        """Write *began* again if that failed before, or if somebody has deleted the mark."""
         self._looked_at = clock.now()
         try:
             if self._file is None or not self._is_there(self._file):
@@ -166,8 +165,8 @@ class RunMark:
             try:
                 if not claim(file):
                     raise InUseError(
-                        f'another race control already has this port (it holds {self._path}). Is '
-                        'another race control still running here? End it, or choose another port'
+                        'another race control on this machine is using this port (it holds '
+                        f'{self._path}). End it, or choose another port'
                     )
                 if not self._is_there(file):
                     raise OSError('it was deleted just now')
@@ -199,7 +198,7 @@ def leave_began(path: pathlib.Path) -> None:
     """
     Write *began* into a mark, so that the next start on this machine assumes the worst.
 
-    If race control is running here, it has already written that.
+    A race control that is running here has already written this.
 
     :raises OSError: if the mark cannot be written.
     """
@@ -239,11 +238,11 @@ def _let_all_write(file: int, mode: int) -> None:
 
 def _open(name: str, folder: int) -> tuple[int, bool]:
     """
-    Open a mark, and return whether it is new.
+    Open a mark, and return its file descriptor and whether the mark is new.
 
-    :raises OSError: if it cannot be written, or is not a regular file without other links.
+    :raises OSError: if the mark cannot be written, or is not a regular file without other links.
     """
-    # Another user may have put a link there, or a pipe, on which opening would block.
+    # Another user may have put a link there, or a pipe, which would block `open`.
     how = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK
     try:
         file, is_new = os.open(name, how, dir_fd=folder), False

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The runs in a record and their streams; a damaged record is repaired first."""
+"""Reads the runs in a record and their streams, if necessary from a repaired copy."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ PARTLY = 3
 """Exit code: done, but incomplete, because the record is damaged."""
 
 NIGHT_NS = 6 * 3600 * 10**9
-"""Minimum time without race control between two days of an event, in nanoseconds. (Dates would
-depend on the reader's time zone.)"""
+"""Minimum time without race control that separates two days of an event, in nanoseconds. (Dates
+would depend on the reader's time zone.)"""
 
 
 class UnreadableError(RuntimeError):
-    """The record, or the run in it, cannot be read; the message says why, and what to do."""
+    """The record, or the run in it, cannot be read. The text says why, and what to do."""
 
 
 CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
-"""Name of this program. It differs in the package for officials."""
+"""Name of this program, which differs in the package for officials."""
 
 
 def say(text: str) -> None:
@@ -85,7 +85,7 @@ class Kept:
     """
     The stream of a run, as read from the record.
 
-    :param goes_on: whether race control is still writing it.
+    :param goes_on: whether race control is still writing the run.
     """
 
     run: Session
@@ -93,23 +93,23 @@ class Kept:
     goes_on: bool = False
 
     def entries(self) -> Iterator[Entry | Gap]:
-        """Yield its entries and gaps; a terminal shows the progress."""
+        """Yield the entries and gaps, and show the progress on a terminal."""
         blocks: Iterable[tuple[int, bytes]] = self.blocks
         if sys.stderr.isatty():
-            from rich.console import Console  # loads in 0.1 s, and most never need it
+            from rich.console import Console  # takes 0.1 s, and is rarely needed
             from rich.progress import track
 
             blocks = track(blocks, 'Reading', console=Console(stderr=True), transient=True)
         return entries_of(blocks)
 
     def lines(self) -> Iterator[bytes]:
-        """Yield the raw lines of each block, one per entry."""
+        """Yield the raw text of each block, with one line for each entry."""
         for _, data in self.blocks:
             with contextlib.suppress(DamagedError):
                 yield Block.of(data).data
 
     def events(self) -> Iterator[StampedEvent | Gap]:
-        """Yield its events and gaps."""
+        """Yield the events and gaps."""
         for entry in entries_of(self.blocks, only=(StampedEvent,)):
             assert isinstance(entry, StampedEvent | Gap)
             yield entry
@@ -122,7 +122,7 @@ class Runs:
 
     :param listed: every run, oldest first.
     :param present: the run that race control is writing now.
-    :param damage: why the file had to be repaired; empty if it did not.
+    :param damage: why the file had to be repaired; empty if that was not necessary.
     """
 
     file: pathlib.Path
@@ -133,14 +133,14 @@ class Runs:
 
     @property
     def code(self) -> int:
-        """Return the exit code after reading this record: complete, or damaged."""
+        """Return the exit code: `PARTLY` if the record is damaged, otherwise `DONE`."""
         return PARTLY if self.damage else DONE
 
     def choose(self, number: int | None) -> Session:
         """
         Return the run with this number, or the newest.
 
-        :raises UnreadableError: if there is none.
+        :raises UnreadableError: if there is no such run.
         """
         for run in reversed(self.listed):
             if number in (None, run.number):
@@ -150,7 +150,7 @@ class Runs:
         raise UnreadableError(f'{self.file} has {what}')
 
     def day_of(self, run: Session) -> list[Session]:
-        """Return the runs with no `NIGHT_NS` between them and this one, oldest first."""
+        """Return the runs of the same day as this one, oldest first (`NIGHT_NS`)."""
         day: list[Session] = []
         for each in self.listed:
             if day and each.began_ns - max(day[-1].began_ns, day[-1].last_ns) > NIGHT_NS:
@@ -167,7 +167,7 @@ class Runs:
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Let a parser take `file` and `--run`."""
+    """Add the arguments `file` and `--run` to a parser."""
     parser.add_argument(
         'file',
         nargs='?',
@@ -188,8 +188,8 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
     Open a record for reading, even while race control is writing it.
 
-    If SQLite cannot read the whole file, its own recovery repairs a copy, and a message says so at
-    the end.
+    If SQLite cannot read the whole file, the runs are read from a copy that SQLite's own recovery
+    has repaired, and a message says so at the end.
 
     :raises UnreadableError: if the record cannot be read, now or later.
     """
@@ -233,7 +233,7 @@ def _damage(file: pathlib.Path, database: sqlite3.Connection) -> str:
         if not _is_damage(error):
             raise
         return str(error)
-    except UnicodeDecodeError:  # from a sentence that names what is garbled
+    except UnicodeDecodeError:  # SQLite's message contains the garbled name
         return 'its schema is garbled'
     return '' if found == 'ok' else str(found).replace('\n', ' ')
 
@@ -257,7 +257,7 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
             shutil.copyfile(each, folder / each.name)
     with copy.open('rb') as stream:
         version = int.from_bytes(stream.read(64)[60:], 'big')
-    # Some distributions build it without `.recover`; `.dump` also skips damaged parts.
+    # Some distributions build sqlite3 without `.recover`; `.dump` also skips damaged parts.
     for way in ('.recover', '.dump'):
         called = [program, '-cmd', 'PRAGMA writable_schema = ON', str(copy), way]
         found = subprocess.run(called, capture_output=True, check=False)
@@ -276,14 +276,14 @@ def _mended(file: pathlib.Path, folder: pathlib.Path, damage: str) -> sqlite3.Co
 
 def _script(found: str) -> str:
     """Return the program's output as one transaction, in which rows may occur twice."""
-    # The first lines may be commands to the program itself.
+    # The first lines may be commands to sqlite3 itself.
     found = re.sub(r'\A(\..*\n)+', '', found)
     found = found.replace('\nROLLBACK; -- due to errors', '\nCOMMIT;')
     return re.sub('^INSERT INTO', 'INSERT OR IGNORE INTO', found, flags=re.MULTILINE)
 
 
 def _check_file(file: pathlib.Path) -> None:
-    """Refuse files on which SQLite would block, or for which its errors are unclear."""
+    """Refuse files on which SQLite would block, or about which its errors would be unclear."""
     if not file.exists():
         raise UnreadableError(
             f'there is no {file}. Give the file that is set as race control\'s parameter "record"'
@@ -291,7 +291,7 @@ def _check_file(file: pathlib.Path) -> None:
     if not file.is_file():
         raise UnreadableError(f'{file} is not a record, because it is not a file')
     if not file.stat().st_size:
-        raise UnreadableError(f'{file} is empty; race control has not written anything into it')
+        raise UnreadableError(f'{file} is empty: race control has not written anything into it')
 
 
 def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
@@ -314,7 +314,8 @@ _WHY_UNREADABLE = {
     'unable to open database file': 'cannot be opened. If its folder is read-only, copy the file '
     'into a folder that is not, together with the files whose names begin the same',
 }
-"""Texts by SQLite's messages, the only way to tell its errors apart before Python 3.11."""
+"""What to say for each of SQLite's messages, which are the only way to tell its errors apart
+before Python 3.11."""
 
 
 def _is_damage(error: sqlite3.Error) -> bool:

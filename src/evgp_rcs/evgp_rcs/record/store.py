@@ -4,15 +4,15 @@
 """
 The record: the stream of each run (``inputs``), and the memory that a race needs after a crash.
 
-A separate process writes the record (``record_process``), in blocks. Each batch is one transaction
-of SQLite, together with the race's memory (§3.E), so that after a crash of the process or the
-machine both end at the same event. Entries without an event are written every `INPUTS_EVERY`
+A separate process writes the record (``record_process``), in blocks. Each write is one SQLite
+transaction of the stream and the race's memory (§3.E), so that both end at the same event after a
+crash of the process or the machine. Entries without an event are written every `INPUTS_EVERY`
 seconds. If the disk fails, everything waits here until a later attempt succeeds.
 
-The next run finds `left_behind`: what this record contains about the last run, or nothing. The
-record cannot know how that run ended; the machine's mark does (``run_mark``). The memory of a
-GREEN_GREEN is on the disk before GREEN_GREEN is sent. Unless another program reads the record just
-then, it is in the file itself, and not only in SQLite's ``-wal`` beside it.
+The next run finds the last run's memory in `left_behind`, if there is one. The record cannot know
+how that run ended; the machine's mark does (``run_mark``). The memory of a GREEN_GREEN is on the
+disk before GREEN_GREEN is sent. Unless another program is reading the record just then, it is in
+the file itself, and not only in SQLite's ``-wal`` beside it.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from evgp_rcs.rules.inputs import Batch, encode, entries_of, Rules
 from evgp_rcs.rules.race import EventKind, RaceMemory, StampedEvent
 
 PROGRAM = 'race control'
-"""Name of the program that writes these streams (``Began``); others may add their own."""
+"""Name of the program that writes these streams (``Began``). Other programs may add their own."""
 
 INPUTS_EVERY = 1.0
-"""Maximum time that entries without an event wait for others, in seconds; this spares a disk that
-must confirm every write."""
+"""Maximum time for which entries without an event are collected, in seconds. This spares the disk,
+which must confirm every write."""
 
 LAST_WORDS = 10.0
-"""Maximum time from the event that ends a run to the last event, in seconds."""
+"""Maximum time from the event that ends a run to the run's last event, in seconds."""
 
 RETRY = 1.0
 """Time after a failure until the next attempt, in seconds."""
@@ -66,11 +66,11 @@ CREATE TABLE memory ( -- what the next run must know; the last one only
 
 
 class RecordError(RuntimeError):
-    """Another race control is using the record, or it is unreliable; race control cannot start."""
+    """Race control cannot start: another one is using the record, or the record is unreliable."""
 
 
 class _NoRecordError(RuntimeError):
-    """The file is not a record, or is damaged; the message says why, and what to do."""
+    """The file is not a record, or is damaged. The text says why, and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,10 +78,10 @@ class Session:
     """
     One run of race control.
 
-    :param ended_ns: wall time of the event of its normal end; None if there is none.
+    :param ended_ns: wall time of its normal end; None if the record has no such event.
     :param events: number of its last event.
     :param last_ns: wall time of its last event.
-    :param id: id of the run, see ``Began``; empty if it cannot be read.
+    :param id: id of the run (``Began``); empty if it cannot be read.
     """
 
     number: int
@@ -94,9 +94,9 @@ class Session:
 
 def rules_version() -> str:
     """
-    Return the version of the rules; the same version replays a run to the same result.
+    Return the version of the rules: 16 hexadecimal digits of a hash of their sources.
 
-    It is a hash of the rules' sources, of 16 hexadecimal digits; empty if they are missing.
+    The same version replays a run to the same result. It is empty if the sources are missing.
     """
     try:
         texts = [
@@ -116,13 +116,13 @@ class Record:
     """
     Writes the record of one run of race control.
 
-    Entries wait in memory until ``write`` writes all of them; only ``write`` and ``end`` wait for
+    Entries wait in memory until ``write`` writes all of them. Only ``write`` and ``end`` wait for
     the disk.
 
-    :param path: the file; created, with its folder, if necessary. If it cannot be written, or is
-        not a record, `error` says why, ``write`` tries again, and nothing is known about the last
-        run.
-    :param run: id of the run; if empty, a random one.
+    :param path: path of the file, which is created with its folder if necessary. If it cannot be
+        written, or is not a record, `error` says why, ``write`` tries again, and nothing is known
+        about the last run.
+    :param run: id of the run; if empty, a random one is chosen.
     :raises RecordError: if another running race control is using the record.
     """
 
@@ -131,8 +131,8 @@ class Record:
         self._path = path
         self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
-        self._since = 0.0  # when the first of them arrived
-        self._urgent = False  # an event is among them
+        self._since = 0.0  # when the first waiting entry arrived
+        self._urgent = False  # an event is waiting
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
         self._memory: RaceMemory | None = None  # to be written
@@ -142,9 +142,9 @@ class Record:
         self._run = 0
         self._claimed: IO[bytes] | None = None
         self.error = ''
-        """Why the last attempt to write failed, as a phrase; empty if it did not."""
+        """A phrase that says why the last attempt to write failed; empty if it succeeded."""
         self.left_behind: RaceMemory | None = None
-        """What is known about the last run; None if nothing is."""
+        """The last run's memory; None if nothing is known about that run."""
         try:
             self._claim()
             self.left_behind = self._open()
@@ -159,7 +159,7 @@ class Record:
         if entries:
             if not self._waiting:
                 self._since = clock.now()
-            # Began comes before all of them.
+            # `Began` precedes all of them.
             self._waiting.append(Block(1 + batch.first, b''.join(map(encode, entries))))
             self._urgent |= any(isinstance(entry, StampedEvent | Rules) for entry in entries)
 
@@ -167,7 +167,7 @@ class Record:
         """
         Save a memory for the next run.
 
-        :param durable: write it into the file itself, not only into the ``-wal``.
+        :param durable: whether it must be in the file itself, not only in the ``-wal``.
         """
         self._memory = memory
         self._durable |= durable
@@ -184,14 +184,14 @@ class Record:
     # ----- writing ------------------------------------------------------------------------
 
     def write(self) -> bool:
-        """Write everything that is waiting; return whether it is on the disk now."""
+        """Write everything that is waiting, and return whether it is on the disk now."""
         try:
             if self._database is None:
                 self._claim()
                 self._open()
             self._write()
         except (*_UNWRITABLE, RecordError) as error:
-            # SQLite's view of the file may be wrong by now, so the next attempt opens it again.
+            # SQLite's view of the file may be wrong now, so the next attempt opens it again.
             if self._database is not None:
                 self._database.close()
                 self._database = None
@@ -300,14 +300,15 @@ class Record:
 
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
-"""The exceptions raised by a file that cannot be written, is damaged, or is not a record."""
+"""The exceptions raised if the file cannot be written, is damaged, or is not a record."""
 
 
 def _checkpoint(database: sqlite3.Connection) -> None:
     """
     Move everything from the ``-wal``, which somebody may delete, into the file itself.
 
-    If another program reads the record, some may stay in the ``-wal``, since this does not wait.
+    While another program reads the record, part of it may stay in the ``-wal``, because this does
+    not wait.
     """
     database.execute('PRAGMA wal_checkpoint(PASSIVE)')
 
@@ -325,7 +326,7 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 
 def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
-    """Return what is known about the last run; None if nothing is."""
+    """Return the last run's memory; None if nothing is known about that run."""
     last = next(sessions(database), None)
     if last is None:
         return None  # there are no runs
@@ -362,7 +363,7 @@ def is_being_written(path: pathlib.Path) -> bool:
     """
     with path.open('rb') as file:
         try:
-            # Release the lock at once; a race control that is starting tries for longer than that.
+            # The lock is released at once, and a starting race control tries for longer than that.
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
@@ -373,7 +374,7 @@ def blocks_of(
     database: sqlite3.Connection, run: int, backwards: bool = False
 ) -> Iterator[tuple[int, bytes]]:
     """
-    Yield the blocks of a run's stream, each with its number and still compressed.
+    Yield the blocks of a run's stream, compressed, each with its number.
 
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
@@ -403,7 +404,7 @@ def _session(database: sqlite3.Connection, number: int) -> Session | None:
         return None
     happened: list[StampedEvent] = []  # the newest ones
     for block in blocks_of(database, number, backwards=True):
-        own = entries_of([block], (StampedEvent,))  # regardless of the blocks before it
+        own = entries_of([block], (StampedEvent,))  # whatever the blocks before it contain
         happened[:0] = [each for each in own if isinstance(each, StampedEvent)]
         if happened and happened[-1].monotonic - happened[0].monotonic > LAST_WORDS:
             break

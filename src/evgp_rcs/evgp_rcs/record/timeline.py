@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The record of a race as a timeline in the terminal."""
+"""``rcs_record show``: prints a run as a timeline in the terminal."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def main(arguments: Sequence[str]) -> int:
         before = None
         if wanted.run is None and len(runs.listed) > 1:
             before = runs.listed[-2]
-    # The record is closed by now, so that a slow pager does not make the race wait.
+    # The record is closed by now, so that a slow pager does not make race control wait.
     if wanted.stream:
         for lines in kept.lines():
             sys.stdout.write(lines.decode(errors='replace'))
@@ -91,7 +91,7 @@ def _describe(run: Session, present: bool) -> str:
 
 
 def _print_timeline(kept: Kept, kart: int | None) -> bool:
-    """Print the events, and where entries are missing; return whether they are complete."""
+    """Print the events and gaps, and return whether there were no gaps."""
     began: float | None = None
     is_whole = True
     for each in kept.events():

@@ -35,7 +35,7 @@ def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | G
     """
     Yield the results and corrections in a book, each with the number of its stream.
 
-    :raises OSError, sqlite3.Error: if it cannot be read.
+    :raises OSError, sqlite3.Error: if the book cannot be read.
     """
     with contextlib.closing(open_read_only(path)) as database:
         (version,) = database.execute('PRAGMA user_version').fetchone()
@@ -59,7 +59,7 @@ def timing_of(record: pathlib.Path) -> Timing:
             elif entry.correction.act is not Act.COUNT:
                 found.corrections.setdefault((entry.run, entry.race), []).append(entry)
     except FileNotFoundError:
-        say(f'there is no {path}; without timing, there is only the order of FINISH')
+        say(f'there is no {path}. Without timing, there is only the order of FINISH')
     except (OSError, sqlite3.Error) as error:
-        say(f'{path} cannot be read ({error}): results of the timekeeper are missing')
+        say(f"{path} cannot be read ({error}), so the timekeeper's results are missing")
     return found

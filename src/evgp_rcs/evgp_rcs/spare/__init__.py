@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The spare machine keeps a copy of race control's files, and can take over from race control.
+The spare machine, which keeps a copy of race control's files and can take over from race control.
 
-This package imports the other packages of race control. None of them imports this package.
+This package imports the other packages of race control, and none of them imports this one.
 """

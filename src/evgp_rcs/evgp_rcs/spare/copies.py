@@ -4,13 +4,13 @@
 """
 ``rcs_spare`` (``make spare``) keeps a copy of race control's files on a spare machine.
 
-These files are the roster, the parameters, the record and the timekeeper's book. The spare machine
-fetches them repeatedly by ssh from race control's machine. It fetches the record and the book as
-SQLite backups, which are consistent even while race control writes the files. A copy replaces the
-last one only when it is complete. ``rcs_takeover`` starts with `latest`.
+The files are the roster, the parameters, the record and the timekeeper's book. The spare machine
+fetches them by ssh again and again. It fetches the record and the book as SQLite backups, which
+are consistent even while the files are being written. A copy replaces the last one only when it is
+complete. ``rcs_takeover`` starts with the `latest` copy.
 
-The first machine may race on after the copy. Before this machine has a copy, its own mark
-(``run_mark``) therefore says *began*, so that every start here assumes the worst.
+The first machine may race on after a copy. Therefore, before a copy is in place here, this
+machine's own mark (``run_mark``) says *began*, so that every start here assumes the worst.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ COPY_TIMEOUT = 20.0
 """Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
-"""Files of a copy. It also has the timekeeper's book (`BOOK`) if that is beside the record."""
+"""Files of a copy, besides the timekeeper's book (`BOOK`) if there is one beside the record."""
 
 ORIGIN = 'from'
-"""Name of a file with the address of the machine from which the copy comes. The file is empty if
-the copy comes from this machine."""
+"""Name of a file with the address of the machine from which the copy comes; empty if the copy
+comes from this machine."""
 
 _REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
 _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
@@ -60,7 +60,7 @@ _PACK = f"""
 import os, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
 with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
-    open(record).close()  # whose error names the file
+    open(record).close()  # the error of this names the file
     copies = []
     for path in (record, os.path.join(os.path.dirname(record), {BOOK!r})):
         if os.path.exists(path):
@@ -76,7 +76,7 @@ with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
 
 
 class SpareError(RuntimeError):
-    """There is no copy, or copying is impossible now. The text says why, as a phrase."""
+    """There is no copy, or none can be made now. The text is a phrase that says why."""
 
 
 def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
@@ -87,7 +87,7 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     :param roster: path of the roster, relative to the folder.
     :param parameters: path of the file of the parameters, relative to the folder.
     :param record: path of the record.
-    :raises SpareError: if that is impossible now, or takes longer than `COPY_TIMEOUT`.
+    :raises SpareError: if that is not possible now, or takes longer than `COPY_TIMEOUT`.
     """
     remote = _REMOTE.fullmatch(source)
     login, _, folder = remote.groups('') if remote else ('', '', source)
@@ -110,7 +110,7 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
 
 def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     """
-    Replace the last copy by this one, and return the age of its newest event, in seconds.
+    Replace the last copy by this one, and return the age of its newest event in seconds.
 
     :param packed: the copy, as from `fetch`.
     :param source: where the copy comes from, as for `fetch`.
@@ -133,7 +133,7 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
         for mark in _marks(folder / f'{PARAMETERS}.new'):
             leave_began(mark)
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
-        # Remove files that a reader has left beside the last copy.
+        # Remove files that a reader may have left beside the last copy.
         for path in (*folder.glob(f'{RECORD}-*'), *folder.glob(f'{BOOK}*')):
             if path.name != f'{BOOK}.new':
                 path.unlink()
@@ -156,7 +156,7 @@ def _write(path: pathlib.Path, data: bytes) -> None:
 
 def _marks(parameters: pathlib.Path) -> set[pathlib.Path]:
     """
-    Return the marks that race control may use here with these parameters, for any node name.
+    Return the marks that race control may use here with these parameters, whatever its node name.
 
     :raises ValueError, yaml.YAMLError: if the parameters cannot be read.
     """
@@ -179,7 +179,7 @@ def _mappings(value: object) -> Iterator[dict[str, object]]:
 
 
 def _newest_event(record: pathlib.Path) -> int:
-    # No program writes this file, so SQLite need not create files beside it.
+    # No program writes this file, so SQLite needs no further files beside it.
     uri = f'{record.absolute().as_uri()}?immutable=1'
     with contextlib.closing(sqlite3.connect(uri, uri=True)) as database:
         newest = next(sessions(database), None)
@@ -193,7 +193,7 @@ def copies() -> pathlib.Path:
 
 def latest() -> pathlib.Path:
     """
-    Return the folder of the newest copy. A takeover may already have used this copy.
+    Return the folder of the newest copy, which a takeover may have used already.
 
     :raises SpareError: if there is no copy.
     """
@@ -209,8 +209,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Copy race control's files repeatedly until Ctrl-C, or once.
 
     :param arguments: command-line arguments; None for those of this process.
-    :return: 0; or 1 if ``--once`` was given and the copy failed. If the usage is wrong, the
-        process exits with 2.
+    :return: 0, or 1 if the copy failed with ``--once``. After a usage error, the process exits
+        with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_spare'),

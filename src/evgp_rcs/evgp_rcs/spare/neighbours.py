@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The checks for another race control on the karts' and the officials' networks before a takeover.
+The checks before a takeover for another race control on the karts' and the officials' networks.
 
-`why_not` decides whether a takeover is allowed, and is pure. It treats an unknown result like an
-answer.
+`why_not`, which is pure, decides whether the takeover is allowed. An unknown result forbids it as
+an answer does.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, Questi
 from evgp_rcs.karts.network_cards import Card, cards
 
 ASK_FOR = 3.0
-"""How long this machine asks who else has an address, in seconds."""
+"""Time for which this machine asks who else has an address, in seconds."""
 
 ANSWER_WITHIN = 1.0
-"""Maximum time for a connection to the old race control, in seconds."""
+"""Maximum time to connect to the old race control, in seconds."""
 
 
 class Found(enum.IntEnum):
-    """The result of a look, from best to worst."""
+    """The result of a check, from best to worst."""
 
     NOTHING = 0
     NOT_KNOWN = 1
@@ -36,20 +36,20 @@ class Found(enum.IntEnum):
 
 
 class Look(NamedTuple):
-    """One look at a network. `what` says what answered, or why the result is not known."""
+    """The check of a network. `what` says what answered, or why the result is not known."""
 
     found: Found
     what: str = ''
 
 
 def why_not(looks: Sequence[Look]) -> str:
-    """Return why an address must not be taken over after these looks; empty if it may be."""
+    """Return why these checks forbid taking an address over; empty if they allow it."""
     worst = max(looks, key=lambda look: look.found, default=Look(Found.NOT_KNOWN, 'not checked'))
     return '' if worst.found is Found.NOTHING else worst.what
 
 
 def link(interface: str) -> Look:
-    """Check that an interface is up and has a cable, without which it hears no other machine."""
+    """Check that an interface is up and has a cable, or it would hear no other machine."""
     if any(each.name == interface and each.plugged for each in cards()):
         return Look(Found.NOTHING)
     return Look(
@@ -63,17 +63,17 @@ def ask(address: str, interface: str, seconds: float = ASK_FOR) -> Look:
     """
     Ask whether another machine on the network of an interface has an address.
 
-    This asks like race control's own watch, but announces nothing.
+    The questions are those of race control's own watch, but nothing is announced.
 
     :param address: the IPv4 address.
     :param interface: name of the interface.
-    :param seconds: time that this takes if there is no answer, in seconds.
+    :param seconds: time after which there is no answer, in seconds.
     """
     return _ask(address, interface, lambda card: card.name == interface, seconds)
 
 
 def ask_where_it_is(address: str) -> Look:
-    """Ask whether another machine has an address, at each interface on the address's network."""
+    """Ask on each interface in an address's network whether another machine has the address."""
     where, ip = f'the network of {address}', ipaddress.IPv4Address(address)
     return _ask(address, where, lambda card: any(ip in own.network for own in card.addresses))
 

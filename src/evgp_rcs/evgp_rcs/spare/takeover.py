@@ -5,10 +5,10 @@
 ``rcs_takeover`` (``make takeover``) makes a spare machine race control.
 
 The spare machine takes race control's address only if nothing answers on any network of the old
-race control. It then starts race control and the timekeeper with the copy that ``rcs_spare`` has
-kept, as ``make run`` would. A copy proves nothing, so the race comes back in RED_RED, as after a
-crash. Race control keeps watching its address. If another machine gets the address, race control
-ends and does not start again, and this machine releases the address.
+race control. It then starts race control and the timekeeper, as ``make run`` would, with the copy
+that ``rcs_spare`` has kept. A copy proves nothing about the karts, so the race comes back in
+RED_RED, as after a crash. Race control keeps watching its address. If another machine gets it,
+race control ends for good, and this machine releases the address.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ ip address delete "$1" dev "$2"
 
 
 def look_among_officials(own_address: str) -> Look:
-    """Look for a race control on the officials' network, where this machine has this address."""
+    """Check the officials' network, where this machine has this address, for a race control."""
     interface = interfaces().get(own_address)
     if interface is None:
         return Look(Found.NOT_KNOWN, f'no interface of this machine has the address {own_address}')
@@ -65,7 +65,7 @@ def look_among_officials(own_address: str) -> Look:
     try:
         bind_graph()
         rclpy.init(context=context)
-        # This node needs race control's name, so that it looks for race control's topics.
+        # With race control's name, this node looks for race control's topics.
         node = Node('rcs', context=context, start_parameter_services=False, enable_rosout=False)
         fence_graph()
         refuse_rivals(node)
@@ -83,7 +83,7 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
     """
     Add an address to an interface of this machine, and remove it at the end of the context.
 
-    The address is also removed if this process ends before.
+    The address is also removed if this process ends first.
 
     :param address: the address and its network.
     :param interface: name of the interface.
@@ -98,7 +98,7 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         assert shell.stdout is not None
         if not shell.stdout.readline():
             raise OSError(
-                f'cannot add the address {address} to {interface}. This needs root (sudo, or '
+                f'the address {address} cannot be added to {interface}. This needs root (sudo, or '
                 'CAP_NET_ADMIN)'
             )
         yield
@@ -119,7 +119,7 @@ def timekeeper(copy: pathlib.Path) -> Iterator[None]:
 
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
     """
-    Take the address over if no other machine has it, and run race control until it ends for good.
+    Take the address over if no other machine has it, and run race control until a final end.
 
     :param address: race control's address and its network.
     :param interface: name of the interface that gets the address.
@@ -146,7 +146,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     with contextlib.nullcontext() if rehearsed else held(address, interface):
         if copy == copies():  # so that a later copy does not overwrite it
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
-        leave_began(place(own, port))  # the first machine may have raced on since the copy
+        leave_began(place(own, port))  # the first machine may have raced on after the copy
         _say(
             f'This machine is race control now. Its copy is {age:.0f} s old ({copy}). Any kart '
             'may be moving, so the race is in RED_RED. Ctrl-C ends race control and releases the '
@@ -171,8 +171,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Take over race control's address, and run race control.
 
     :param arguments: command-line arguments; None for those of this process.
-    :return: the exit code of race control. 2 if there is no copy, or a setting is wrong. 3 if the
-        old machine answers or may be there, or if another machine gets the address.
+    :return: race control's exit code; 2 if there is no copy or a setting is wrong; 3 if the old
+        machine answers or may be there, or if another machine gets the address.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_takeover'),

@@ -1,4 +1,4 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The report of a run, as one HTML page: for a jury that knows nothing of software."""
+"""The report of a run: one HTML page, for a jury that knows nothing about software."""

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""``rcs_record report``: write the report of a run."""
+"""``rcs_record report``: writes the report of a run."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def options() -> argparse.ArgumentParser:
         prog=f'{CALLED} report',
         description='Write the report of the newest run, or of a part of it, as one HTML file. '
         'This runs the rules again, which takes some 20 s per hour of the run.',
-        epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
-        'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
-        'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '
-        'on every printed page. Open the file in any browser; print it from there.',
+        epilog='TIME is a time of day (14:05 or 14:05:30), which means the first such time after '
+        'the run began; or a day and a time (2026-05-30T14:05); or a plus and the seconds since '
+        'the first event (+90). A report of a part says so at the top, at the timeline, at the '
+        'table, and on every printed page. Open the file in any browser, and print it from there.',
     )
     add_run_arguments(parser)
     parser.add_argument(
@@ -61,7 +61,7 @@ def main(arguments: Sequence[str]) -> int:
         run = runs.choose(wanted.run)
         kept = runs.read(run)
         sums = _sums(runs, kept)
-    # The record is closed now, so that the race does not wait for the rest.
+    # The record is closed by now, so that race control does not wait for the rest.
     account = Account(kept, timing_of(wanted.file))
     try:
         part = _part(account, wanted.start, wanted.end, wanted.kart)
@@ -74,11 +74,11 @@ def main(arguments: Sequence[str]) -> int:
 
 def _sums(runs: Runs, kept: Kept) -> list[tuple[str, str]]:
     """
-    Return the SHA-256 sums, each with what it is of.
+    Return what each SHA-256 sum is of, and the sum.
 
-    There is always one of the stream that was read, so that the report can be checked against the
-    record at any later time. Unless race control is writing the file, there is also one of the
-    file, and of the ``-wal`` that SQLite leaves after a crash.
+    With the sum of the stream, the report can be checked against the record at any later time.
+    Unless race control is writing the file, there are also sums of the file and of the ``-wal``
+    that SQLite leaves after a crash.
     """
     digest = hashlib.sha256()
     for line in kept.lines():
@@ -111,9 +111,9 @@ def _part(account: Account, start: str | None, end: str | None, kart: int | None
     if end is not None:
         part = part._replace(end=seconds_of(end, clock))
     if part.start > account.length:
-        raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
+        raise ValueError(f'--from {start}: the run had ended at {clock.at(account.length, 1)}')
     if part.end < part.start:
-        raise ValueError(f'--to {end}: this is before the part begins')
+        raise ValueError(f'--to {end}: the part begins later')
     if kart is not None and kart not in account.lanes:
         known = ', '.join(map(str, account.lanes)) or 'no kart'
         raise ValueError(f'--kart {kart}: the run has {known}')
@@ -122,9 +122,9 @@ def _part(account: Account, start: str | None, end: str | None, kart: int | None
 
 def seconds_of(text: str, clock: Clock) -> float:
     """
-    Return the seconds from the first event to a time typed in the terminal.
+    Return the seconds from the first event to a time from the command line.
 
-    :raises ValueError: if it is not a time.
+    :raises ValueError: if the text is not a time.
     """
     began = clock.moment(clock.began_ns)
     if re.fullmatch(r'\+\d+(\.\d+)?', text):
@@ -136,8 +136,8 @@ def seconds_of(text: str, clock: Clock) -> float:
             f'{began:%Y-%m-%d}T{hours}{text}' if of_day else text
         )
     except ValueError as error:
-        example = 'for example 14:05:30, 2026-05-30T14:05 or +90'
-        raise ValueError(f'{text} is not a time; {example}') from error
+        examples = '14:05:30, 2026-05-30T14:05, +90'
+        raise ValueError(f'{text} is not a time. Examples: {examples}') from error
     at = (moment.replace(tzinfo=moment.tzinfo or clock.zone) - began).total_seconds()
     # A time of day in the first minute means the beginning itself, not the next day.
     return at + 86400.0 if of_day and at < -60.0 else max(0.0, at)

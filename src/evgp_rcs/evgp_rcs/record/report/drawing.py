@@ -19,10 +19,10 @@ WIDTH, NAMES, LETTER = 1200.0, 120.0, 8.0
 """Widths of a timeline, of the names of its lines, and of a letter, in pixels."""
 
 HEAD, ROW, LANE = 20.0, 14.0, 30.0
-"""Heights of the times above, of a row of commands, and of a kart's line, in pixels."""
+"""Heights of the times at the top, of a row of labels, and of a kart's line, in pixels."""
 
 ROWS = 4
-"""Number of rows of commands, and of alerts; labels without room there become a stroke."""
+"""Number of rows for commands, and for alerts. A label that does not fit becomes a stroke."""
 
 _STEPS = (1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 14400, 43200)
 MARKS = {
@@ -32,11 +32,11 @@ MARKS = {
     EventKind.WITHDRAWN: '↺',
 }
 RARE = EventKind.DISCONNECTED, EventKind.WITHDRAWN
-"""Kinds of events whose marks are drawn even if they cover others."""
+"""Kinds of events whose marks are drawn even where they cover other marks."""
 
 
 class Shape(NamedTuple):
-    """A box with as much of its words as fits; without a width, only the words."""
+    """A box with as many of its words as fit into it; if it has no width, only the words."""
 
     look: str
     x: float
@@ -82,7 +82,7 @@ class _Timeline:
         lanes = [each for each in self._account.lanes.values() if self._part.concerns(each.kart)]
         events = self._part.events(self._account, self._account.events)
         ends = self._account.ended
-        # A connection that ends with race control was not lost.
+        # Connections that end with race control are not lost ones.
         last = math.inf if ends is None else ends.sequence
         marked = [each for each in events if each.event.kind in MARKS and each.sequence < last]
         y = HEAD + 2 * ROWS * ROW
@@ -125,7 +125,7 @@ class _Timeline:
             yield each.raised, end, 'alert', plain(each.event.event.text)
 
     def _rows(self, top: float, labels: Iterator[Label]) -> Iterator[Shape]:
-        """Yield labels, each in the first row with room for it, or else as a stroke."""
+        """Yield each label in the first row that has room for it or, without room, as a stroke."""
         free = [0.0] * ROWS
         for start, end, look, words in labels:
             x = self._x(start)
@@ -161,7 +161,7 @@ class _Timeline:
         for hold in lane.holds:
             if hold.what:
                 yield from self._box(hold.start, hold.end, 'hold', y, 3, f'held in {hold.what}')
-        free: dict[bool, float] = {}  # for the marks that must be seen, and for the others
+        free: dict[bool, float] = {}  # from where there is room for rare marks, and for others
         for mark in marks:
             at, is_rare = self._account.at(mark), mark.event.kind in RARE
             if self._x(at) >= free.get(is_rare, 0.0):

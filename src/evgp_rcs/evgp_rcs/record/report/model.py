@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What happened in a run: races, what each kart was sent, alerts, commands.
+What happened in a run: the races, what each kart was sent, the alerts and the commands.
 
-It takes one pass over the replay of the run's stream (``Replay.steps``), and looks at the race
-after each step. The rules compute everything; this module parses no sentences. Where the rules
-cannot follow the stream (a gap, or a difference), what karts are sent is `NOT_KNOWN`, and the
-later events are only listed.
+An `Account` replays the run's stream once (``Replay.steps``), and looks at the race after each
+step. The rules compute everything; this module parses no sentences. After a gap or a difference,
+the rules cannot follow the stream. From there on, what karts were sent is `NOT_KNOWN`, and events
+are only listed.
 
-All times are seconds since the first event of the run, by the rules' clock, which cannot be set.
+All times are in seconds since the first event of the run, by the rules' clock, which nobody can
+set.
 """
 
 from __future__ import annotations
@@ -36,10 +37,10 @@ GREEN_GREEN = RaceState.GREEN_GREEN.name
 REDS = frozenset({RaceState.RED_FLAG.name, RaceState.RED_RED.name})
 
 NOT_CONNECTED = 'NOT_CONNECTED'
-"""Used instead of a state: race control sends the kart nothing, as it is not connected."""
+"""Used instead of a state while a kart is not connected, and is therefore sent nothing."""
 
 NOT_KNOWN = 'NOT_KNOWN'
-"""Used instead of a state: from here on, the rules cannot follow the record."""
+"""Used instead of a state from where the rules cannot follow the record."""
 
 NO_GRADE = Grade.UNKNOWN.name
 
@@ -50,11 +51,10 @@ SENDS_RED = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtak
 @dataclass
 class Band:
     """
-    A time span in which a kart was sent a state, `NOT_CONNECTED` or `NOT_KNOWN`.
+    A time span in which a kart was sent one state, was held, or had a link of one grade (`Lane`).
 
-    It can also be a time in which a link had a grade, or a kart was held; see `Lane`.
-
-    :param acknowledged: when the kart first acknowledged it; None if not in this time.
+    :param what: the state, `NOT_CONNECTED` or `NOT_KNOWN`; or the hold or the grade.
+    :param acknowledged: when the kart first acknowledged the state; None if it did not do so then.
     :param delivered: when the kart's kernel had answered it; None if that was not seen.
     """
 
@@ -66,10 +66,10 @@ class Band:
 
 
 class Bands(list[Band]):
-    """Consecutive bands; the last one lasts until another begins."""
+    """Consecutive bands, of which the last one lasts until another begins."""
 
     def change(self, at: float, what: str) -> Band:
-        """Begin a new band now, unless nothing changes; return the last band."""
+        """Begin a new band if something changes, and return the last band."""
         if self and self[-1].what != what:
             self[-1].end = at
             if self[-1].start == at:
@@ -84,9 +84,9 @@ class Lane(NamedTuple):
     """
     One kart.
 
-    :param bands: what it was sent.
-    :param links: how good its link was, as names of ``Grade``.
-    :param holds: its own holds; empty while it was not held.
+    :param bands: the states that it was sent.
+    :param links: the grades of its link, as names of ``Grade``.
+    :param holds: its own holds; an empty text while it was not held.
     """
 
     kart: int
@@ -101,8 +101,8 @@ class Alert:
     """
     An alert, and how long it lasted.
 
-    :param ended: None if it had not ended, as far as the rules can follow the record.
-    :param stands: it certainly lasted until the end of the record.
+    :param ended: when it ended; None if it had not, as far as the rules can follow the record.
+    :param stands: whether it certainly lasted until the end of the record.
     """
 
     event: StampedEvent
@@ -124,7 +124,7 @@ class Why(enum.Enum):
 
 
 class Out(NamedTuple):
-    """Why a kart did not finish, since when, and which event caused that (None if none)."""
+    """Why a kart did not finish, from when on, and the event that caused this, if any."""
 
     why: Why
     at: float
@@ -132,7 +132,7 @@ class Out(NamedTuple):
 
 
 class Result(NamedTuple):
-    """The result of a starter: its place and when it was marked as finished, or why not."""
+    """The result of a starter: its place, and when it was marked as finished or why it was not."""
 
     kart: int
     place: int = 0
@@ -142,10 +142,10 @@ class Result(NamedTuple):
 
 class StopAnswer(NamedTuple):
     """
-    What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
+    A kart's answer to a stop.
 
-    :param band: what it was sent and when; this may have begun before the stop.
-    :param then: what it was sent next; empty if nothing, because the record ends.
+    :param band: the state that it was sent, possibly since before the stop, and its answers.
+    :param then: the state that it was sent next; empty if the record ends first.
     """
 
     kart: int
@@ -154,20 +154,20 @@ class StopAnswer(NamedTuple):
 
     @property
     def is_silent(self) -> bool:
-        """Return whether it is certain that the kart did not acknowledge it."""
+        """Return whether the kart certainly did not acknowledge the stop."""
         known = self.band.what in REDS and self.then != NOT_KNOWN
         return known and self.band.acknowledged is None
 
 
 class Stop(NamedTuple):
-    """A stop: the event of the command, or of the race's state if no command stopped it."""
+    """A stop, with the event of its command or, without a command, of the race's new state."""
 
     event: StampedEvent
     at: float
     told: tuple[StopAnswer, ...]
 
     def slowest(self) -> StopAnswer | None:
-        """Return the slowest answer of the karts that were sent something new and acknowledged."""
+        """Return the slowest answer of the karts that acknowledged a new state; None if none."""
         new = [each for each in self.told if each.band.start == self.at]
         answered = (each for each in new if each.band.acknowledged is not None)
         return max(answered, key=lambda each: each.band.acknowledged or 0.0, default=None)
@@ -190,18 +190,18 @@ class RaceAccount:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
-    :param began: the first time known of it.
+    :param began: when it began, as far as the run shows.
     :param starters: the karts that were sent GREEN_GREEN.
     :param finished: when each kart was marked as finished, in the order of places; None if that
         was before the run began.
-    :param out: why each starter that dropped out did so before it finished.
+    :param out: why each starter that dropped out did not finish.
     :param results: race control's sentence with the order of FINISH; empty if none was recorded.
     :param incidents: the events that a jury asks about first.
-    :param stops: the events of stops, of all karts or of one.
+    :param stops: the events of stops, of one kart or of all.
     :param refused: the events of refused commands.
     :param corrections: the events of finishes that were undone.
-    :param taken_up: it was under way when the run began.
-    :param incomplete: the rules could not follow it to its end.
+    :param taken_up: whether the race was under way when the run began.
+    :param incomplete: whether the rules could not follow it to its end.
     """
 
     number: int
@@ -220,7 +220,7 @@ class RaceAccount:
     corrections: list[StampedEvent] = field(default_factory=list)
 
     def add_incident(self, event: StampedEvent) -> None:
-        """Add an incident, unless it is the same as the last one."""
+        """Add an incident, unless it is the last one already."""
         if event not in self.incidents[-1:]:
             self.incidents.append(event)
 
@@ -229,36 +229,36 @@ class RaceAccount:
 
     @property
     def green(self) -> float | None:
-        """Return when it was started; None if never, or before this run."""
+        """Return when the race was started; None if never, or before this run."""
         change = self._first(GREEN_GREEN)
         return change.at if change is not None else None
 
     @property
     def stop(self) -> Change | None:
-        """Return the change that stopped it as a whole; None if there was none."""
+        """Return the change that stopped the whole race; None if there was none."""
         return self._first(*REDS)
 
     @property
     def garage(self) -> float | None:
-        """Return when it went back to IN_GARAGE; None if it did not."""
+        """Return when the race went back to IN_GARAGE; None if it did not."""
         change = self._first(IN_GARAGE)
         return change.at if change is not None else None
 
 
 class Account:
     """
-    Everything that is known of a run.
+    Everything that is known about a run.
 
     :ivar replay: the replay, with its comparison.
     :ivar events: all events, in order.
     :ivar length: time of the last event.
-    :ivar known_until: time up to which the rules could follow the record; None if to its end.
+    :ivar known_until: time up to which the rules could follow the record; None for all of it.
     :ivar lost: number of connections to karts that were lost in races.
-    :ivar closed: number of these that the kart itself closed.
+    :ivar closed: number of those that the kart itself closed.
     :ivar outside: what happened outside any race.
-    :ivar ended: the event that race control ends; None if there is none.
-    :ivar timing: the timekeeper's results of each race, by its number.
-    :ivar of_timing: what the timekeeper corrected, by the number of the race.
+    :ivar ended: the event of race control's end; None if there is none.
+    :ivar timing: the timekeeper's results, by the number of the race.
+    :ivar of_timing: the officials' corrections of the results, by the number of the race.
     """
 
     def __init__(self, kept: Kept, timing: Timing | None = None) -> None:
@@ -289,7 +289,7 @@ class Account:
 
     @property
     def began_ns(self) -> int:
-        """Return the wall time of the first event, or else of the run's beginning, in ns."""
+        """Return the wall time of the first event, or of the run's start if it has none, in ns."""
         return self.events[0].wall_ns if self.events else self.kept.run.began_ns
 
     @property
@@ -304,15 +304,15 @@ class Account:
 
     @property
     def officials(self) -> list[str]:
-        """Return the names of those who sent commands, as they gave them."""
+        """Return the names under which commands were sent."""
         return sorted({each.event.official for each in self.commands} - {''})
 
     def at(self, event: StampedEvent) -> float:
-        """Return when an event happened."""
+        """Return the time of an event."""
         return self._at(event.monotonic)
 
     def results(self, race: RaceAccount) -> list[Result]:
-        """Return the result of each starter of a race: in the order of places, then the rest."""
+        """Return the results of a race's starters, in the order of places, then the rest."""
         finished = enumerate(race.finished.items(), 1)
         rest = sorted(set(race.starters) - race.finished.keys())
         return [
@@ -321,7 +321,7 @@ class Account:
         ]
 
     def stop(self, race: RaceAccount, event: StampedEvent) -> Stop:
-        """Return what a stop of a race sent to each kart."""
+        """Return what each kart was sent at a stop, and its answer."""
         at = self.at(event)
         told = []
         for lane in self.lanes.values():
@@ -333,7 +333,7 @@ class Account:
             if sent and band.what not in REDS:
                 continue
             if not sent and lane.kart not in (event.event.kart, *race.starters):
-                continue  # the stop did not concern it
+                continue  # the stop did not concern this kart
             ends = self.ended is not None and band.end >= self.at(self.ended)
             then = after[0].what if after and not ends else ''
             told.append(StopAnswer(lane.kart, band, then))
@@ -353,13 +353,13 @@ class Account:
     # ----- one step -----------------------------------------------------------------------
 
     def _close(self) -> None:
-        """End everything that is still going on with the record."""
+        """End every band that is still going on, at the end of the record."""
         of_karts = [(*each.bands, *each.links, *each.holds) for each in self.lanes.values()]
         for band in itertools.chain(self.race_bands, *of_karts):
             band.end = min(band.end, self.length)
 
     def _at(self, monotonic: float) -> float:
-        # Rounded to the millisecond, as shown, so that the shown times add up.
+        # Round to the millisecond, as the report does, so that the times in it add up.
         return round(max(0.0, monotonic - self.events[0].monotonic), 3) if self.events else 0.0
 
     def _take(self, step: Step) -> None:
@@ -383,7 +383,7 @@ class Account:
             self._look_at_race(step, step.race)
 
     def _lose_sight(self) -> None:
-        """Mark everything as unknown from here on."""
+        """Mark everything from here on as unknown."""
         self.known_until = at = self.length
         for lane in self.lanes.values():
             lane.bands.change(at, NOT_KNOWN)
@@ -396,7 +396,7 @@ class Account:
             race.incomplete = race.garage is None
 
     def _race_of(self, stamped: StampedEvent) -> RaceAccount:
-        """Return the race that was under way, or `outside` if none was."""
+        """Return the race that was under way; `outside` if there was none."""
         event = stamped.event
         if not event.race:
             return self.outside
@@ -434,12 +434,12 @@ class Account:
         elif event.kind is EventKind.DISCONNECTED and event.race:
             race.add_incident(stamped)
         elif event.kind is EventKind.WITHDRAWN and self._sent(event.kart) in REDS:
-            race.add_incident(stamped)  # it had stopped, by its own word
+            race.add_incident(stamped)  # the kart had reported that it had stopped
         elif event.kind is EventKind.ENDED:
             self.ended = stamped
             for lane in self.lanes.values():
                 if lane.bands[-1].what != NOT_CONNECTED:
-                    # The last that every connected kart hears.
+                    # This is the last state that every connected kart is sent.
                     lane.bands.change(at, RaceState.RED_RED.name)
 
     def _sent(self, kart: int) -> str:
@@ -495,7 +495,7 @@ class Account:
         # The command that has taken effect in this step.
         commands = (each for each in step.events if each.event.kind is EventKind.COMMAND)
         cause = next((each for each in commands if each.event.success), None)
-        why = Why.LOST  # or another connection replaced its own
+        why = Why.LOST  # or replaced by another connection
         if cause is not None and cause.event.command is CommandKind.KART_UNDO_FINISH:
             why = Why.FINISH_UNDONE
         elif cause is not None and cause.event.kart:
@@ -509,11 +509,11 @@ class Account:
 
 class Part(NamedTuple):
     """
-    The part of a run that a report shows; the report says that the rest is left out.
+    The part of a run that a report shows. The report says what it leaves out.
 
     :param start: start of the part, in seconds.
     :param end: end of the part, in seconds.
-    :param kart: show only this kart and what concerns no single kart; None for every kart.
+    :param kart: the only kart shown, besides what concerns no single kart; None for every kart.
     """
 
     start: float = 0.0
@@ -521,15 +521,15 @@ class Part(NamedTuple):
     kart: int | None = None
 
     def span(self, account: Account) -> tuple[float, float]:
-        """Return the start and end of what it shows."""
+        """Return the start and end of the part, within the run."""
         return self.start, max(self.start, min(account.length, self.end))
 
     def concerns(self, kart: int) -> bool:
-        """Return whether it shows this kart (0: what concerns no single kart)."""
+        """Return whether the part includes this kart, or (0) what concerns no single kart."""
         return self.kart is None or kart in (0, self.kart)
 
     def events(self, account: Account, events: Sequence[StampedEvent]) -> list[StampedEvent]:
-        """Return the events that it shows."""
+        """Return those of the events that are in the part."""
         start, end = self.span(account)
         return [
             each
@@ -538,7 +538,7 @@ class Part(NamedTuple):
         ]
 
     def alerts(self, account: Account) -> list[Alert]:
-        """Return the alerts that it shows."""
+        """Return the alerts that touch the part."""
         return [
             each
             for each in account.alerts
@@ -547,7 +547,7 @@ class Part(NamedTuple):
         ]
 
     def races(self, account: Account) -> list[RaceAccount]:
-        """Return the races of which it shows anything."""
+        """Return the races that touch the part."""
         return [each for each in account.races if self._touches(account, each.began, each.garage)]
 
     def _touches(self, account: Account, begins: float, ends: float | None) -> bool:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The report as one HTML page that needs neither network nor JavaScript: ``page.html.j2``, filled.
+Fills ``page.html.j2``, which makes the report one HTML page without network or JavaScript.
 
-Jinja escapes whatever comes from the record; the page's own style is the only one that its policy
-lets in.
+Jinja escapes everything that comes from the record, and the page's policy allows only its own
+style.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from evgp_rcs.rules.race import EventKind
 from jinja2 import Environment, StrictUndefined
 
 PAPER_ROWS = 1000
-"""Maximum number of events in the table; ``rcs_record show`` lists all of them."""
+"""Maximum number of events in the table. ``rcs_record show`` lists all of them."""
 
 MOST = 100
 """Maximum number of incidents, stops, refusals or alerts in a list."""
@@ -48,8 +48,7 @@ LESSER = frozenset(
         EventKind.REFUSED_CONNECTION,
     }
 )
-"""Kinds of events that are left out first if there is no room for all."""
-
+"""Kinds of events that are left out if there is no room for all."""
 
 ASKED_ABOUT = Mark.STRUCK, Mark.DOUBTFUL, Mark.UNKNOWN
 """Marks of the passings that a jury asks about."""
@@ -69,8 +68,8 @@ def page(
     """
     Return the report of a run, or of a part of it.
 
-    :param sums: the SHA-256 sums, each after what it is of.
-    :param event_name: name of the event; if empty, the report has a line to fill in.
+    :param sums: what each SHA-256 sum is of, and the sum.
+    :param event_name: name of the event; if empty, the report has a line to fill it in.
     """
     kept = account.kept
     clock = Clock(account.began_ns)
@@ -131,13 +130,13 @@ def _replay(replay: Replay) -> tuple[bool, str]:
     try:
         code, said = replay.judge()
     except UnreadableError as error:
-        return False, f'It was not replayed: {error}.'
+        return False, f'The run was not replayed: {error}.'
     words = '. '.join(line.strip().rstrip('.') for line in said)
-    return code == DONE, f'The rules were run again on all their inputs. {words}'
+    return code == DONE, f'The rules were run again on all recorded inputs. {words}'
 
 
 def _part(part: Part, account: Account, clock: Clock) -> str:
-    """Return what a report of a part shows; empty if it shows everything."""
+    """Return a text that says which part a report shows; empty if it shows everything."""
     start, end = part.span(account)
     phrases = []
     if part._replace(kart=None) != Part():
@@ -148,7 +147,7 @@ def _part(part: Part, account: Account, clock: Clock) -> str:
 
 
 def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
-    """Return the timeline of everything shown, and of each race in it if there are several."""
+    """Return the timeline of the whole part, and of each race in it if there are several."""
     drawings = [drawing(account, part, clock, 'Everything' if account.races else 'No race')]
     races = part.races(account)
     for race in races if len(races) > 1 else ():
@@ -160,7 +159,7 @@ def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
 
 
 def _overall(account: Account) -> list[Standings]:
-    """Return the last results of each format that has a result over all heats."""
+    """Return the last results of each format that has results over several heats."""
     last = {each.format: each for each in account.timing.values()}
     formats = (Format.TIME_TRIAL, Format.PRACTICE)
     found = [last[each] for each in formats if each in last]

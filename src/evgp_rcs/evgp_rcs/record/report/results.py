@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``rcs_record results``: writes each race as a table, with the timekeeper's results and FINISH.
+``rcs_record results``: writes the timekeeper's results and the order of FINISH as a table.
 
-Only the timekeeper classifies karts. A race without timing has only the order of FINISH.
+Only the timekeeper classifies karts, so a race without timing has only the order of FINISH.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ COLUMNS = (
 """Columns of the table; docs/record.md explains them."""
 
 FORMULA = '=+-@\t\r\n'
-"""First characters of cells that a spreadsheet may run as a formula."""
+"""First characters with which a spreadsheet may run a cell as a formula."""
 
 
 def options() -> argparse.ArgumentParser:
@@ -62,8 +62,7 @@ def options() -> argparse.ArgumentParser:
         description="Write the results of each race as CSV: the timekeeper's places, laps, times "
         'and penalties, the order of FINISH, and who did not finish and why. A race that is under '
         'way has its results up to now. Without --run or --all, the table has the races of the '
-        "newest run's day: all runs with less than six hours without race control between "
-        'them.',
+        "newest run's day, which begins after six hours or more without race control.",
         epilog='This runs the rules again, which takes some 20 s per hour of the runs. A name or '
         'text that a spreadsheet would run as a formula gets an apostrophe in front. '
         'docs/record.md explains the columns.',
@@ -95,7 +94,7 @@ def runs_of(wanted: argparse.Namespace) -> tuple[list[Account], int]:
             say(f'{left_out} of {len(runs.listed)} runs are left out; use --all for every run')
         kept = [runs.read(run) for run in chosen]
         code = runs.code
-    # The record is closed now, so that the race does not wait for the rest.
+    # The record is closed by now, so that race control does not wait for the rest.
     timing = timing_of(wanted.file)
     accounts = [Account(each, timing) for each in kept]
     for account in accounts:
@@ -170,7 +169,7 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
 
 
 def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str, str]:
-    """Return what became of a kart, and why it did not finish."""
+    """Return a kart's result in one word, and why it did not finish."""
     if timed is not None and timed.status is Status.DISQUALIFIED:
         return Status.DISQUALIFIED.name, 'see its penalties'
     if result.out is None:
@@ -202,7 +201,7 @@ def _time(seconds: float | None) -> str:
 
 
 def defused(text: str) -> str:
-    """Return an untrusted text as a cell that no spreadsheet runs."""
+    """Return an untrusted text as a cell that no spreadsheet runs as a formula."""
     shown = plain(text)
     # Some spreadsheets treat a full-width equals sign like a normal one.
     first = unicodedata.normalize('NFKC', shown.lstrip()[:1])[:1]

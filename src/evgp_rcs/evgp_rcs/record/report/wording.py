@@ -25,12 +25,13 @@ SILENCES = {
     NOT_CONNECTED: 'not acknowledged: it lost its connection at {}',
     NOT_KNOWN: 'not known: the rules cannot follow the record after {}',
 }
-"""Why there is no acknowledgement, by what followed; `TOLD_ELSE` before another state."""
+"""Why there is no acknowledgement, by what the kart was sent next; otherwise `TOLD_ELSE`."""
 
 TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
 
 MOST_OF_A_NAME = 80
-"""Maximum length of an official's or team's name, in characters; the event has it in full."""
+"""Maximum length of an official's or a team's name, in characters. The list of events has the full
+name."""
 
 
 def name(text: str) -> str:
@@ -51,7 +52,7 @@ def command(kind: CommandKind | None, kart: int = 0) -> str:
 
 
 def karts(numbers: list[int]) -> str:
-    """Return karts by their numbers."""
+    """Return a list of karts as text."""
     return words.numbered(numbers) or 'no kart'
 
 
@@ -73,7 +74,7 @@ class Clock:
 
     def time(self, wall_ns: int, digits: int = 0) -> str:
         """Return the time of day."""
-        # Round to the millisecond first, as everywhere, so that all places show the same time.
+        # Round to the millisecond first, as everywhere, so that the same time looks the same.
         unit = 10 ** (3 - digits)
         second, rest = divmod((_milliseconds(wall_ns) + unit // 2) // unit, 10**digits)
         return f'{self.moment(second * 10**9):%H:%M:%S}' + (f'.{rest:0{digits}}' * bool(digits))
@@ -83,7 +84,7 @@ class Clock:
         return self.time(self.wall_ns(seconds), digits)
 
     def wall_ns(self, seconds: float) -> int:
-        """Return the wall time some seconds after the beginning, rounded to milliseconds (ns)."""
+        """Return the wall time some seconds after the beginning, in ns, to the millisecond."""
         return (_milliseconds(self.began_ns) + round(seconds * 1000)) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
@@ -94,10 +95,10 @@ class Clock:
 
 def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, str]:
     """
-    Return what a kart was sent at a stop, and its answers, as the cells of a table.
+    Return what a kart was sent at a stop, and its answers, as four cells of a table.
 
-    The cells are: what it was sent, after how long its kernel answered, when the kart
-    acknowledged, and after how long.
+    They say what it was sent, how long its kernel took to answer, when the kart acknowledged it,
+    and how long that took.
     """
     band = told.band
     if band.what == NOT_CONNECTED:
