@@ -1,4 +1,4 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Web pages that show the race to spectators and pit walls, with no way back to race control."""
+"""Web pages that show the race to spectators and pit walls, and cannot reach race control."""

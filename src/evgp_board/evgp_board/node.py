@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``board`` node shows the race on web pages and receives it as any screen does.
+The ``board`` node shows the race on web pages.
 
-It only subscribes and has no way back: no service clients, and only the publishers that every node
-has. The web server runs in its own thread; ROS's thread only keeps the newest messages.
+It receives the race as any screen does, but has no way to reach race control: no service clients,
+and only the publishers that every node has. The web server runs in its own thread, and ROS's
+thread only stores the newest messages.
 """
 
 from __future__ import annotations
@@ -35,31 +36,31 @@ from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
-"""How long snapshots may be missing before race control counts as gone, in s, as in the window."""
+"""Time without snapshots after which race control counts as gone, as in the window, in seconds."""
 
 MOST_LOGGED = 8
-"""Maximum number of lines kept about one kart; the newest stay."""
+"""Maximum number of lines about one kart. Older lines are dropped."""
 
 BOARD_NICENESS = 5
-"""Niceness of the board; programs that command or serve karts run first."""
+"""Niceness of the board, so that programs that command or serve karts run first."""
 
 ACCEPT_QUEUE = 128
-"""Maximum number of connections that wait to be accepted."""
+"""Maximum number of connections waiting to be accepted."""
 
 
 class PlaceError(RuntimeError):
-    """The board must not listen at the given address; the text says why, and what to do."""
+    """The board must not listen at its address. The text says why, and what to do."""
 
 
 class InTheWayError(PlaceError):
-    """The board cannot listen there now, but perhaps later."""
+    """The board cannot listen at its address now, but perhaps later."""
 
 
 class BoardNode(StrictNode):
     """
     The node of a board.
 
-    :param on_failure: called in another thread if the board cannot continue.
+    :param on_failure: called with the error, in another thread, if the board cannot go on.
     :raises ParameterError: if a parameter is wrong.
     :raises PlaceError: if the board must not or cannot listen at that address.
     """
@@ -70,19 +71,19 @@ class BoardNode(StrictNode):
         self._address = parameters.declare(
             'address',
             '127.0.0.1',
-            "This machine's address for viewers; never one on the karts' network.",
+            "This machine's address for viewers, never one on the karts' network.",
         )
         port = parameters.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
         parameters.refuse_unknown()
         check_address('address', self._address)
         if self._address == EVERY:
             raise ParameterError(
-                f'parameter address: {EVERY} includes every network of this machine, even the '
-                "karts'. Give the one address at which viewers reach the board"
+                f'parameter address: {EVERY} means every network of this machine, including the '
+                "karts'. Set the one address at which viewers reach the board"
             )
         self._listening = listen(self._address, port)
         self._on_failure = on_failure
-        # ROS's thread replaces each of these as a whole; the server's thread reads them.
+        # ROS's thread replaces each of these as a whole, and the server's thread reads them.
         self._race: tuple[bytes, float] | None = None
         self._results = Standings(), -math.inf
         self._log: dict[int, tuple[Line, ...]] = {}
@@ -106,7 +107,7 @@ class BoardNode(StrictNode):
     # ----- in ROS's thread ----------------------------------------------------------------
 
     def _hear_race(self, message: bytes) -> None:
-        # Decoded only when needed, because many may come in a second.
+        # The message is decoded only when needed, because many may arrive each second.
         self._race = message, clock.now()
 
     def _hear_results(self, message: msg.Results) -> None:
@@ -133,7 +134,7 @@ class BoardNode(StrictNode):
     def _serve(self) -> None:
         try:
             clock.run(Server(self._look).run(self._listening, self._ending))
-        except BaseException as error:  # noqa: BLE001 - handed on
+        except BaseException as error:  # noqa: BLE001 - passed on
             self._on_failure(error)
         finally:
             self._listening.close()
@@ -144,7 +145,7 @@ class BoardNode(StrictNode):
 
         :raises PlaceError: if the board is on the karts' network.
         """
-        keep_to_interface(self._listening, self._address)  # a replugged one has a new number
+        keep_to_interface(self._listening, self._address)  # it may have been replugged
         if self._race is None:
             return Now(self._heard, None)
         (message, came), (results, timed), log = self._race, self._results, self._log
@@ -161,10 +162,10 @@ class BoardNode(StrictNode):
 
 def listen(address: str, port: int) -> socket.socket:
     """
-    Return a socket that listens at an address, only through the interface that has it.
+    Return a socket that listens at an address, and only on the interface that has it.
 
     :raises InTheWayError: if this machine does not have the address, or the port is taken.
-    :raises PlaceError: if the port may not be used.
+    :raises PlaceError: if the board cannot listen there for another reason.
     """
     listening = socket.socket()
     try:
@@ -176,13 +177,13 @@ def listen(address: str, port: int) -> socket.socket:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:
             raise InTheWayError(
-                f'this machine does not have the address {address}. Connect its network, or give '
+                f'this machine does not have the address {address}. Connect its network, or use '
                 'another address (make board AT=...)'
             ) from error
         if error.errno == errno.EADDRINUSE:
             raise InTheWayError(
-                f'another program, perhaps another board, listens at port {port} of {address}. '
-                f"End it, or give another port (ARGS='-p port:={port + 1}')"
+                f'another program, perhaps another board, is using port {port} of {address}. '
+                f"End it, or use another port (ARGS='-p port:={port + 1}')"
             ) from error
         raise PlaceError(f'the board cannot listen at {address}, port {port}: {error}') from error
     return listening
@@ -203,17 +204,12 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
         if network is not None and at in network and not at.is_loopback:
             raise PlaceError(
                 f"{address} is on the karts' network ({network}): kart {kart.number} is {at}. "
-                'Viewers must not share it. Give the board an address on another network'
+                'Viewers must not share that network. Give the board an address on another one'
             )
 
 
 def main(args: list[str] | None = None) -> int:
-    """
-    Run the node until SIGINT or SIGTERM.
-
-    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the address
-        is missing or taken.
-    """
+    """Run the node until SIGINT or SIGTERM, and return the exit code of `run_node`."""
     os.nice(BOARD_NICENESS)
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
     return run_node('board', BoardNode, refusals, args, obstacles)

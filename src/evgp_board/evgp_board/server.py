@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The board's web server: pages, and for each viewer a stream of what its page shows.
+The board's web server: the pages, and for each viewer a stream of what the page shows.
 
 A stream consists of server-sent events. Each message contains everything the page shows, so a
-viewer can miss messages without harm. Only one message at a time is on its way to a viewer; once
-it has arrived, the viewer gets the newest one. A viewer who does not read costs no growing memory,
-and a viewer who accepts nothing for `SLOW_VIEWER` is dropped.
+viewer can miss messages without harm. Only one message at a time is on its way to a viewer, and
+the next one is the newest at that time. A viewer who does not read therefore costs no further
+memory, and one who accepts nothing for `SLOW_VIEWER` is dropped.
 
-There is no other way in: the server accepts only GET and HEAD, and forwards nothing from viewers.
+Viewers cannot send anything else: the server accepts only GET and HEAD, and forwards nothing.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ NEWS_LOOK = 0.2
 """Time between two checks for news to show, in seconds."""
 
 SAY_AGAIN = 0.7
-"""Time after which an unchanged page is sent again at the next check, in seconds. A page thus gets
-a message at least once a second; after 2 s without one, it shows that it is stale."""
+"""Age at which unchanged content is sent again at the next check, in seconds. A page thus gets a
+message at least once a second, and shows that it is out of date after 2 s without one."""
 
 SLOW_VIEWER = 5.0
-"""How long a viewer may make no progress before it is dropped, in seconds."""
+"""Time without progress after which a viewer is dropped, in seconds."""
 
 MOST_VIEWERS = 300
-"""Maximum number of viewers; further ones get the answer 503."""
+"""Maximum number of viewers. Further ones get the answer 503."""
 
 MOST_VISITS = 300
-"""Maximum number of other connections, which request pages; newer ones are dropped."""
+"""Maximum number of other connections, which request pages. Newer ones are dropped."""
 
 VISIT = 10.0
-"""Maximum duration of such a connection, in seconds."""
+"""Maximum duration of a connection that requests a page, in seconds."""
 
 PAGES = pathlib.Path(__file__).parent / 'pages'
 
@@ -64,10 +64,10 @@ HEADERS = {
     'Cache-Control': 'no-store',
     'Server': 'board',
 }
-"""Headers of every answer: a page runs and loads only our own files."""
+"""Headers of every answer, which let a page load and run only our own files."""
 
 OF_A_STREAM = {'Content-Type': 'text/event-stream', 'X-Accel-Buffering': 'no'}
-"""Headers of a stream; nginx then forwards each message at once."""
+"""Headers of a stream, with which nginx forwards each message at once."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ class Now:
     """
     The data to show at one moment.
 
-    :param heard: the same object until something changes.
-    :param age: time since race control was last heard, in seconds; None if it never was.
+    :param heard: the messages, which are the same object until something changes.
+    :param age: time since the last message from race control, in seconds; None without any.
     """
 
     heard: Heard
@@ -88,9 +88,10 @@ class _Viewer:
     """
     A viewer of a page.
 
-    :ivar chunks: whether messages go out in chunks; HTTP/1.0, which some proxies use, has none.
-    :ivar waits: whether there is news that the viewer has not been sent yet.
-    :ivar moved: when the viewer had last received everything sent, in seconds.
+    :ivar chunks: whether messages are sent in chunks, which do not exist in the HTTP/1.0 of some
+        proxies.
+    :ivar waits: whether there is news that has not been sent to the viewer yet.
+    :ivar moved: the last time when the viewer had received everything, in seconds.
     """
 
     transport: asyncio.Transport
@@ -146,9 +147,9 @@ class _Stream:
 
 class Server:
     """
-    The server.
+    The web server.
 
-    :param look: returns the data to show.
+    :param look: a function that returns the data to show at a time.
     """
 
     def __init__(self, look: Callable[[float], Now]) -> None:
@@ -171,7 +172,7 @@ class Server:
             made = (PAGES / name).read_bytes()
             app.router.add_get(f'/{name}', functools.partial(_answer, made, kind))
         app.router.add_get('/live/{what}', self._watch, allow_head=False)
-        # Hostile requests are not worth logging.
+        # Hostile requests must not fill the log.
         self._runner = web.AppRunner(
             app, access_log=None, lingering_time=1.0, logger=logging.getLogger('board.requests')
         )
@@ -215,7 +216,7 @@ class Server:
         self._end_visits(at)
 
     def _end_visits(self, at: float) -> None:
-        """Drop connections other than viewers' that last too long or are too many."""
+        """Drop surplus and long-lasting connections that are not viewers'."""
         server, watching = self._runner.server, {each.protocol for each in self._viewers()}
         there = [each for each in (server.connections if server else ()) if each not in watching]
         self._visits = {each: self._visits.get(each, at) for each in there}
@@ -257,7 +258,7 @@ class Server:
 
 
 def _reset(transport: asyncio.Transport) -> None:
-    """Close a connection at once; unsent data is dropped, even in the kernel."""
+    """Close a connection at once, and drop unsent data, even in the kernel."""
     with contextlib.suppress(OSError):
         connection = transport.get_extra_info('socket')
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
@@ -279,7 +280,7 @@ async def _answer(body: bytes, kind: str, request: web.Request) -> web.Response:
 
 
 async def _finish(request: web.Request, response: web.StreamResponse) -> None:
-    """Add the headers to an answer; each connection carries one answer."""
+    """Add the headers to an answer, and end the connection after it."""
     response.headers.update(HEADERS)
     response.force_close()
     response.headers[hdrs.CONNECTION] = 'close'

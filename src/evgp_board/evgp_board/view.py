@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Turns a snapshot of the race into what pages show: words, tones and rows, as plain data.
+Turns a snapshot of the race into what the pages show: words, tones and rows, as plain data.
 
-This module is pure and contains none of the rules. It uses the window's words (docs/console.md).
-A board may only be wrong by being too careful, so it never says that humans may enter, and it
-shows a kart as stopped only if race control counts it as standing. It shows no official's name and
-no address.
+A board may err only on the side of caution, so it never says that humans may enter the track, and
+shows a kart as stopped only if race control considers it to be at a standstill. It uses the words
+of the officials' window (docs/console.md), and shows no official's name and no address. This
+module is pure and contains none of the rules.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ DANGERS = {
     AlertKind.PART_FAILED: 'RACE CONTROL HAS FAILED',
     AlertKind.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
 }
-"""Alerts shown instead of the state, because race control is unreliable."""
+"""Alerts that are shown instead of the state, because race control is then unreliable."""
 
 FORMATS = {each: each.value.replace('_', ' ') for each in Format}
 
@@ -52,11 +52,11 @@ NO_STANDINGS = Standings()
 NO_RESULT = KartResult(0, 0, Status.RUNNING, 0, None, (), ())
 
 MOST_KARTS_NAMED = 8
-"""Maximum number of karts that a line names."""
+"""Maximum number of karts named in a line."""
 
 
 class Line(NamedTuple):
-    """An event of a kart: its text, and its time by race control's wall clock."""
+    """An event of a kart, and its time by race control's wall clock."""
 
     text: str
     clock: str
@@ -69,7 +69,7 @@ class Heard:
 
     :param gone: whether race control is silent.
     :param no_timing: whether the timekeeper is silent.
-    :param log: the events of each kart, newest last.
+    :param log: the events of each kart, oldest first.
     """
 
     race: Snapshot | None = None
@@ -80,7 +80,7 @@ class Heard:
 
 
 def board(heard: Heard) -> Shown:
-    """Return the state of the race and the order of its karts, for ``/`` and ``/overlay``."""
+    """Return the content of ``/`` and ``/overlay``: the race's state, and the karts in order."""
     race, results = heard.race or NOTHING, _of_this_race(heard)
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
@@ -126,7 +126,7 @@ def board(heard: Heard) -> Shown:
 
 
 def results(heard: Heard) -> Shown:
-    """Return the results of the race that was started last, for ``/results``."""
+    """Return the content of ``/results``: the results of the race that was started last."""
     results, race = heard.results, heard.race or NOTHING
     teams = {each.number: each.team for each in race.karts}
     laps = f'{results.laps} laps' if results.laps else ''
@@ -153,7 +153,7 @@ def results(heard: Heard) -> Shown:
 
 
 def kart(heard: Heard, number: int) -> Shown:
-    """Return what a team wants to know about its kart, for ``/kart/7``."""
+    """Return the content of ``/kart/7``: what a team wants to know about its kart."""
     race = heard.race or NOTHING
     shown = {**_frame(heard), 'number': str(number), 'title': '', 'sub': ''}
     found = race.kart(number)
@@ -189,7 +189,7 @@ def kart(heard: Heard, number: int) -> Shown:
 
 
 def line_of(stamped: StampedEvent) -> Line | None:
-    """Return the line that a team sees for an event; None if there is none."""
+    """Return the line that an event adds to its kart's page; None if it adds none."""
     event = stamped.event
     said = {
         EventKind.KART_STATE: f'{STATES[event.state]} sent',
@@ -202,14 +202,14 @@ def line_of(stamped: StampedEvent) -> Line | None:
 
 
 def green_for(race: Snapshot | None) -> float | None:
-    """Return how long the race had been in GREEN GREEN at its snapshot, s; None if it was not."""
+    """Return the time since GREEN GREEN at the snapshot, in seconds; None in any other state."""
     if race is None or race.state is not RaceState.GREEN_GREEN:
         return None
     return max(0.0, race.stamp - race.state_since)
 
 
 def time_of_today(race: Snapshot | None) -> float | None:
-    """Return the wall time of a snapshot, in seconds since midnight; None if unknown."""
+    """Return a snapshot's time of day, in seconds since midnight; None if there is no snapshot."""
     if race is None:
         return None
     local = time.localtime(race.stamp)
@@ -217,7 +217,7 @@ def time_of_today(race: Snapshot | None) -> float | None:
 
 
 def _frame(heard: Heard) -> Shown:
-    """Return what all pages share: the state of the race in the largest type, and its details."""
+    """Return the content that all pages share: the race's state, its details and the alert."""
     race, tone, detail = heard.race, 'faint', ''
     if race is None:
         head, detail = 'NO RACE CONTROL YET', 'Waiting for race control: obey the marshals'
@@ -241,7 +241,7 @@ def _frame(heard: Heard) -> Shown:
 
 
 def _of_this_race(heard: Heard) -> Standings:
-    """Return the results; empty without timing, or if another race has begun since."""
+    """Return the results, which are empty without timing or once another race has begun."""
     race = heard.race or NOTHING
     results = heard.results
     is_own = (race.run, race.heat) == (results.run, results.heat)
@@ -250,7 +250,7 @@ def _of_this_race(heard: Heard) -> Standings:
 
 
 def _gap(result: KartResult, results: Standings) -> str:
-    """Return a kart's time, or its distance behind the leader."""
+    """Return a kart's time or its distance behind the leader."""
     if not result.laps and not result.place:
         return ''
     if results.format is Format.PRACTICE:
@@ -278,7 +278,7 @@ def _taken(result: KartResult) -> list[str]:
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
     """Return what a kart is doing, in a word or two; empty if it is simply driving."""
     if not kart.connected:
-        return 'no link'  # spectators would read "lost" as "did not win"
+        return 'no link'  # spectators would read "lost" as "lost the race"
     if not kart.sent.is_red:
         if kart.place:
             return 'finished'
@@ -291,7 +291,7 @@ def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
 def _answered(kart: KartSnapshot) -> str:
     """Return when a kart was sent its state, and how long its answers took."""
     if not kart.connected:
-        return 'race control does not hear it'
+        return 'not connected to race control'
     said = [f'sent {_clock(kart.sent_since)}']
     if kart.delivered_after is not None:
         said.append(f'arrived after {milliseconds(kart.delivered_after)}')
@@ -304,7 +304,7 @@ def _answered(kart: KartSnapshot) -> str:
 
 
 def _karts(karts: Iterable[int]) -> str:
-    """Return karts by number, at most as many as fit a line."""
+    """Return a list of karts as text, with as many numbers as fit into a line."""
     named = [*karts]
     more = len(named) - MOST_KARTS_NAMED
     return numbered(named[:MOST_KARTS_NAMED]) + (f', {more} more' if more > 0 else '')

@@ -21,7 +21,7 @@ import sys
 import time
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""Signals that end our programs in good order. A terminal sends one of them when it is closed."""
+"""Signals that end our programs normally. A terminal sends one of them when it is closed."""
 
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Times before the first, second, ... restart in a row, in seconds. The last one repeats."""

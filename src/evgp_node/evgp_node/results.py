@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The results of races, as plain data with the fields of `Results.msg` and its parts.
+The results of races, as plain data.
 
-The timekeeper computes the results. The board, the windows and the reports only show them.
+The timekeeper computes the results. The board, the windows and the reports only show them. The
+types contain the fields of `Results.msg` and its parts, where the fields are explained. Unknown
+numbers, which are NaN there, are None here.
 
 This module is pure.
 """
@@ -54,12 +56,7 @@ class Identity(NamedTuple):
 
 
 class Passing(NamedTuple):
-    """
-    A passing as its source sent it. ``evgp_rcs_msgs/Passing`` explains the other fields.
-
-    :param stamp_ns: time of the crossing, in ns since the epoch of the source's clock.
-    :param strength: signal strength in the device's own unit; None if it is unknown.
-    """
+    """A passing as its source sent it. ``stamp_ns`` is its `stamp` in nanoseconds."""
 
     source: str
     session: str
@@ -78,13 +75,7 @@ class Passing(NamedTuple):
 
 
 class Mark(enum.Enum):
-    """
-    The timekeeper's judgement of a passing.
-
-    ``DOUBTFUL``: it came too soon after the kart's last passing that counted. ``UNKNOWN``: no kart
-    has the passing's transponder, or the passing does not say who crossed. ``NOT_COUNTED``: the
-    kart was not racing at that time, or already had all its laps.
-    """
+    """The timekeeper's judgement of a passing, as in `JudgedPassing.msg`."""
 
     COUNTED = 'counted'
     DOUBTFUL = 'doubtful'
@@ -94,13 +85,7 @@ class Mark(enum.Enum):
 
 
 class Penalty(NamedTuple):
-    """
-    A penalty that an official gave to a kart.
-
-    :param seconds: time added to the kart's total, in seconds.
-    :param laps: number of laps deducted.
-    :param official: the official who gave it.
-    """
+    """A penalty that an official gave to a kart."""
 
     kart: int
     seconds: int
@@ -129,17 +114,7 @@ class Status(enum.Enum):
 
 
 class KartResult(NamedTuple):
-    """
-    The result of one kart.
-
-    :param place: place from 1, which karts with equal results share; 0 if the kart has none.
-    :param laps: number of laps that count, after penalties.
-    :param total: total time including time penalties, in seconds. In a race, it counts from
-        GREEN_GREEN to the last crossing; otherwise, it is the sum of the laps. None if the kart
-        has no lap.
-    :param lap_times: time of every lap, in seconds.
-    :param penalties: the kart's penalties, in the order in which officials gave them.
-    """
+    """The result of one kart."""
 
     kart: int
     place: int
@@ -156,13 +131,7 @@ class KartResult(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """
-    A passing and how the timekeeper judged it.
-
-    :param kart: number of the kart that crossed; 0 if it is unknown.
-    :param at: time from GREEN_GREEN to the crossing, in seconds.
-    :param struck: why the passing was struck out, and by which official; empty if it was not.
-    """
+    """A passing and how the timekeeper judged it, as in `JudgedPassing.msg`."""
 
     passing: Passing
     kart: int
@@ -235,26 +204,14 @@ class Corrected(NamedTuple):
 
 
 class HeatGrid(NamedTuple):
-    """
-    The starting order of a heat.
-
-    :param karts: numbers of the karts in starting order; empty if there is no order yet.
-    """
+    """The starting order of a heat."""
 
     name: str
     karts: tuple[int, ...]
 
 
 class RaceOfEvent(NamedTuple):
-    """
-    A race of this event, in the timekeeper's list.
-
-    :param number: number of the race in the event, from 1.
-    :param heat: name of the heat in the race; empty if there is none.
-    :param stamp: wall time of the race's GRID_ACTIVE, in seconds.
-    :param classified: number of karts that are classified.
-    :param counts: whether the results of this race are the results of its heat.
-    """
+    """A race of this event, in the timekeeper's list."""
 
     number: int
     heat: str
@@ -264,7 +221,7 @@ class RaceOfEvent(NamedTuple):
 
 
 class Standings(NamedTuple):
-    """The results of the newest race, with the fields of `Results.msg`, which explains them."""
+    """The results of the newest race."""
 
     stamp: float = 0.0
     run: str = ''

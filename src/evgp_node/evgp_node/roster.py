@@ -675,5 +675,4 @@ def _shown(node: yaml.Node) -> str:
 
 
 def _quoted(names: Iterable[str]) -> str:
-    """Return names as a list in a sentence."""
     return ', '.join(f"'{name}'" for name in names)

@@ -376,7 +376,7 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     record.end()
     assert print_timeline([str(path)]) == PARTLY
     before, head, *lines = capsys.readouterr().out.splitlines()
-    assert 'The previous run, 1, did not end in good order' in before
+    assert 'The previous run, 1, did not end normally' in before
     assert f'rcs_record {path} --run 1' in before
     assert head.split()[0] == '2'
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'behind', 'last']
@@ -408,12 +408,12 @@ def test_the_list_has_every_run_and_how_it_ended(
     assert record.write()
     assert print_timeline([str(path), '--list']) == 0
     crashed, ended, running = capsys.readouterr().out.splitlines()
-    assert 'did not end in good order' in crashed
+    assert 'did not end normally' in crashed
     assert 'not ended' not in ended
     assert 'still running' in running
     record.end()
     assert print_timeline([str(path)]) == 0
-    assert 'did not end in good order' in capsys.readouterr().out
+    assert 'did not end normally' in capsys.readouterr().out
 
 
 def test_looking_whether_a_run_is_in_progress_keeps_no_race_control_from_starting(

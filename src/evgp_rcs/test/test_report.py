@@ -561,7 +561,7 @@ def test_that_a_run_ended_in_good_order_is_what_its_events_say(
 ) -> None:
     if not is_in_order:
         change_event(written, lambda each: each.event.kind is EventKind.ENDED, success=False)
-    assert ('ended in good order at' in report(written)) is is_in_order
+    assert ('ended normally at' in report(written)) is is_in_order
 
 
 def table(page: str, kind: str) -> list[list[str]]:
@@ -684,7 +684,7 @@ def in_database(statement: str) -> Callable[[pathlib.Path], None]:
         (pathlib.Path.unlink, 'there is only the order of FINISH'),
         (
             lambda book: book.write_bytes(bytes(10_000)),
-            'results of the timekeeper are missing',
+            "the timekeeper's results are missing",
         ),
         (in_database("UPDATE block SET data = x'00112233'"), 'results may be missing'),
         (in_database('PRAGMA user_version = 1'), 'its version is 1, not'),

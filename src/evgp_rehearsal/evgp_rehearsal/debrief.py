@@ -4,9 +4,9 @@
 """
 The debrief of an incident: what happened, what officials pressed, and what the karts then did.
 
-Pure: the events of the record, the corrections that officials asked the timekeeper for, and the
-truth of the field go in, lines come out. The debrief states the facts beside the rule book's
-order; it does not grade anyone.
+It is made from the events of the record, the officials' corrections of the results, and the truth
+of the field. It puts the facts beside what the rule book orders, and grades nobody. This module is
+pure.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from evgp_rehearsal.incidents import INCIDENTS
 from evgp_timing.corrections import CORRECTIONS
 
 LOSS = 'the loss of its connection'
-"""The reason to stop for a kart that race control does not reach (§3.E)."""
+"""Why a kart without a connection must stop (§3.E)."""
 
 TOGETHER = 1.0
-"""Time within which several lost or returning karts share one line, in seconds."""
+"""Maximum time between the losses or returns of several karts that share a line, in seconds."""
 
 NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
 """Commands that require all humans to be off the track (§3.A)."""
@@ -39,8 +39,9 @@ class Occurrence:
     """
     An incident that took place.
 
-    :param kart: the kart concerned; 0 if it is not a single kart.
-    :param began: the first tick; ``ended``: the last tick that its debrief covers.
+    :param kart: the kart concerned; 0 if no single kart is.
+    :param began: the first tick that its debrief covers.
+    :param ended: the last tick that its debrief covers.
     """
 
     incident: str
@@ -52,12 +53,15 @@ class Occurrence:
 @dataclass(frozen=True)
 class Truth:
     """
-    The facts in the field; times are ticks.
+    What really happened in the field. Its times are ticks.
 
-    :param moving: each time a kart starts or stops moving: tick, kart, whether it is moving.
-    :param people: each time a person enters or leaves the track: tick, whether on the track.
-    :param seen: what was heard on the radio, seen or done: tick, words.
-    :param passings: the timing line's reports: passing, kart, whether the kart really crossed.
+    :param moving: each start and stop of a kart: the tick, the kart, and whether it moves.
+    :param people: each time a person enters or leaves the track: the tick, and whether the person
+        is on the track.
+    :param msr: each use of the MSR.
+    :param seen: other things to be heard or seen: the tick, and a text.
+    :param passings: the timing line's reports: the passing, the kart, and whether the kart really
+        crossed.
     """
 
     moving: tuple[tuple[int, int, bool], ...] = ()
@@ -80,7 +84,7 @@ class Truth:
         )
 
     def moved(self, kart: int, start: float, end: float) -> tuple[float, bool]:
-        """Return how long a kart moved between two times (s), and whether it moved at the end."""
+        """Return for how long (s) a kart moved between two times, and whether it still moved."""
         moved, since = 0.0, None
         for tick, number, moves in self.moving:
             at = min(max(tick * TICK_LENGTH, start), end)
@@ -92,7 +96,7 @@ class Truth:
         return moved if since is None else moved + end - since, since is not None
 
     def has_person(self, at: float) -> bool:
-        """Return whether a person is on the track at a time (s), or was during that tick."""
+        """Return whether a person is on the track at a time (s) or at any time in its tick."""
         tick = round(at / TICK_LENGTH)
         before = [there for when, there in self.people if when < tick]
         return (tick, True) in self.people or before[-1:] == [True]
@@ -104,7 +108,7 @@ class Truth:
 
 
 class _Line(NamedTuple):
-    """A line of the account: time (s), text, and an event kind if several karts may share it."""
+    """A line of the debrief. It has an event kind if several karts may share the line."""
 
     at: float
     text: str
@@ -119,10 +123,10 @@ def debrief(
     corrections: Iterable[Corrected] = (),
 ) -> list[str]:
     """
-    Return the debrief of an incident, line by line; times count from its start.
+    Return the debrief of an incident, line by line, with times since the incident's start.
 
-    :param events: the events of the record, in order; their times are the field's, in seconds.
-    :param corrections: the corrections in the timekeeper's book, by the same clock.
+    :param events: the events of the record, in order, with the field's times, in seconds.
+    :param corrections: the corrections in the timekeeper's book, with the field's times.
     """
     row = INCIDENTS[took.incident]
     began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
@@ -141,7 +145,7 @@ def debrief(
 
 
 def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
-    """Yield the record's lines about officials, connections, alerts and race control itself."""
+    """Yield lines about commands, connections, alerts and race control itself, from the record."""
     for stamped in events:
         at, event = stamped.monotonic, stamped.event
         if event.kind is EventKind.COMMAND:
@@ -162,7 +166,7 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
 
 
 def _asked(given: Corrected, truth: Truth) -> _Line:
-    """Return an official's correction, and whether the kart really crossed the line."""
+    """Return the line of an official's correction, with whether the kart really crossed."""
     asked, remark = given.correction, ''
     about = f' of kart {asked.kart}' if asked.kart else ''
     if asked.act in (Act.STRIKE, Act.RESTORE):
@@ -177,7 +181,7 @@ def _asked(given: Corrected, truth: Truth) -> _Line:
 
 
 def _seen(truth: Truth) -> Iterator[_Line]:
-    """Yield the lines that only the field knows."""
+    """Yield the lines about what only the field knows."""
     for tick, there in truth.people:
         yield _Line(tick * TICK_LENGTH, f'a person is {"on" if there else "off"} the track')
     for tick in truth.msr:
@@ -187,7 +191,7 @@ def _seen(truth: Truth) -> Iterator[_Line]:
 
 
 def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
-    """Yield remarks on the field at the time of an accepted command, where they matter."""
+    """Yield what officials should know about the field at the time of an accepted command."""
     at, event = stamped.monotonic, stamped.event
     if event.command is None or not event.success:
         return
@@ -202,7 +206,7 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
-    """Yield the lines, with one for all karts to which the same happened together."""
+    """Yield the lines, with a single one for karts to which the same thing happened together."""
     group: list[_Line] = []
     for line in (*lines, None):
         first = group[0] if group else None
@@ -219,7 +223,7 @@ def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
 def _motion(
     events: Sequence[StampedEvent], truth: Truth, began: float, ended: float
 ) -> Iterator[str]:
-    """Yield, for each order to stop, which karts moved under it and for how long."""
+    """Yield for each order to stop which karts moved after it, and for how long."""
     karts = sorted({kart for _, kart, _ in truth.moving})
     found: list[tuple[float, str, str]] = []
     for kart in karts:

@@ -5,8 +5,8 @@
 ``demo``, or ``make demo``: a rehearsal that runs and judges itself automatically.
 
 It runs two races: one from the garage to the finish and back to the garage, and one that ALL_KILL
-ends when a kart spins. Half of the karts are simulated and use TCP alone; half have the real
-bridge and the example stack.
+ends when a kart spins. Half of the karts are simulated and use only TCP; the other half have the
+real bridge and the example stack.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ PLAN = Plan(
     Ability(acceleration=4.0, flag_braking=3.0),
     laps=3,
 )
-"""A plan of three short laps."""
+"""A plan with three short laps."""
 
 LEAST_LAP = 1.0
 """`min_lap_time` for such short laps, in seconds."""
 
 BRIDGED = (4, 5, 6)
-"""The karts with the real bridge and the example stack; the others are simulated."""
+"""The karts with the real bridge and the example stack. The others are simulated."""
 
 OUTSIDE, LATE = 3, 2
 """The kart outside the race, and the kart whose team is late for GREEN_GREEN."""
@@ -64,10 +64,10 @@ GAP = 0.4
 """Time between the finishes of two karts with a bridge, in seconds."""
 
 TIMEOUT = 60.0
-"""Maximum wait for anything, in seconds: far more than a busy machine needs."""
+"""Maximum wait for anything, in seconds, which is far more than a busy machine needs."""
 
 MUTE_TIMEOUT = 15.0
-"""The same if one kart never acknowledges and the user waits to see it named, in seconds."""
+"""Maximum wait with ``--mute``, whose user waits to see the mute kart named, in seconds."""
 
 LAST = 8
 """Number of lines printed from the end of a failed process's output."""
@@ -77,7 +77,7 @@ WIDTH = 100
 
 
 class Finding(NamedTuple):
-    """A check: whether something is as it must be, in one sentence."""
+    """The result of a check, as a sentence."""
 
     good: bool
     text: str
@@ -87,10 +87,10 @@ class Show:
     """
     The rehearsal, its official, and the printed output.
 
-    The show waits for everything that must happen in a race. ``found`` lists what happened and
-    what did not.
+    The show waits for everything that must happen in a race.
 
     :param mute: the kart that never acknowledges; 0 if there is none.
+    :ivar found: what happened, and what did not.
     """
 
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
@@ -105,7 +105,7 @@ class Show:
         """
         Wait until every kart is connected and has its stack, then bring the race to IN_GARAGE.
 
-        :raises AssertionError: if any kart fails to do so in time.
+        :raises AssertionError: if any of this does not happen in time.
         """
         self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
@@ -177,19 +177,19 @@ class Show:
         self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
-        """Show a race; return whether it reached its end."""
+        """Show a race, and return whether it reached its end."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
         try:
             drive()
         except AssertionError as error:
-            # The error names what did not happen; after a semicolon it says what came instead.
+            # The error says what did not happen and, after a semicolon, what happened instead.
             why = f'{title.split(",")[0]} stopped early: {str(error).split(";")[0]}'
             self.found.append(Finding(False, why))
             return False
         return True
 
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
-        """Print the findings, with everything missing, and return them."""
+        """Print all findings, and return them."""
         lines = [line for each in self.rehearsal.debriefs() for line in each]
         self.console.rule('debrief', style='bold')
         text = '\n'.join(lines)
@@ -258,8 +258,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         '--record', type=pathlib.Path, metavar='FILE', help='save the record of the races here'
     )
     given = parser.parse_args(arguments)
-    # Signals must also end the demonstration's processes. A shell that starts a program in the
-    # background makes it ignore SIGINT; Python would keep that.
+    # Signals must also end the demonstration's processes. A program that a shell starts in the
+    # background would ignore SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     console = Console(highlight=False)
@@ -319,7 +319,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
 
 
 def judge_wire(judge: Judge) -> Finding:
-    """Return whether race control sent the simulated karts the right frames, to the last one."""
+    """Return whether all frames that race control sent to the simulated karts were right."""
     judge.finish()
     for each in judge.violations:
         return Finding(False, f'on the wire, {each.rule}: {each.text}')
@@ -332,7 +332,7 @@ def judge_wire(judge: Judge) -> Finding:
 
 
 def judge_events(heard: Sequence[int], recorded: Sequence[StampedEvent]) -> Finding:
-    """Return whether officials heard every event of the record, up to the last one they heard."""
+    """Return whether officials received every event of the record up to their last one."""
     if not heard or list(heard) != [each.sequence for each in recorded[: len(heard)]]:
         return Finding(False, f'/rcs/events has gaps or is empty: {len(heard)} events')
     return Finding(True, f'/rcs/events matches the record: {len(heard)} events without a gap')
@@ -343,8 +343,8 @@ def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:
     wrong = [f'{name} ended with {code}' for name, code in codes.items() if code]
     wrong += [f'process {pid} is still there' for pid in left]
     if wrong:
-        return Finding(False, f'not every process ended well: {"; ".join(wrong)}')
-    return Finding(True, f'all {len(codes)} processes ended in order; none is left')
+        return Finding(False, f'not every process ended normally: {"; ".join(wrong)}')
+    return Finding(True, f'all {len(codes)} processes ended normally, and none is left')
 
 
 if __name__ == '__main__':

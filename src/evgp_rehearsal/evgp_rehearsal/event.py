@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-A rehearsal with the real race control and timekeeper: simulated karts, incidents, the debrief.
+A rehearsal with the real race control and timekeeper, simulated karts, incidents and debriefs.
 
-It cannot reach a real kart or race. Race control listens on loopback, with a roster of loopback
-addresses written here. The ROS domain is its own, on this machine only. The rehearsal commands
-only a race whose karts are those on this roster.
+It cannot reach a real kart or race. Race control listens on loopback, and its roster, which is
+written here, has only loopback addresses. The ROS domain is the rehearsal's own, on this machine
+only. The rehearsal commands a race only if its karts are those of this roster.
 """
 
 from __future__ import annotations
@@ -53,26 +53,26 @@ from evgp_testing.wire_kart import Acknowledges, WireKart
 import yaml
 
 BANNER = 'REHEARSAL'
-"""Banner on every screen of a rehearsal."""
+"""Banner that every screen shows in a rehearsal."""
 
 AWAY = 1.0
 """Time from the death of race control to its restart, in seconds."""
 
 HEAT = 'rehearsal'
-"""The roster's heat, with the plan's laps."""
+"""Name of the roster's heat, which has the plan's laps."""
 
 STEWARD = 'rehearsal'
-"""Name of the rehearsal itself as an official."""
+"""Official's name under which the rehearsal itself sends commands."""
 
 ON_DISK = 20
-"""Number of ticks after which events are in the record."""
+"""Number of ticks after which events are certainly in the record."""
 
 CONNECT_AGAIN = 10
 """Number of ticks between a kart's attempts to connect."""
 
 
 class RefusedError(RuntimeError):
-    """The rehearsal refuses a request; the text says why."""
+    """The rehearsal refuses a request. The text says why."""
 
 
 class DrivenKart(WireKart):
@@ -80,7 +80,7 @@ class DrivenKart(WireKart):
     The connection of a simulated kart.
 
     :param hear: called with the kart's number and each new state, in the thread that reads.
-    :param judge: receives everything seen on this connection.
+    :param judge: receives everything sent on this connection.
     :raises OSError: if race control cannot be reached.
     """
 
@@ -95,13 +95,13 @@ class DrivenKart(WireKart):
         super().__init__(address_of(number), port, Acknowledges.NEVER, judge=judge, kart=number)
 
     def answer(self, state: RaceState, change: bool) -> None:
-        """Pass on a new state; the simulated kart answers once it has carried it out."""
+        """Pass on a new state, which the simulated kart answers once it has carried it out."""
         if change:
             self._hear(self.kart, state)
 
     def acknowledge(self, state: RaceState) -> None:
         """Report the state that the simulated kart has reached."""
-        with contextlib.suppress(OSError):  # the connection is gone; the reader notices
+        with contextlib.suppress(OSError):  # the connection is gone, which the reader notices
             self.say(state)
 
 
@@ -109,18 +109,20 @@ class Rehearsal(Part):
     """
     A field, its race control, and the incidents.
 
-    Read and change ``field`` only inside ``with rehearsal.lock:``. ``links`` are the connections
-    of the simulated karts. ``domains`` are the ROS domains of the karts with a bridge, and race
-    control's at number 0. ``present`` is the current incident. ``dead`` is set once race
-    control's laptop has died.
+    Read and change ``field`` only inside ``with rehearsal.lock:``.
 
     :param folder: the folder for roster and record.
-    :param bridged: number of karts, counted from the last, with the real bridge and the example
-        stack; they are in the race, but no incident happens to them.
+    :param bridged: number of karts, from the last one backwards, that have the real bridge and the
+        example stack. They are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
-    :param judge: receives what the simulated karts hear and say, and every command.
-    :param parameters: more parameters of race control; ``timing``: of the timekeeper.
-    :param heat: the karts in the heat; None if it has all karts.
+    :param judge: receives what the simulated karts are sent and answer, and every command.
+    :param parameters: further parameters of race control.
+    :param heat: the karts in the heat; None for all.
+    :param timing: further parameters of the timekeeper.
+    :ivar links: the connections of the simulated karts.
+    :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
+    :ivar present: the current incident; None if there is none.
+    :ivar dead: set once race control's laptop has died.
     """
 
     def __init__(
@@ -135,7 +137,7 @@ class Rehearsal(Part):
         timing: Mapping[str, object] | None = None,
     ) -> None:
         """Start race control and the timekeeper, and let the karts connect."""
-        # Also for the nodes in this process: they must not see or command another race.
+        # The nodes in this process must not see or command another race either.
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['EVGP_GRAPH_INTERFACE'] = ''
         self.plan = plan
@@ -159,7 +161,7 @@ class Rehearsal(Part):
         self._heat = list(plan.numbers if heat is None else heat)
         self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
         with contextlib.ExitStack() as stack:
-            # A process ends with the thread that started it (evgp_testing.process), and this one
+            # A process ends with the thread that started it (evgp_testing.process), so this thread
             # lives as long as the rehearsal.
             self._starter = stack.enter_context(ThreadPoolExecutor(1, 'starter'))
             bridges = plan.numbers[simulated:]
@@ -191,7 +193,7 @@ class Rehearsal(Part):
 
     def inject(self, name: str, kart: int = 0) -> Occurrence:
         """
-        Begin an incident now; the previous one ends.
+        Begin an incident now, and end the previous one.
 
         :raises RefusedError: if there is no such incident or kart, or it cannot begin now.
         """
@@ -218,21 +220,21 @@ class Rehearsal(Part):
             return can_begin(INCIDENTS[name], self.field, state)
 
     def mend(self) -> None:
-        """End the incident; marshals and teams repair everything."""
+        """End the incident, as if marshals and teams had repaired everything."""
         with self.lock:
             self._end_incident()
 
     def use_msr(self) -> None:
-        """Cut the power of every kart; the official must record that."""
+        """Cut the power of every kart, which the official must then record."""
         with self.lock:
             self.field.use_msr()
 
     def pause(self, paused: bool) -> None:
-        """Pause the karts or let them continue; connections stay."""
+        """Pause the karts or let them continue. Their connections stay open."""
         self.paused = paused
 
     def open_window(self) -> None:
-        """Open the officials' window, unless it is open."""
+        """Open the officials' window, unless it is open already."""
 
         def start() -> None:
             if self.window is None or not self.window.runs:
@@ -243,7 +245,7 @@ class Rehearsal(Part):
 
     @property
     def drill(self) -> str:
-        """Return the command line that takes race control over here, once its laptop has died."""
+        """Return the command line with which to take over once race control's laptop has died."""
         called = os.environ.get('EVGP_TAKEOVER', "make takeover %s ARGS='%s'")
         words = 'ADDRESS=127.0.0.1 INTERFACE=lo', f'--port {self.control.port}'
         return f'ROS_HOME={self.folder} ROS_DOMAIN_ID={self.domain} {called % words}'
@@ -253,7 +255,7 @@ class Rehearsal(Part):
     @property
     def state(self) -> RaceState:
         """Return the last received state of the race."""
-        # Every tick asks for it, so only this part of the message is read.
+        # This is called in every tick, so it reads only this part of the message.
         race = self.official.race
         return (state_of(race.state) if race else None) or RaceState.RED_RED
 
@@ -265,7 +267,7 @@ class Rehearsal(Part):
 
     def gather(self) -> None:
         """
-        Bring the race to IN_GARAGE with the track closed, whatever state race control started in.
+        Bring the race to IN_GARAGE and close the track, whatever state race control started in.
 
         :raises AssertionError: if the race does not get there in time.
         """
@@ -310,7 +312,7 @@ class Rehearsal(Part):
         self._ended = True
         self._thread.join()
         if self._again is not None:
-            self._again.exception()  # wait until it has started, so that it can be ended too
+            self._again.exception()  # wait until it has started, because it must be ended too
         for link in self.links.values():
             link.close()
         self._stack.close()
@@ -320,7 +322,7 @@ class Rehearsal(Part):
         while not self._ended:
             due = max(
                 due + TICK_LENGTH, time.monotonic() - TICK_LENGTH
-            )  # missed ticks are not made up for
+            )  # do not catch up on missed ticks
             time.sleep(max(0.0, due - time.monotonic()))
             if self.paused:
                 continue
@@ -360,7 +362,7 @@ class Rehearsal(Part):
         if link is not None and there is not wanted:
             del self.links[number]
             if wanted is Connected.STRANGER and there is Connected.KART:
-                # The new connection replaces the kart's, which race control then ends.
+                # The new connection replaces the kart's own, which race control then ends.
                 self._join(number, wanted)
                 link.wait_for_end()
             link.close()
@@ -372,7 +374,7 @@ class Rehearsal(Part):
 
     def _join(self, number: int, wanted: Connected) -> None:
         self._tried[number] = self.field.tick
-        with contextlib.suppress(OSError):  # race control is not running; try again later
+        with contextlib.suppress(OSError):  # race control is not running, so try again later
             self.links[number] = (
                 DrivenKart(number, self.control.port, self._hear, self._judge)
                 if wanted is Connected.KART
@@ -395,7 +397,7 @@ class Rehearsal(Part):
             self._timekeeper.kill()
             copy, record = str(self.folder), self.folder / 'record.sqlite3'
             parameters = self.folder / 'rcs.yaml'
-            # Otherwise the copy would take a real race's files on this machine into account.
+            # Otherwise, the copy would affect the marks of a real race control on this machine.
             where = {'address': '127.0.0.1', 'port': self.control.port}
             settings = {'/**': {'ros__parameters': {**self._settings(), **where}}}
             parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
@@ -427,7 +429,7 @@ class Rehearsal(Part):
             since = self._first.get(INCIDENTS[cue.incident].state)
             if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
-            with contextlib.suppress(RefusedError):  # it begins as soon as it can
+            with contextlib.suppress(RefusedError):  # the incident begins as soon as it can
                 self.inject(cue.incident, cue.kart)
                 self.cues.remove(cue)
             return
@@ -458,7 +460,7 @@ class Rehearsal(Part):
         heard = {kart.number: (kart.team, kart.address) for kart in race.karts}
         own = {number: (team, address_of(number)) for number, team in self._teams().items()}
         if heard != own:
-            raise RefusedError('the received race is not the one of this rehearsal')
+            raise RefusedError("the race is not this rehearsal's own")
 
     def _close_window(self) -> None:
         if self.window is not None:
@@ -484,9 +486,9 @@ WHEN = {
     Phase.RACE: 'in GREEN_GREEN, once all karts in the race are driving',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
-"""When an incident can begin, as a text for the instructor."""
+"""Text that tells the instructor when an incident can begin."""
 
 
 def _in_ticks(at: float, times: Sequence[float]) -> float:
-    """Return race control's time on the field's clock, which stops during a pause."""
+    """Convert race control's time to the field's clock, which stops during a pause."""
     return bisect.bisect_left(times, at) * TICK_LENGTH

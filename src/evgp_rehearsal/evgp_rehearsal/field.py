@@ -4,9 +4,10 @@
 """
 The field: simulated karts on a closed line, and their faults.
 
-Pure and deterministic: ``hear`` and ``drop`` take what karts are sent, ``step`` advances time by
-one tick, and the karts' acknowledgements come out. There is no clock, socket or thread here, and
-only the seed's randomness. Karts do not collide, because they steer around each other.
+``hear`` and ``drop`` pass on what race control sends. ``step`` advances time by one tick, and
+returns the karts' acknowledgements. Karts do not collide, because they steer around each other.
+This module is pure and deterministic: it has no clock, socket or thread, and all chance comes from
+the seed.
 """
 
 from __future__ import annotations
@@ -28,13 +29,13 @@ GRID_GAP = 3.0
 """Distance between two karts on the grid, in metres."""
 
 CREEP = 2.0
-"""Speed of a kart that moves where it must not move, in m/s."""
+"""Speed of a kart that creeps, in m/s."""
 
 DRIVES = 0.5
 """Speed from which a kart reports that it is driving, in m/s."""
 
 STORM = (10, 30, 4)
-"""Reconnect storm: ticks without a connection, ticks with one, and number of repetitions."""
+"""Reconnect storm: ticks without a connection, ticks with one, and how often this repeats."""
 
 
 class Fault(enum.Enum):
@@ -44,19 +45,19 @@ class Fault(enum.Enum):
     STORMY = enum.auto()  # its network comes and goes
     REPLACED = enum.auto()  # another machine has its address
     STUCK = enum.auto()  # it does not move, whatever it is sent
-    SPUN = enum.auto()  # it stands across the track
+    SPUN = enum.auto()  # it is stopped across the track
     SLOW = enum.auto()  # it crawls
     MUTE = enum.auto()  # it does not acknowledge red states
     IGNORES_FLAG = enum.auto()  # it drives on in RED_FLAG
     IGNORES_RED = enum.auto()  # it drives on, whatever it is sent; only the MSR stops it
     CREEPS = enum.auto()  # it moves on the grid
-    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE, or withdraws that
+    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE, or withdraws its answer
     UNSEEN = enum.auto()  # the timing line misses its next crossing
-    SEEN_ELSEWHERE = enum.auto()  # the timing line reports a crossing that does not happen
+    SEEN_ELSEWHERE = enum.auto()  # the timing line reports a crossing that did not happen
 
 
 class Connected(enum.Enum):
-    """Who should be connected from a kart's address."""
+    """The programs that can be connected from a kart's address."""
 
     NOBODY = enum.auto()
     KART = enum.auto()
@@ -84,7 +85,8 @@ class Crossing(NamedTuple):
     A real or apparent crossing of the timing line.
 
     :param at: time since the field began, in seconds.
-    :param seen: whether the line sees it; ``real``: whether it really happens.
+    :param seen: whether the line reports the crossing.
+    :param real: whether the crossing really happens.
     """
 
     at: float
@@ -98,11 +100,14 @@ class SimulatedKart:
     """
     One kart.
 
-    :param distance: distance driven from the line, in metres; negative before the line.
+    :param distance: distance driven since the line, in metres; negative before the line.
     :param speed: speed, in m/s.
     :param told: the last state sent on this connection; None if there is none.
-    :param obeys: the state that it carries out: ``told`` after its reaction time.
-    :param cut: the MSR has cut its motor's power.
+    :param obeys: the state that it carries out, which is ``told`` after its reaction time.
+    :param cut: whether the MSR has cut the power of its motor.
+    :param told_at: the tick at which ``told`` was sent.
+    :param stormy_since: the tick at which its reconnect storm began.
+    :param said: whether it has acknowledged ``told``.
     """
 
     number: int
@@ -123,7 +128,7 @@ class SimulatedKart:
         return self.speed > 0.0
 
     def link(self, tick: int) -> Connected:
-        """Return who should be connected from its address."""
+        """Return which program should be connected from the kart's address."""
         if Fault.REPLACED in self.faults:
             return Connected.STRANGER
         if Fault.STORMY in self.faults:
@@ -134,16 +139,16 @@ class SimulatedKart:
         return Connected.NOBODY if Fault.OFFLINE in self.faults else Connected.KART
 
     def hear(self, state: RaceState, tick: int) -> None:
-        """Receive a state; repeating the same one changes nothing."""
+        """Receive a state. A repeated state changes nothing."""
         if state is not self.told:
             self.told, self.told_at, self.said = state, tick, False
 
     def drop(self) -> None:
-        """Lose the connection, so the kart stops (§3.E)."""
+        """Lose the connection, so that the kart stops (§3.E)."""
         self.told, self.obeys, self.said = None, RaceState.RED_RED, False
 
     def step(self, tick: int) -> RaceState | None:
-        """Advance one tick; return the state that the kart has reached and acknowledges."""
+        """Advance one tick, and return the state that the kart now acknowledges, if any."""
         waited = (tick - self.told_at) * TICK_LENGTH
         if self.told is not None and waited >= self.ability.reaction:
             self.obeys = self.told
@@ -154,7 +159,7 @@ class SimulatedKart:
             self.speed = max(aim, self.speed - rate * TICK_LENGTH)
         self.distance += self.speed * TICK_LENGTH
         if self.said and self.told is RaceState.GRID_ACTIVE and Fault.NEVER_READY in self.faults:
-            self.said = False  # it was ready, but its team has stopped it since
+            self.said = False  # it was ready, but then its team stopped it
             return RaceState.RED_RED
         if self.said or self.told is not self.obeys or not self._reached(waited):
             return None
@@ -162,7 +167,7 @@ class SimulatedKart:
         return self.told
 
     def _aim(self) -> tuple[float, float]:
-        """Return the target speed, m/s, and the deceleration towards it, m/s²."""
+        """Return the target speed (m/s) and the deceleration towards it (m/s²)."""
         can, faults, obeys = self.ability, self.faults, self.obeys
         if self.cut or faults & {Fault.STUCK, Fault.SPUN}:
             return 0.0, can.red_braking
@@ -191,12 +196,16 @@ class Field:
     """
     All karts of a rehearsal.
 
-    ``tick`` counts the steps; ``finish`` is the distance at the end of the last lap, in metres.
-    These lists are the truth for a debrief, each entry with its tick: ``moving`` has each start
-    and stop of a kart, ``crossed`` the karts that have driven all laps, and ``people`` each time a
-    person enters or leaves the track. ``crossings`` has every real or apparent crossing.
+    A debrief takes the truth from the lists ``moving``, ``crossed``, ``people`` and ``msr_at``,
+    in which every entry has its tick.
 
-    :param numbers: the karts that are simulated here; None: all.
+    :param numbers: the karts that are simulated here; None for all.
+    :ivar tick: number of steps so far.
+    :ivar finish: distance at the end of the last lap, in metres.
+    :ivar moving: each start and stop of a kart.
+    :ivar crossed: the karts that have driven all laps.
+    :ivar people: each time a person enters or leaves the track.
+    :ivar crossings: every real or apparent crossing.
     """
 
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
@@ -222,7 +231,7 @@ class Field:
         """Deliver a state to a kart."""
         kart = self.karts[number]
         if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
-            self._to_grid(kart)  # its team has put it there
+            self._to_grid(kart)  # its team puts it there
         kart.hear(state, self.tick)
 
     def drop(self, number: int) -> None:
@@ -234,7 +243,7 @@ class Field:
         self.messages.append(Message(self.tick, text))
 
     def let_in(self, at: tuple[float, float]) -> None:
-        """Put a person on the track, at x and y (m)."""
+        """Put a person on the track at x and y, in metres."""
         self.person = at
         self.people.append((self.tick, True))
 
@@ -254,7 +263,7 @@ class Field:
             kart.cut = False
 
     def step(self) -> list[tuple[int, RaceState]]:
-        """Advance one tick; return the karts' acknowledgements."""
+        """Advance one tick, and return the karts' acknowledgements."""
         self.tick += 1
         said = []
         for number, kart in self.karts.items():
@@ -291,11 +300,11 @@ class Field:
             self.say(text)
 
     def sent(self, state: RaceState) -> list[SimulatedKart]:
-        """Return the karts that are sent a state; an incident of that state concerns only them."""
+        """Return the karts that are sent a state, to which incidents of that state are limited."""
         return [kart for kart in self.karts.values() if kart.told is state]
 
     def leader(self) -> int:
-        """Return the leading kart that has not finished; 0 if there is none."""
+        """Return the kart that leads those that have not finished; 0 if there is none."""
         racing = [kart for kart in self.karts.values() if kart.distance < self.finish]
         return max(racing, key=lambda kart: kart.distance).number if racing else 0
 

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The incidents: what happens in the field, the radio message, and the rule book's order.
+The incidents: what happens in the field, the radio message, and what the rule book orders.
 
-Pure. One row of ``INCIDENTS`` defines an incident completely; docs/rules.md has the rules behind
-it.
+One row of ``INCIDENTS`` defines an incident completely. The rules behind it are in docs/rules.md.
+This module is pure.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Failure, Fault, Field
 
 LAST_METRES = 25.0
-"""Distance of the leader to the finish at which a last-lap incident can begin, in metres."""
+"""Distance of the leader from the finish within which a last-lap incident can begin, in metres."""
 
 ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_alert': 4.0}
-"""Alert times of a rehearsal's race control, in seconds: shorter than in a race, to save time."""
+"""Alert times of a rehearsal's race control, in seconds, shorter than in a race to save time."""
 
 LASTS = 1800
-"""Number of ticks after which an incident ends: marshals and teams then repair everything."""
+"""Number of ticks after which an incident ends, as if marshals and teams had repaired
+everything."""
 
 
 class Phase(enum.Enum):
@@ -41,9 +42,9 @@ class Incident:
     One kind of incident.
 
     :param meaning: description for the instructor.
-    :param begin: makes it happen to a kart of the field.
-    :param order: the rule book's order, with its place in docs/rules.md.
-    :param to_kart: it happens to a single kart.
+    :param begin: a function that makes it happen to a kart of the field.
+    :param order: what the rule book orders, with its place in the documents.
+    :param to_kart: whether it happens to a single kart.
     """
 
     name: str
@@ -241,10 +242,10 @@ INCIDENTS = {row.name: row for row in _ROWS}
 
 def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
     """
-    Return the kart that an incident happens to; 0: no single kart.
+    Return the kart to which an incident happens; 0 if it happens to no single kart.
 
-    :param kart: the wanted kart; 0: the leader if the incident is about the leader, otherwise the
-        seed decides.
+    :param kart: the wanted kart. With 0, it is the leader for an incident of the last lap;
+        otherwise, the seed decides.
     """
     if not incident.to_kart:
         return 0
@@ -254,7 +255,7 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
 
 
 def can_begin(row: Incident, field: Field, state: RaceState, kart: int = 0) -> bool:
-    """Return whether an incident can begin now, for this kart if one is given (not 0)."""
+    """Return whether an incident can begin now, to this kart or (0) to any."""
     karts = field.sent(row.state)
     if state is not row.state or not karts:
         return False

@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timing line of a field: the passings that it reports.
+The timing line of a field.
 
-Pure. It recognises each kart, but misses some crossings and invents others as the field decides.
+It recognises each kart, but misses or invents crossings as the field decides. This module is pure.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ SOURCE = 'line'
 
 class TimingLine:
     """
-    The line, as far as it was read.
+    The timing line, which turns the field's crossings into passings.
 
-    :param session: a new value for each run.
-    :ivar told: every reported passing: its identity, kart, and whether the kart really crossed.
+    :param session: a value that differs for each run.
+    :ivar told: the identity and kart of every reported passing, and whether it really happened.
     """
 
     def __init__(self, session: str) -> None:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The instructor's page: a plan view of the track, incidents to choose, pause, and the debrief.
+The instructor's page: a plan of the track, the incidents to choose from, and the debriefs.
 
-The standard library serves it on 127.0.0.1 only. Requests that name another host and posts other
-than JSON are refused, so no page on the internet can press these buttons.
+Python's standard library serves it on 127.0.0.1 only. Requests that name another host, and posts
+other than JSON, are refused, so that no page on the internet can press the buttons.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RADIO = 6
 
 
 def picture(rehearsal: Rehearsal) -> dict[str, Any]:
-    """Return the page's content: the instructor's view and the official's view."""
+    """Return the page's content: what is true, and what race control knows."""
     race = rehearsal.race
     track = rehearsal.plan.track
     heard = {kart.number: kart for kart in race.karts} if race is not None else {}
@@ -90,9 +90,9 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
 
 class Page(Part):
     """
-    The page of a rehearsal.
+    The server of a rehearsal's page.
 
-    :param port: the port to serve it at; 0: any.
+    :param port: port of the page; 0 for any.
     :raises OSError: if the port is taken.
     """
 
@@ -111,7 +111,7 @@ class Page(Part):
 
 
 def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
-    """Carry out a button; return the message for the instructor."""
+    """Carry out what a button asks for, and return a message for the instructor."""
     what = wanted.get('do')
     if what == 'inject':
         rehearsal.inject(str(wanted.get('incident')), int(wanted.get('kart') or 0))
@@ -160,7 +160,7 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             self._answer(json.dumps({'told': told}), 'application/json')
 
         def log_message(self, *_: object) -> None:
-            """Log nothing: the terminal is the instructor's."""
+            """Log nothing, because the terminal belongs to the instructor."""
 
         def _is_here(self) -> bool:
             port = self.connection.getsockname()[1]

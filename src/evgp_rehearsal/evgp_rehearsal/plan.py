@@ -4,7 +4,7 @@
 """
 The plan of a rehearsal: track, karts, seed and script, from a YAML file.
 
-Pure: text in, a ``Plan`` or one ``PlanError`` out.
+This module turns text into a ``Plan`` or one ``PlanError``, and is pure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MOST_KARTS = 60
 
 
 class PlanError(ValueError):
-    """A plan that cannot be used; the text says why."""
+    """A plan cannot be used. The text says why."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class Track:
     """
     A closed line.
 
-    :param corners: x and y of each corner, in metres, in the direction of the race; the first one
-        is the start and finish line.
+    :param corners: x and y of each corner, in metres, in the direction of the race. The first
+        corner is the start and finish line.
     """
 
     corners: tuple[tuple[float, float], ...]
@@ -43,7 +43,7 @@ class Track:
         return sum(self._sides())
 
     def point(self, distance: float) -> tuple[float, float]:
-        """Return x and y at a distance from the line, in metres; it may be negative."""
+        """Return x and y at a distance from the line, in metres, which may be negative."""
         left = distance % self.length
         for index, side in enumerate(self._sides()):
             if left <= side:
@@ -86,8 +86,9 @@ class Cue:
     """
     A line of the script.
 
-    :param at: time since the first GREEN_GREEN (GRID_ACTIVE for an incident of the grid), s.
-    :param kart: the kart concerned; 0 lets the seed decide.
+    :param at: time since the first GREEN_GREEN or, for an incident on the grid, since the first
+        GRID_ACTIVE, s.
+    :param kart: the kart concerned; with 0, the seed decides.
     """
 
     incident: str
@@ -100,8 +101,8 @@ class Plan:
     """
     A rehearsal.
 
-    :param karts: number of karts; they are numbered from 1.
-    :param spread: maximum relative deviation of each figure of a kart's ability, 0 to 0.5.
+    :param karts: number of karts, which are numbered from 1.
+    :param spread: maximum deviation of each figure of a kart's ability, as a fraction, 0 to 0.5.
     """
 
     track: Track
@@ -122,7 +123,7 @@ def read_plan(text: str) -> Plan:
     """
     Return the plan in a YAML text.
 
-    :raises PlanError: if anything is wrong with it.
+    :raises PlanError: if the plan is wrong.
     """
     try:
         given = yaml.safe_load(text)
@@ -138,7 +139,7 @@ def read_plan(text: str) -> Plan:
 def _plan(given: Mapping[str, Any]) -> Plan:
     unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart', 'script'}
     if unknown:
-        # In particular no roster: the karts of a rehearsal must not exist anywhere else.
+        # In particular, a plan has no roster, because its karts must not exist anywhere else.
         raise PlanError(f'a plan has no {", ".join(sorted(map(str, unknown)))}')
     kart = dict(given.get('kart', {}))
     spread = float(kart.pop('spread', Plan.spread))

@@ -31,19 +31,19 @@ from rich.console import Console
 from rich.text import Text
 
 NO_INCIDENT = "No incident began. Begin one on the instructor's page, or with --incident spin."
-"""The text at the end of a rehearsal without an incident."""
+"""Shown at the end of a rehearsal without an incident."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Rehearse.
+    Run a rehearsal until Ctrl-C.
 
     :return: 0. If the plan or a setting is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
     )
-    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file like the shipped one')
+    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file such as the default plan')
     parser.add_argument('--seed', type=int, help="replaces the plan's seed")
     parser.add_argument('--karts', type=int, help="replaces the plan's number of karts")
     parser.add_argument(
@@ -74,9 +74,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) -> Plan:
     """
-    Return the plan in a file, or the shipped one, with changes.
+    Return the plan in a file, or the default plan, with these changes.
 
-    :raises PlanError: if it is wrong.
+    :raises PlanError: if the plan is wrong.
     :raises OSError: if the file cannot be read.
     """
     if file is None:

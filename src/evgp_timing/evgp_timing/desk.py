@@ -147,14 +147,10 @@ class Answer(NamedTuple):
 
 class Finish(NamedTuple):
     """
-    A FINISH that the node requests from race control.
+    A FINISH that the node requests from race control, with the fields of `KartFinish.srv`.
 
     The request's `attempt` is always 0, so that race control refuses the request if an official
     has undone the kart's finish meanwhile.
-
-    :param run: id of the run of race control.
-    :param race: number of the race in that run.
-    :param kart: number of the kart.
     """
 
     run: str

@@ -43,7 +43,6 @@ class Record:
 
 
 def _two(at: int) -> slice:
-    """Return the slice of two bytes that begins at an index."""
     return slice(at, at + 2)
 
 

@@ -105,15 +105,7 @@ class Taken(NamedTuple):
 
 @dataclass(frozen=True)
 class LapSettings:
-    """
-    The settings for counting laps.
-
-    :param min_lap_time: minimum time between two passings of a kart that count, in seconds. A
-        passing that follows sooner is doubtful.
-    :param first_crossing: whether the first crossing of a kart `starts` lap 1 or `ends` it.
-    :param clock_tolerance: maximum difference between a source's clock and the times of arrival,
-        in seconds.
-    """
+    """The settings for counting laps, which ``timekeeper.read_settings`` explains."""
 
     min_lap_time: float = 5.0
     first_crossing: str = 'starts'
@@ -522,7 +514,6 @@ def _ms(seconds: float | None) -> float:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Return up to three names, and the number of the others, as text."""
     shown = sorted(names)
     more = f' and {len(shown) - 3} more' if len(shown) > 3 else ''
     return ', '.join(shown[:3]) + more

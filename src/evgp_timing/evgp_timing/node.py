@@ -276,11 +276,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
 
 
 def main(args: list[str] | None = None) -> int:
-    """
-    Run the node until SIGINT or SIGTERM.
-
-    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
-    """
+    """Run the node until SIGINT or SIGTERM, and return the exit code of `run_node`."""
     return run_node('timing_source', TimingSource, (ParameterError,), args)
 
 

@@ -370,7 +370,6 @@ class Timekeeper(StrictNode):
 
 
 def _asked_for(act: Act, request: Any) -> Correction:
-    """Return the correction that a request asks for."""
     if act is Act.STRIKE and not request.struck:
         act = Act.RESTORE
     entry = CORRECTIONS[act]
@@ -397,7 +396,7 @@ def read_settings(parameters: Parameters) -> Settings:
         min_lap_time=declare(
             'min_lap_time',
             default.min_lap_time,
-            'Minimum time between two passings that count, s. An earlier one is doubtful.',
+            'Minimum time between two counted passings of a kart, s. An earlier one is doubtful.',
             (0.1, 3600),
         ),
         first_crossing=declare(
@@ -428,13 +427,7 @@ def read_settings(parameters: Parameters) -> Settings:
 
 
 def main(args: list[str] | None = None) -> int:
-    """
-    Run the timekeeper until SIGINT or SIGTERM.
-
-    :param args: command-line arguments; None for those of this process.
-    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the book
-        cannot be used.
-    """
+    """Run the timekeeper until SIGINT or SIGTERM, and return the exit code of `run_node`."""
     refusals = (ParameterError, RosterError)
     return run_node('timekeeper', Timekeeper, refusals, args, obstacles=(BookError,))
 

@@ -194,7 +194,6 @@ class TimekeeperWindow:
         return self._results.stamp > 0.0 and clock.now() - self._heard <= TIMING_GONE
 
     def _say(self, text: str, bad: bool = False) -> None:
-        """Show a sentence in the bottom line; in red if `bad`."""
         self._said.setText(text)
         self._said.setProperty('bad', bad)
         self._said.style().polish(self._said)
@@ -303,7 +302,6 @@ class TimekeeperWindow:
         dialog.open()
 
     def _field(self, name: str) -> Any:
-        """Return the widget for a field of a request."""
         if name == 'kart':
             place = self._table.currentRow()
             chosen = self._rows[place].kart if 0 <= place < len(self._rows) else 0

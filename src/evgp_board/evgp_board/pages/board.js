@@ -1,12 +1,12 @@
 // Copyright 2026 EVGP race control contributors
 // SPDX-License-Identifier: Apache-2.0
 
-// Shows what the board sends, as text. Each message contains everything to show. Times are in
-// seconds. The page sends nothing back.
+// Shows what the board sends, and sends nothing back. Each message contains everything to show.
+// Times are in seconds.
 'use strict';
 
-const STALE = 2; // after this time without a message, the page shows that it is out of date
-const RETRY = 4; // and after this time it reconnects, because some browsers give up
+const STALE = 2; // time without a message after which the page shows that it is out of date
+const RETRY = 4; // time after which the page reconnects, because some browsers give up
 
 const page = document.body.classList[0];
 const kart = location.pathname.split('/')[2];

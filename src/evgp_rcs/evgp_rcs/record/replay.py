@@ -318,7 +318,7 @@ class Replay:
             steps = self.clock_steps
             lines.append(
                 f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
-                f'event {steps[0].event.sequence}; or somebody changed the wall times in the '
+                f'event {steps[0].event.sequence}, or somebody changed the wall times in the '
                 'record. A replay cannot tell which.'
             )
         if self.missing:
@@ -327,7 +327,7 @@ class Replay:
             lines.append('Race control is still writing this run, which was replayed up to now.')
         elif run.ended_ns is None:
             lines.append(
-                'This run did not end in good order. It was replayed up to its last entry.'
+                'This run did not end normally. It was replayed up to its last entry.'
             )
         return DONE, lines
 

@@ -210,7 +210,6 @@ class Record:
         self._failed_at = clock.now()
 
     def _claim(self) -> None:
-        """Lock the file."""
         if self._claimed is not None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)

@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
     if before is not None and before.events and before.ended_ns is None:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
-            f'The previous run, {before.number}, did not end in good order. Print it '
+            f'The previous run, {before.number}, did not end normally. Print it '
             f'with: {CALLED}{file} --run {before.number} (or make record '
             f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
         )
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def _describe(run: Session, present: bool) -> str:
     clock = Clock(run.began_ns)
-    ended = 'did not end in good order' if run.ended_ns is None else clock.time(run.ended_ns, 3)
+    ended = 'did not end normally' if run.ended_ns is None else clock.time(run.ended_ns, 3)
     if not run.events:
         ended = 'did not start'
     if present:

@@ -184,7 +184,6 @@ def _lap_chart(timing: Standings) -> list[list[int]]:
 
 
 def _stood(alert: Alert, account: Account, clock: Clock) -> str:
-    """Return how long an alert lasted."""
     if alert.stands:
         return f'until the end ({wording.duration(account.length - alert.raised)})'
     if alert.ended is None:

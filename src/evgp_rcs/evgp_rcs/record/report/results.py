@@ -178,7 +178,6 @@ def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str
 
 
 def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]:
-    """Return the timekeeper's columns for a kart."""
     if timing is None or kart is None:
         return ('',) * 9
     grid = timing.grid.index(kart.kart) + 1 if kart.kart in timing.grid else ''
