@@ -326,9 +326,7 @@ class Replay:
         if self.kept.goes_on:
             lines.append('Race control is still writing this run, which was replayed up to now.')
         elif run.ended_ns is None:
-            lines.append(
-                'This run did not end normally. It was replayed up to its last entry.'
-            )
+            lines.append('This run did not end normally. It was replayed up to its last entry.')
         return DONE, lines
 
 
