@@ -129,7 +129,7 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
 
     assert first.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
     assert 'radio: Marshal, post 2: kart 3 is out of control!' in first
-    assert 'Anna gave ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in first
+    assert 'Anna sent ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in first
     assert 'the MSR is used' in first
     (moved,) = re.findall(r'^  moved after RED_RED at .*$', first, re.MULTILINE)
     seconds = {int(kart): float(s) for kart, s in re.findall(r'kart (\d) for (\S+) s', moved)}
@@ -138,7 +138,7 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
     assert max(seconds.values()) < 3.0  # the field's karts brake by 4 m/s2 at least
     assert first.endswith(INCIDENTS['msr_needed'].order)
 
-    (grid,) = re.findall(r'^.* Anna gave GRID_ACTIVE: .*$', second, re.MULTILINE)
+    (grid,) = re.findall(r'^.* Anna sent GRID_ACTIVE: .*$', second, re.MULTILINE)
     assert grid.endswith(' - WITH A PERSON ON THE TRACK')
     assert 'a person is off the track' in second
 
@@ -207,7 +207,7 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_
         rehearsal.send_signal(signal.SIGINT)
         at_the_end = rehearsal.stdout.read()
         assert 'spin (kart 2): a kart spins in front of others' in at_the_end
-        assert 'gave ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
+        assert 'sent ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
         assert rehearsal.wait() == 0
 
 
@@ -248,7 +248,7 @@ def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
         rehearsal.wait_for_end(0)
         (lines,) = rehearsal.debriefs()
     assert lines[0].startswith(f'{name} (kart {took.kart})' if took.kart else name)
-    assert any('Anna gave ALL_KILL' in line for line in lines), lines
+    assert any('Anna sent ALL_KILL' in line for line in lines), lines
     assert not any('still moves' in line for line in lines), lines
     assert lines[-1].endswith(INCIDENTS[name].order)
 

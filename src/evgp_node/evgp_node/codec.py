@@ -51,8 +51,6 @@ def message_of(value: Any, kind: type[Any], wall_ns: int = 0) -> Any:
     """
     Return a value as a message of this type.
 
-    :param value: the value.
-    :param kind: the type of the message.
     :param wall_ns: wall time at which the value's clock was 0, in ns since the epoch.
     """
     return _image(value, type(value), kind, wall_ns)
@@ -69,8 +67,6 @@ def value_of(message: Any, kind: type[_Value], said: Callable[[str], str] = str)
     """
     Return a message as a value of this type. Its times are wall times in seconds.
 
-    :param message: the message.
-    :param kind: the type of the value.
     :param said: a function to apply to each of ``SENTENCES``.
     :raises ValueError: if the message has an unknown constant, or lacks a required state.
     """

@@ -293,8 +293,6 @@ def trouble_of_graph(domain: int) -> str:
     Return what is wrong with this process's graph, as a sentence; empty if nothing is.
 
     This takes about a millisecond. Any thread may call it.
-
-    :param domain: number of the ROS domain.
     """
     if not has_its_address():
         named = os.environ[INTERFACE].strip()

@@ -65,10 +65,5 @@ def claim(name: str, host: str, process: int | None = None) -> str:
 
 
 def said_by(text: str, official: str) -> str:
-    """
-    Return an event's sentence, followed by the official who caused the event.
-
-    :param text: the sentence.
-    :param official: the official; empty if no command caused the event.
-    """
+    """Return an event's sentence, followed by the official, if any, who caused the event."""
     return f'{text} [{official}]' if official else text

@@ -40,9 +40,7 @@ def check_address(name: str, address: str) -> None:
     """
     Check that the value of a parameter is an IPv4 address.
 
-    :param name: name of the parameter.
-    :param address: its value.
-    :raises ParameterError: if the value is not an IPv4 address.
+    :raises ParameterError: if it is not.
     """
     try:
         ipaddress.IPv4Address(address)
@@ -101,7 +99,6 @@ class Parameters:
         """
         Declare a read-only parameter and return its value.
 
-        :param name: name of the parameter.
         :param default: the default value, which also determines the type.
         :param meaning: what the parameter means, with its unit.
         :param limits: minimum and maximum of a number; None for no limits.

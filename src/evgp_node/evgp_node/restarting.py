@@ -78,7 +78,6 @@ def keep_running(command: Sequence[str], *, gives_way: bool = False) -> int:
     """
     Run a program until it ends for good.
 
-    :param command: the program and its arguments.
     :param gives_way: as for `Ends`.
     :return: the program's exit code, or 128 plus the number of the signal that ended it; 0 if a
         signal came while the program was not running.

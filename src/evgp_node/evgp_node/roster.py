@@ -132,7 +132,6 @@ def load_roster(path: pathlib.Path) -> Roster:
     """
     Return the roster in a YAML file, which is the list of karts that §3.F requires.
 
-    :param path: path of the file.
     :raises RosterError: if the file cannot be read or is not a roster.
     """
     try:
@@ -164,7 +163,6 @@ def parse_roster(text: str, source: str) -> Roster:
     """
     Return the roster in a YAML text.
 
-    :param text: the text.
     :param source: name of the file, for messages.
     :raises RosterError: if the text is not a roster. No other exception is raised.
     """

@@ -70,7 +70,7 @@ class Block(NamedTuple):
     A part of a stream.
 
     :param entries: number of entries in the stream before this block.
-    :param data: the block's own entries, encoded.
+    :param data: this block's entries, encoded.
     """
 
     entries: int
@@ -136,7 +136,6 @@ class Stream(Generic[_Entry]):
         """
         Yield the entries in encoded data, in order.
 
-        :param data: the encoded entries.
         :param only: if not empty, yield only entries of these types.
         :raises DamagedError: when it reaches a damaged entry.
         """

@@ -155,9 +155,9 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
             if not event.success:
                 text = text.removeprefix(f'{command} ')
             remarks = ''.join(f' - {each}' for each in _remarks(stamped, truth))
-            yield _Line(at, f'{name} gave {command}: {text}{remarks}')
+            yield _Line(at, f'{name} sent {command}: {text}{remarks}')
         elif event.kind in (EventKind.CONNECTED, EventKind.DISCONNECTED):
-            word = 'connected' if event.kind is EventKind.CONNECTED else 'lost'
+            word = 'connected' if event.kind is EventKind.CONNECTED else 'connection lost'
             yield _Line(at, word, event.kart, event.kind)
         elif event.kind is EventKind.ALERT_RAISED:
             yield _Line(at, f'alert: {event.text}')
@@ -168,15 +168,15 @@ def _told(events: Sequence[StampedEvent], truth: Truth) -> Iterator[_Line]:
 def _asked(given: Corrected, truth: Truth) -> _Line:
     """Return the line of an official's correction, with whether the kart really crossed."""
     asked, remark = given.correction, ''
-    about = f' of kart {asked.kart}' if asked.kart else ''
+    about = f' for kart {asked.kart}' if asked.kart else ''
     if asked.act in (Act.STRIKE, Act.RESTORE):
-        about = f' {asked.passing}'
+        about = f' for {asked.passing}'
         for name, kart, crossed in truth.passings:
             if name == str(asked.passing):
                 word = 'crossed' if crossed else 'did not cross'
                 remark = f' - kart {kart} {word} the line there'
     name = asked.official or 'someone'
-    text = f'{name} asked the timekeeper for {CORRECTIONS[asked.act].label}{about}{remark}'
+    text = f'{name} sent the timekeeper {CORRECTIONS[asked.act].label}{about}{remark}'
     return _Line(given.at, text)
 
 

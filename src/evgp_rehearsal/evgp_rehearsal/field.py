@@ -101,7 +101,6 @@ class SimulatedKart:
     One kart.
 
     :param distance: distance driven since the line, in metres; negative before the line.
-    :param speed: speed, in m/s.
     :param told: the last state sent on this connection; None if there is none.
     :param obeys: the state that it carries out, which is ``told`` after its reaction time.
     :param cut: whether the MSR has cut the power of its motor.

@@ -67,8 +67,8 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
         'spin (kart 1): a kart spins in front of others',
         '  began at 10.0 s of the rehearsal and lasted 60.0 s',
         '     0.0 s  radio: kart 1 has spun',
-        '     3.2 s  Anna gave RED_FLAG: RED_FLAG is sent to karts 1, 2',
-        '     4.0 s  Anna gave GREEN_GREEN: refused: no',
+        '     3.2 s  Anna sent RED_FLAG: RED_FLAG is sent to karts 1, 2',
+        '     4.0 s  Anna sent GREEN_GREEN: refused: no',
         '     5.0 s  alert: kart 1 is late',
         f'  the rule book: {INCIDENTS["spin"].order}',
     ]
@@ -101,7 +101,7 @@ def test_karts_that_are_lost_together_make_one_line_and_must_stop() -> None:
         moving=((ticks(-8), 1, True), (ticks(2.6), 1, False)),
     )
     assert told[2:-1] == [
-        '     1.1 s  karts 1, 2: lost',
+        '     1.1 s  karts 1, 2: connection lost',
         '     4.1 s  karts 1, 2: connected',
         '  moved after the loss of its connection at 1.1 s: kart 1 for 1.5 s',
     ]
@@ -118,10 +118,10 @@ def test_it_says_when_the_msr_was_used_and_recorded_where_a_person_was_among_kar
     )
     assert told[2:-1] == [
         '     0.0 s  a person is on the track',
-        '    25.0 s  Anna gave ALL_KILL: ALL_KILL',
-        '    26.0 s  Anna gave RECORD_MSR: recorded - the MSR had not been used yet',
+        '    25.0 s  Anna sent ALL_KILL: ALL_KILL',
+        '    26.0 s  Anna sent RECORD_MSR: recorded - the MSR had not been used yet',
         '    31.0 s  the MSR is used',
-        '    33.0 s  Anna gave RECORD_MSR: recorded',
+        '    33.0 s  Anna sent RECORD_MSR: recorded',
     ]
     assert told[-1].endswith('humans are in danger (§3.D)')
 
@@ -137,12 +137,12 @@ def test_it_says_that_people_were_let_in_while_a_kart_moved_or_karts_sent_to_a_p
         people=((ticks(0), True), (ticks(40), False)),
     )
     assert told[3:7] == [
-        '     1.0 s  Anna gave IN_GARAGE: sent - WHILE KART 1 MOVED',
-        '     9.0 s  Anna gave GRID_ACTIVE: refused',
-        '    10.0 s  Anna gave GRID_ACTIVE: sent - WITH A PERSON ON THE TRACK',
+        '     1.0 s  Anna sent IN_GARAGE: sent - WHILE KART 1 MOVED',
+        '     9.0 s  Anna sent GRID_ACTIVE: refused',
+        '    10.0 s  Anna sent GRID_ACTIVE: sent - WITH A PERSON ON THE TRACK',
         '    40.0 s  a person is off the track',
     ]
-    assert told[7] == '    50.0 s  Anna gave GRID_ACTIVE: sent'
+    assert told[7] == '    50.0 s  Anna sent GRID_ACTIVE: sent'
 
 
 def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line() -> None:
@@ -159,11 +159,11 @@ def test_it_says_what_officials_asked_the_timekeeper_for_and_who_was_at_the_line
         [Corrected(10 + 20.0 * at + 5.0, each) for at, each in enumerate(asked)],
     )
     assert told[2:-1] == [
-        '     5.0 s  Anna asked the timekeeper for STRIKE PASSING line 12 - kart 4 crossed the '
-        'line there',
-        '    25.0 s  Anna asked the timekeeper for STRIKE PASSING line 13 - kart 3 did not cross '
+        '     5.0 s  Anna sent the timekeeper STRIKE PASSING for line 12 - kart 4 crossed '
         'the line there',
-        '    45.0 s  someone asked the timekeeper for LAP of kart 3',
+        '    25.0 s  Anna sent the timekeeper STRIKE PASSING for line 13 - kart 3 did not cross '
+        'the line there',
+        '    45.0 s  someone sent the timekeeper LAP for kart 3',
     ]
 
 

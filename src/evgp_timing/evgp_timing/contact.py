@@ -24,9 +24,8 @@ class Contact:
 
     def look(self, broken: bool, now: float) -> bool:
         """
-        Process the state of the beam, and return whether a new crossing begins.
+        Process whether the beam is broken, and return whether a new crossing begins.
 
-        :param broken: whether the beam is broken.
         :param now: the time, in seconds, which never decreases.
         """
         if self._broken_at is None:

@@ -53,13 +53,7 @@ MOST_PASSINGS = 200
 
 
 class Roster(NamedTuple):
-    """
-    The part of the roster that timing uses.
-
-    :param karts: numbers of the karts.
-    :param transponders: the kart of each transponder.
-    :param heats: the heats.
-    """
+    """The part of the roster that timing uses, with the kart of each transponder."""
 
     karts: tuple[int, ...]
     transponders: Mapping[str, int] = {}
@@ -169,7 +163,6 @@ class Race:
     :param run: id of the run of race control.
     :param number: number of the race in that run.
     :param began: when the grid formed, in seconds.
-    :param laps: the laps of the race.
     :param started: whether race control has sent GREEN_GREEN.
     :param published: whether an official has published the current results.
     :param missed: number of events from race control that were lost.
@@ -197,8 +190,6 @@ class Desk:
     """
     The timekeeper's data. Only `feed` changes it; the other methods return parts of it.
 
-    :param roster: the karts and heats.
-    :param settings: the settings for counting laps.
     :ivar races: every race of the event, oldest first.
     """
 
@@ -359,7 +350,7 @@ class Desk:
         if asked.act is Act.GIVE:
             return self._give(asked)
         if race is None or not race.started:
-            return Answer(False, 'no race was started')
+            return Answer(False, 'no race has been started')
         why_not = self._refusal(asked, race.laps)
         return Answer(not why_not, why_not or self._put_in_force(asked, race, now))
 
@@ -370,7 +361,8 @@ class Desk:
         if kart not in self.roster.karts:
             return Answer(False, f'there is no kart {kart}')
         if name not in self._given and len(self._given) >= MOST_GIVEN:
-            return Answer(False, f'{MOST_GIVEN} transponders are assigned. Put them in the roster')
+            full = f'{MOST_GIVEN} transponders are already assigned'
+            return Answer(False, f'{full}. Put further ones into the roster')
         self._given[name] = kart
         for race in self.races[-1:]:
             race.laps = race.laps.again(transponders={**race.laps.transponders, name: kart})
@@ -401,7 +393,7 @@ class Desk:
         if act is Act.PUBLISH and laps.ended == math.inf:
             return 'the race is still under way'
         if act is Act.CHOOSE and not laps.is_result:
-            return 'that race has no heat, or no lap counted in it'
+            return 'that race had no heat, or none of its laps counted'
         return ''
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:

@@ -27,7 +27,6 @@ class Record:
     """
     A complete record.
 
-    :ivar kind: the type of the record.
     :ivar fields: the value of each field; the last one if a field occurs several times.
     :ivar checked: True if the checksum is correct, False if the record has no checksum.
     """
@@ -129,8 +128,6 @@ class MarkedDecoder:
     """
     A decoder that finds the data between two marks in a stream, and skips all other bytes.
 
-    :param begin: the mark before the data.
-    :param end: the mark after the data.
     :param read: a function that interprets the bytes between the marks.
     """
 

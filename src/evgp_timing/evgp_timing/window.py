@@ -99,13 +99,10 @@ class Client:
         answered: Callable[[Answer], None],
     ) -> None:
         """
-        Send a correction.
+        Send a correction of this row, with the fields of its request besides `official`.
 
-        :param entry: the row of the correction.
-        :param official: name of the official.
-        :param fields: the other fields of the request.
-        :param answered: called with the answer, by `take`; or at once, if the timekeeper was not
-            found.
+        The answer goes to `answered`: later, from `take`, or at once if the timekeeper was not
+        found.
         """
         service = self._services[entry.service]
         if not service.service_is_ready():

@@ -42,13 +42,7 @@ _BUTTONS = {Act.STRIKE: 'Strike', Act.RESTORE: 'Restore', Act.GIVE: 'Whose?'}
 
 
 class Row(NamedTuple):
-    """
-    The result of one kart.
-
-    :param kart: number of the kart.
-    :param cells: one text for each heading of ``HEADINGS``.
-    :param penalised: whether an official has penalised the kart.
-    """
+    """The result of one kart, with a text for each of the ``HEADINGS``."""
 
     kart: int
     cells: tuple[str, ...]
@@ -130,12 +124,7 @@ def karts(results: Standings, teams: Mapping[int, str]) -> list[tuple[str, int]]
 
 
 def rows(results: Standings, teams: Mapping[int, str]) -> list[Row]:
-    """
-    Return the results, best first.
-
-    :param results: the results.
-    :param teams: name of the team of each kart in the roster.
-    """
+    """Return the results, best first, with the name of each kart's team."""
     return [
         Row(
             kart.kart,

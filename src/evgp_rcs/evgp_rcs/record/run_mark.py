@@ -104,7 +104,6 @@ class RunMark:
     """
     The mark during a run of race control.
 
-    :param path: file of the mark (``place``).
     :raises InUseError: if another running race control has the mark.
     """
 

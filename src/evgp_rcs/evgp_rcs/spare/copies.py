@@ -86,7 +86,6 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     :param source: ``user@address``, optionally with ``:folder``, or a folder of this machine.
     :param roster: path of the roster, relative to the folder.
     :param parameters: path of the file of the parameters, relative to the folder.
-    :param record: path of the record.
     :raises SpareError: if that is not possible now, or takes longer than `COPY_TIMEOUT`.
     """
     remote = _REMOTE.fullmatch(source)

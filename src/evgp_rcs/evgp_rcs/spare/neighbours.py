@@ -65,9 +65,7 @@ def ask(address: str, interface: str, seconds: float = ASK_FOR) -> Look:
 
     The questions are those of race control's own watch, but nothing is announced.
 
-    :param address: the IPv4 address.
-    :param interface: name of the interface.
-    :param seconds: time after which there is no answer, in seconds.
+    :param seconds: time without an answer after which nobody has the address, in seconds.
     """
     return _ask(address, interface, lambda card: card.name == interface, seconds)
 
@@ -100,11 +98,9 @@ def _ask(
 
 def connect(address: str, port: int, interface: str) -> Look:
     """
-    Check whether anything answers at a TCP port. Except on loopback, a refusal is an answer.
+    Check whether anything answers at a TCP port through an interface.
 
-    :param address: the IPv4 address.
-    :param port: the TCP port.
-    :param interface: name of the interface through which to connect.
+    Except on loopback, a refusal is an answer too.
     """
     with socket.socket() as trying:
         trying.settimeout(ANSWER_WITHIN)

@@ -85,8 +85,6 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
 
     The address is also removed if this process ends first.
 
-    :param address: the address and its network.
-    :param interface: name of the interface.
     :raises OSError: if the address cannot be added.
     """
     command = ['sh', '-c', _HOLD, 'sh', str(address), interface]
@@ -121,9 +119,6 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     """
     Take the address over if no other machine has it, and run race control until a final end.
 
-    :param address: race control's address and its network.
-    :param interface: name of the interface that gets the address.
-    :param port: TCP port for karts.
     :return: the exit code, as for ``main``.
     :raises SpareError: if there is no copy.
     :raises OSError, sqlite3.Error, ValueError: if the copy cannot be used, or the address cannot

@@ -511,8 +511,6 @@ class Part(NamedTuple):
     """
     The part of a run that a report shows. The report says what it leaves out.
 
-    :param start: start of the part, in seconds.
-    :param end: end of the part, in seconds.
     :param kart: the only kart shown, besides what concerns no single kart; None for every kart.
     """
 
