@@ -50,7 +50,7 @@ def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) ->
         'ALL_KILL: the last kart saw RED_RED',
         'the debrief shows ALL_KILL, and every kart stopped after it',
         'checked: all follow the rules',
-        'all 8 processes ended in order; none is left',
+        'all 8 processes ended normally, and none is left',
         'Nothing is missing',
     ):
         assert line in done.stdout
@@ -67,7 +67,7 @@ def test_a_kart_that_never_acknowledges_holds_the_race_and_is_named() -> None:
     assert 'not within 15 s: kart 1: GRID_ACTIVE' in done.stdout
     assert 'kart 1 (REHEARSAL 1): no GRID_ACTIVE yet' in done.stdout
     assert 'race 2' not in done.stdout
-    assert 'processes ended in order; none is left' in done.stdout
+    assert 'processes ended normally, and none is left' in done.stdout
 
 
 @pytest.mark.long

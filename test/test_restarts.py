@@ -368,5 +368,5 @@ def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take
     )
 
     assert second.wait() == 3
-    assert 'another race control still running here?' in second.output
+    assert 'another race control on this machine is using this port' in second.output
     first.connect().close()

@@ -394,7 +394,7 @@ def test_a_crossing_is_struck_with_a_reason_and_restored(racing: Window) -> None
     racing.until(lambda: racing.crossing('7') == f'by hand, struck: seen twice ({who}) [Restore]')
     racing.press('Restore', kart='7')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
-    racing.until_said('RESTORE PASSING: passing official 1 counts again')
+    racing.until_said('RESTORE PASSING: passing official 1 is restored')
 
 
 def test_a_dialog_that_is_cancelled_sends_nothing(racing: Window) -> None:

@@ -1012,8 +1012,9 @@ class Race:
 
     def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
         """
-        Record that a kart's kernel has answered an order, although its program may not have read
-        that order yet.
+        Record that a kart's kernel has answered an order.
+
+        The kart's program may not have read that order yet.
 
         :param serial: serial of the order; if there is a newer order, nothing happens.
         :param answered: latest time at which the kernel can have answered, in seconds.
