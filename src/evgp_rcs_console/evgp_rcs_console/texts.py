@@ -100,7 +100,7 @@ ALERT_WAS = {
     AlertKind.PART_FAILED: 'a part of race control had failed',
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
-"""What each alert was about, for after it has ended."""
+"""What each alert was about, shown once it has ended."""
 
 ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
@@ -323,7 +323,7 @@ def warning(command: Kind, race: Snapshot) -> str:
     """
     Return why an official should not confirm a command; empty if no reason is known.
 
-    That the race is under way is normal, so it causes no warning.
+    A race under way is normal and causes no warning.
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
@@ -353,7 +353,7 @@ def not_there(command: Kind, name: str) -> str:
 
 def no_answer(given: Given, waited: float, details: str = '', reason: str = '') -> str:
     """
-    Return that a command has not been answered, and what the official must do now.
+    Return a message that a command is unanswered, with what the official must do now.
 
     :param waited: time since the command was given, in seconds.
     :param details: what else is known about this wait; empty if nothing.
@@ -369,7 +369,7 @@ def no_answer(given: Given, waited: float, details: str = '', reason: str = '') 
 
 def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
     """
-    Return what an official should know before a command, although it does not rule it out.
+    Return what an official should know before a command that is still allowed.
 
     :param karts: the karts that the command would start or release.
     """

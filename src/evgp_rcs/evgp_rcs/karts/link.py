@@ -164,7 +164,7 @@ class KartLink(asyncio.BufferedProtocol):
         """
         Send the state again, unless an earlier frame has not left yet.
 
-        Because of this, a stop never waits behind more than one earlier frame in any buffer. If
+        A stop therefore never waits behind more than one earlier frame in any buffer. If
         the kart's answers are late, the link sends fewer frames (``Answers.may_beat``).
         """
         now = self._owner.now()

@@ -64,7 +64,7 @@ STALL = 1.0
 """Maximum delay of a beat, in seconds. If a beat is later than that, race control has stalled."""
 
 CONNECTIONS = (10, 2.0)
-"""Limit on each kart's new connections: the number in a burst, and then the number per second."""
+"""Limit on new connections from each kart: the size of a burst, and then the number per second."""
 
 TAKEOVERS = (3, 10.0)
 """Limit on takeovers: the number of times, and the period in seconds. If new connections replace a

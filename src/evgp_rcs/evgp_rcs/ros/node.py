@@ -106,12 +106,12 @@ PRESENCE_QOS = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Infinite,
 )
-"""QoS of ``~/presence``. It requires the least liveliness, so that race control hears every
+"""QoS of ``~/presence``. It requests the weakest liveliness, so that race control can hear every
 program. After `presence.SILENT_AFTER` of silence, race control considers a program gone."""
 
 
 MOST_AGE = 86_400.0
-"""Maximum age of a press, in seconds (one day). Race control treats an older press as this old."""
+"""Maximum age of a press, in seconds (one day). The age of an older press is set to this."""
 
 
 class DeafError(RuntimeError):
@@ -225,7 +225,7 @@ class RcsNode(StrictNode):
 
     def _after_the_first_look(self, begin: Begin) -> Begin:
         """
-        Wait until another machine with the address would have answered.
+        Wait long enough for any other machine that has the address to answer.
 
         :return: what to start with, including why another machine cannot be ruled out.
         :raises AddressTakenError: if another machine has answered.
@@ -450,8 +450,8 @@ def main(args: list[str] | None = None) -> int:
 
     :param args: command-line arguments; None for those of this process.
     :return: 0 after an orderly end. 1 after a failure, in which every kart was sent RED_RED or
-        lost its connection. 2 if a setting is wrong. 3 if another program is in the way, which may
-        be the remains of a crashed race control for a few seconds.
+        lost its connection. 2 if a setting is wrong. 3 if another program is in the way. For a few
+        seconds after a crash, that may be what is left of race control.
     """
     # Do this first, so that the kart server and ROS's threads inherit the priority.
     priority.come_before_others()
