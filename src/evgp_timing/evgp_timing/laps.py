@@ -16,9 +16,9 @@ that kart.
 
 A passing counts for a kart that started the race if all of these are true:
 
-- It comes after GREEN_GREEN, and before the kart finishes or leaves the race and before the race
-  ends. A passing within `clock_tolerance` after the finish still counts, because an official who
-  sees the kart cross may be quicker than the source.
+- It comes after GREEN_GREEN, before the kart finishes or leaves, and before the race ends. A
+  passing within `clock_tolerance` after the finish still counts, because an official who sees the
+  kart cross may be quicker than the source.
 - The kart has not completed all its laps.
 - At least `min_lap_time` has passed since the kart's last counted passing.
 
