@@ -66,7 +66,6 @@ def drawing(account: Account, part: Part, clock: Clock, title: str) -> Drawing:
 
 
 class _Timeline:
-
     def __init__(self, account: Account, part: Part, clock: Clock) -> None:
         self._account = account
         self._part = part
