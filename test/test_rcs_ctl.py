@@ -591,7 +591,7 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     assert '+5 s: a short cut' in ends(ACCEPTED, 'results')
     ends(ACCEPTED, 'undo-penalty', '2', '--race', '1')
     assert 'under way' in ends(REFUSED, 'publish-results')
-    assert 'no lap' in ends(REFUSED, 'choose-race', '--race', '1')
+    assert 'no heat' in ends(REFUSED, 'choose-race', '--race', '1')
     assert 'no timing' not in ends(ACCEPTED, 'watch', '--once')
 
     freeze(event.timekeeper.pid)
