@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The alerts, in an area that is always visible, and a sound that repeats until they are seen."""
+"""Shows the alerts in an area that is always visible, and repeats a sound until they are seen."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
-"""Maximum number of alerts shown in full. The others are shown only by number and karts."""
+"""Maximum number of alerts shown in full. The others are only counted, with their karts."""
 
 MANY = 4
-"""Maximum number of karts named in large type because their MSR alerts are not shown in full."""
+"""Maximum number of karts that fit in large type if their MSR alerts are not shown in full."""
 
 SOUND_AGAIN = 4.0
 """Time after which the alarm sounds again while an alert is unseen, in seconds."""
@@ -45,10 +45,11 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 
 def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
     """
-    Return alerts as HTML, on a coloured ground until they are seen.
+    Return alerts as HTML, on a coloured background until they are seen.
 
     :param at: race control's time now, in seconds.
-    :param sentences: number of alerts with their sentence. An alert without a kart always has it.
+    :param sentences: number of alerts to show with their sentence. An alert that is not about a
+        kart always shows its sentence.
     """
     tables = []
     for number, notice in enumerate(notices):
@@ -79,13 +80,14 @@ class AlertsArea(Panel):
     """
     Shows the alerts that are not marked as seen, and those whose cause still exists.
 
-    SEEN marks the first alert. If another alert has just taken its place, SEEN marks nothing.
+    SEEN marks the first unseen alert. If a different alert has just become the first one, SEEN
+    marks nothing.
     """
 
     seen = Signal(list)
-    """The official has seen the alerts with these numbers."""
+    """Emitted when the official has seen alerts. Carries the numbers of these alerts."""
     changed = Signal()
-    """SEEN was pressed just after the alerts had changed, so nothing was marked."""
+    """Emitted when SEEN marks nothing, because the alerts had just changed."""
 
     def __init__(self) -> None:
         super().__init__('banner')
@@ -132,8 +134,9 @@ class AlertsArea(Panel):
         Show alerts, the most important first.
 
         :param at: race control's time now, in seconds.
-        :param own: whether the official has just marked alerts as seen, and expects the change.
-        :param known: whether snapshots arrive; if not, no alerts do not mean that all is well.
+        :param own: whether the official has just marked alerts as seen, and so expects a change.
+        :param known: whether snapshots arrive; if they do not, an empty list does not mean that
+            all is well.
         """
         before = self._unseen
         self._notices = list(notices)
@@ -160,9 +163,10 @@ class AlertsArea(Panel):
 
     def _place(self, at: float) -> int:
         """
-        Show as many alerts as fit; return their number.
+        Show as many alerts as fit, and return how many they are.
 
-        If not all sentences fit, only the first alert and those without a kart keep theirs.
+        If the sentences do not all fit, only the first alert and the alerts that are not about a
+        kart keep their sentences.
         """
         count = min(len(self._notices), PLACES)
         for shown, sentences in ((count, count), *((each, 1) for each in range(count, 0, -1))):
@@ -177,7 +181,7 @@ class AlertsArea(Panel):
         return [notice.number for notice in self._notices if not notice.seen]
 
     def press_first(self) -> None:
-        """Mark the first unseen alert as seen, if it has been there long enough to be read."""
+        """Mark the first unseen alert as seen, if it has been shown for long enough to read."""
         self._press(1)
 
     def _press(self, count: int | None) -> None:
@@ -203,7 +207,7 @@ class Alarm:
         area.show_sound(muted=False)
 
     def take_race(self, race: Snapshot, two: bool) -> None:
-        """Update the alerts from a snapshot. A new alert sounds soon."""
+        """Update the alerts from a snapshot, and sound the alarm soon if one of them is new."""
         if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state
@@ -211,7 +215,7 @@ class Alarm:
             self.sound_soon()
 
     def take_own(self, text: str) -> None:
-        """Add an alert of this window's own, which sounds soon and stays until it is seen."""
+        """Add an alert that this window raises itself, and sound the alarm soon."""
         self._book.add_own(text)
         self.sound_soon()
 
@@ -220,7 +224,7 @@ class Alarm:
         Show the alerts.
 
         :param at: race control's time now, in seconds.
-        :param known: whether snapshots arrive; if not, there may be alerts unknown to this window.
+        :param known: whether snapshots arrive; without them, this window may be missing alerts.
         """
         self._at, self._known = at, known
         self._area.show_notices(self._book.shown, at, known=known)
@@ -235,18 +239,18 @@ class Alarm:
         self._area.show_sound(self._muted)
 
     def sound_soon(self) -> None:
-        """Sound at the next ``look``, if there is a reason to sound."""
+        """Let the next ``look`` sound the alarm at once, if there is a reason to."""
         self._sounded_at = 0.0
 
     def look(self, now: float, alarming: bool) -> None:
-        """Sound if it is time."""
+        """Sound the alarm if there is a reason, and the last time was long enough ago."""
         due = now - self._sounded_at >= SOUND_AGAIN
         if due and (alarming or self._book.unseen) and not self._muted:
             self._sounded_at = now
             self._sound.play()
 
     def sound_now(self) -> None:
-        """Sound once, immediately, because a stop was not sent."""
+        """Sound the alarm once, immediately, because a stop was not sent."""
         if not self._muted:
             self._sound.play()
 
@@ -255,7 +259,7 @@ class Alarm:
 
 
 def alarm() -> bytes:
-    """Return the sound of the alarm as mono samples of 16 bits."""
+    """Return the sound of the alarm as 16-bit mono samples."""
     samples = array.array('h')
     for frequency, length in TONES:
         count = int(RATE * length)
@@ -267,9 +271,9 @@ def alarm() -> bytes:
 
 class Sound:
     """
-    Plays the alarm, and does not wait until it has been played.
+    Plays the alarm in the background.
 
-    If no player is found, it rings the system's bell, which is turned off on many machines.
+    If no player is found, the system's bell rings instead. Many machines have it turned off.
     """
 
     def __init__(self) -> None:

@@ -2,14 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The console's ROS side: it receives the race and sends commands.
+Connects the console to ROS: receives the race and sends commands.
 
-It has two threads of its own, so that no screen ever waits for ROS:
+The client has two threads of its own, so that no screen ever waits for ROS:
 
 - The executor's thread receives the race, its events, the results and the answers to commands.
-- The sender's thread takes commands from a queue and calls the services. It repeats each stop
-  until race control accepts it or the stop has outlived its race (``StandingStops``). The same
-  thread announces the official's presence, so a client that cannot send stops announces nothing.
+- The sender's thread takes commands from a queue and calls the services. This thread repeats each
+  stop until race control accepts it or a later race ends it (``StandingStops``). The same thread
+  announces the official's presence, so a client whose sender hangs announces nothing.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ def spoken(sentence: str) -> str:
 
 
 WITHIN = 4.0
-"""Time within which the snapshots' numbers must fall twice to prove that there are two race
-controls, in seconds. Each race control sends two snapshots a second."""
+"""Time within which the sequence numbers of snapshots must fall twice to prove that there are two
+race controls, in seconds. Each race control sends at least two snapshots a second."""
 
 
 class Sources:
@@ -92,7 +92,7 @@ class Sources:
         self._falls: deque[float] = deque(maxlen=2)
 
     def hear(self, number: int, now: float) -> None:
-        """Record the number of a snapshot and when it arrived, in seconds."""
+        """Record the sequence number of a snapshot, and when that snapshot arrived, in seconds."""
         if self._last is not None and number <= self._last:
             self._falls.append(now)
         self._last = number
@@ -102,12 +102,12 @@ class Sources:
 
 
 GIVE_UP = 15.0
-"""Maximum wait for the answer to a request, in seconds. A stop is repeated long before that."""
+"""Maximum wait for the answer to a request, in seconds. Stops are repeated much sooner."""
 
 THEN_WITHIN = LEAST_PAUSE / 2
-"""Maximum time from a press to the last command that it sends, in seconds. If another official
-sends a stop in the meantime, the command still arrives during the pause in which race control
-refuses everything that loosens."""
+"""Maximum time after a press in which the press may send further commands, in seconds. If another
+official sends a stop in the meantime, these commands still arrive during the pause in which race
+control refuses everything that loosens."""
 
 PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
@@ -130,11 +130,11 @@ STOP_QOS = QoSProfile(
 """
 QoS of the clients that call the stops to more than one kart.
 
-After 20 s of silence, Fast DDS forgets a machine and everything that was sent to it. After a
-shorter outage, it delivers the requests that were sent in the meantime, oldest first, and race
+After 20 s of silence, Fast DDS forgets a machine and everything that was sent to that machine.
+After a shorter outage, Fast DDS delivers the requests sent in the meantime, oldest first, and race
 control acts on the first one. With ROS's usual depth of 10, the age in that request would be up to
-5 s too small; with a depth of 1, it is too small by ``PRESS_AGAIN`` at most. The stops to single
-karts share a service and keep the usual depth: with 1, one kart's stop could push out another's.
+5 s too small; with a depth of 1, at most ``PRESS_AGAIN``. The stops to single karts share a
+service and keep the usual depth, because one kart's stop could otherwise push out another's.
 """
 
 
@@ -142,7 +142,7 @@ class Listener(Protocol):
     """
     Gets everything that the client receives.
 
-    The client calls it in the client's threads, sometimes with a lock held. A listener must
+    The client calls these methods in its own threads, sometimes with a lock held. A listener must
     therefore return at once and must not call the client.
     """
 
@@ -150,7 +150,7 @@ class Listener(Protocol):
         """
         Take a snapshot.
 
-        :param at: when it arrived, in seconds, by the clock that includes suspends.
+        :param at: when the snapshot arrived, in seconds, by the clock that includes suspends.
         :param two: whether snapshots come from two race controls.
         """
 
@@ -159,10 +159,10 @@ class Listener(Protocol):
     def on_results(self, results: Standings) -> None: ...
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Take the final answer to a command, or the message that none arrived in time."""
+        """Take the final answer to a command, or a message that no answer arrived in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Take a stop that a later race has ended, and a sentence that says so."""
+        """Take a stop that a later race has ended, and a sentence for the official about that."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Take all stops that race control has not accepted yet."""
@@ -172,11 +172,11 @@ class Client:
     """
     A client of race control.
 
-    :param commands: the commands that it can send. With SROS2, it needs a permission for each of
-        them, but none of these to receive the race.
-    :param there: name of the program that announces presence (``announce``); if it is empty, or
-        SROS2 does not permit announcements, the client announces nothing.
-    :param hears: whether the listener gets the race. If not, only the client does, for its stops.
+    :param commands: the commands that the client can send. With SROS2, each of them needs a
+        permission, and a client that only receives the race needs none of these permissions.
+    :param there: name under which the program announces presence (``announce``). The client
+        announces nothing if the name is empty or SROS2 does not permit announcements.
+    :param hears: whether the listener gets the race. The client itself always gets the race.
     :raises RCLError: if ROS does not allow this client.
     """
 
@@ -228,23 +228,23 @@ class Client:
         self._sending.start()
 
     def give(self, given: Given) -> None:
-        """Send a command. This returns at once."""
+        """Queue a command for sending, and return at once."""
         self._given.put(given)
 
     def announce(self, official: str, fault: str, presses: int = 0) -> None:
         """
-        Announce that an official can stop the race from this program. This returns at once.
+        Announce that an official can stop the race from this program, and return at once.
 
         :param official: the official's name; empty if unknown.
         :param fault: why this program cannot stop the race now; empty if it can.
-        :param presses: for a button: number of presses.
+        :param presses: number of presses, for a program that reads a physical button.
         """
         presence = msg.Presence(program=self._program, id=self._id, fault=fault, presses=presses)
         presence.official = official[:MOST_OF_NAME]
         self._given.put(presence)
 
     def wait_for(self, command: Kind, seconds: float) -> bool:
-        """Wait until a command's service is found or time is up; return whether it is found."""
+        """Wait for a command's service; return whether it was found within the time (s)."""
         return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
@@ -296,7 +296,7 @@ class Client:
             pressed = self._standing.press(now(), self._finds)
         for given in pressed:
             self._request(given)
-        # With the lock held, no stop is reported here after its acceptance was reported.
+        # The lock ensures that no stop is reported as unaccepted after it was reported accepted.
         with self._lock:
             if self._standing.pressed:
                 self._listener.on_pressing(self._standing.pressed)
@@ -343,7 +343,8 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
             follows = given.followed_by() if answer.success else None
             soon = now() - given.at < THEN_WITHIN and self._stop_given_at < given.at
-        # A stop that failed is sent again. Neither that nor answers to older presses are reported.
+        # A stop that failed is sent again. Such failures and answers to older presses are not
+        # reported.
         if ended or not CATALOGUE[given.command].stop:
             self._listener.on_answer(given, answer)
         if follows is not None and soon:
@@ -365,7 +366,7 @@ class Client:
         began = self._began.hear(race.stamp, race.race_since, at)
         with self._lock:
             self._karts = frozenset(kart.number for kart in race.karts)
-            # With two race controls, nobody knows to which of their races the press belonged.
+            # With two race controls, nobody knows which of the two races the press was for.
             ended = [] if two else self._standing.outlived(began, at)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)

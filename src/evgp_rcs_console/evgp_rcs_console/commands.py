@@ -2,19 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-An official's command: its request to race control, its effects, and its outcome.
+Describes an official's command: the request to race control, the effects and the outcome.
 
-The catalogue says what each command is called and whether it is a stop. Race control decides
-whether it is allowed.
+The catalogue names each command and says whether the command is a stop. Race control decides
+whether a command is allowed.
 
-The console sends each stop again until race control accepts it. Repeating does no harm because a
-stop only makes things stricter. But a stop must not outlast a later decision of the official. Once
-race control accepts a command from this console that loosens the race, the console stops sending
-the stops that were given before it. The release of a kart ends only the earlier stops to that
-kart. ALL KILL and the record of the MSR are sent until race control accepts them. But no stop
-outlives its race: a stop older than ``OUTLIVES`` ends once a later race has certainly begun.
+The console sends each stop again until race control accepts that stop. Repeats do no harm, because
+a stop only makes things stricter. But a stop must not override a later decision of the official.
+Once race control accepts a command from this console that loosens the race, the console gives up
+the stops that the official pressed before that command. The release of a kart ends only the
+earlier stops to that kart. ALL KILL and the record of the MSR are sent until race control accepts
+them. But no stop outlives its race: a stop older than ``OUTLIVES`` ends once a later race has
+certainly begun.
 
-The module is pure: it is passed snapshots and times.
+The module is pure: callers pass in all snapshots and times.
 """
 
 from __future__ import annotations
@@ -37,19 +38,19 @@ class Given:
     """
     A command that an official gave, with what the official saw.
 
-    :param kart: the kart it is for; 0 for a command to the race, to all karts, or to the track.
+    :param kart: the number of the command's kart; 0 if the command is not for a single kart.
     :param stated: whether the official made the statement that race control asked for.
     :param karts: for a command that starts or releases karts: the karts that the official saw.
     :param hold: for the release of one kart: the hold that the official saw.
     :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
         TAKE_ROSTER: the reading of the roster.
-    :param official: who gave it, as sent to race control.
-    :param taken: the further fields of its request (``Entry.takes``).
-    :param then: commands to send one after the other once this one is accepted, if that happens
-        soon enough. Each counts as pressed together with this one.
-    :param at: when it was given, in seconds, by the clock that includes suspends.
-    :param waited: for how long the press had already waited by then, in seconds, as far as known.
-        Race control gets it, but it never ends a stop, because it may be an overestimate.
+    :param official: who gave the command, as sent to race control.
+    :param taken: the further fields of the request (``Entry.takes``).
+    :param then: commands to send one after another once this command is accepted, if that happens
+        soon enough. They count as pressed together with this command.
+    :param at: when the command was given, in seconds, by the clock that includes suspends.
+    :param waited: how long the press had already waited by then, in seconds, as far as known. This
+        time is reported to race control, but it never ends a stop, as it may be too high.
     """
 
     command: Kind
@@ -66,7 +67,7 @@ class Given:
     waited: float = 0.0
 
     def followed_by(self) -> Given | None:
-        """Return the command to send once this one is accepted; None if there is none."""
+        """Return the command to send once this command is accepted; None if there is none."""
         if not self.then:
             return None
         first, *rest = self.then
@@ -77,8 +78,9 @@ def request(given: Given, at: float) -> dict[str, object]:
     """
     Return the fields of a command's request.
 
-    :param at: when it is sent, in seconds. Each repeat of a stop states its age at that time. A
-        request that DDS delivers late is older than it states, by that delay, and never younger.
+    :param at: when the request is sent, in seconds. Each request for a stop states the stop's age
+        at that time. If DDS delivers the request late, the stop is older than stated, never
+        younger.
     """
     entry = CATALOGUE[given.command]
     fields: dict[str, object] = {'official': given.official, **entry.fixed, **given.taken}
@@ -104,10 +106,11 @@ class Effects:
     """
     The effects of a command. Each kart on the roster is in one of these groups.
 
+    :param state: the state that the command sends to karts; None if it sends no state.
     :param now: karts that are sent the state at once.
     :param later: karts without a connection, which are sent the state when they connect.
-    :param held: karts that the command leaves held.
-    :param rest: the other karts that the command does not affect.
+    :param held: karts to which the command sends nothing, and which remain held.
+    :param rest: the other karts to which the command sends nothing.
     """
 
     state: RaceState | None
@@ -147,12 +150,12 @@ def effects(
 
 
 SETTLED = 1.0
-"""Time after an answer from which every snapshot is newer than it, in seconds. Race control
-publishes a snapshot at least every 0.5 s."""
+"""Time after an answer from which every snapshot that arrives is newer than the answer, in
+seconds. Race control publishes a snapshot at least every 0.5 s."""
 
 
 class Outcome:
-    """The effect of an accepted command."""
+    """Compares the answer to an accepted command with the snapshots that follow."""
 
     def __init__(self, given: Given, at: float) -> None:
         self.given = given
@@ -246,8 +249,9 @@ class RaceBegan:
     The two machines' clocks are unrelated, but a snapshot always arrives after it was taken. The
     smallest difference seen between arrival and stamp is therefore the difference of the clocks
     plus the delay of the fastest snapshot. A snapshot that was delayed, or that waited while this
-    machine was suspended, makes no race seem later. Nor does a change of race control's clock: if
-    it is set forward, the difference shrinks at once; if it is set back, the race seems earlier.
+    machine was suspended, does not make a race seem later. A change of race control's clock does
+    not either. If that clock is set forward, the difference shrinks at once. If the clock is set
+    back, the race seems earlier.
     """
 
     def __init__(self) -> None:
@@ -255,10 +259,10 @@ class RaceBegan:
 
     def hear(self, stamp: float, since: float | None, now: float) -> float:
         """
-        Take a snapshot; return the earliest time at which its race can have begun, in seconds.
+        Return the earliest time at which a snapshot's race can have begun, in seconds.
 
         :param stamp: when the snapshot was taken, by race control's clock.
-        :param since: when its race began, by the same clock; None if none has begun in this run.
+        :param since: when the race began, by the same clock; None if this run has had no race.
         :param now: when the snapshot arrived, by this machine's clock.
         """
         self._difference = min(self._difference, now - stamp)
@@ -271,12 +275,12 @@ class Standing:
     A stop that is sent again until race control accepts it.
 
     :param given: the official's newest press of this stop.
-    :param since: when the official first pressed it without an acceptance since, in seconds.
-    :param presses: number of times that it was due to be sent.
-    :param due: when it is sent next, in seconds.
-    :param said: race control's reason for not accepting it; empty if it gave none.
-    :param found_since: the time since which race control has been found, in seconds; infinite if
-        it was not found when this was last checked.
+    :param since: when the official first pressed the stop without an acceptance since, in seconds.
+    :param presses: number of times that the stop was due to be sent.
+    :param due: when the stop is sent next, in seconds.
+    :param said: race control's reason for not accepting the stop; empty if it gave no reason.
+    :param found_since: when race control was found, in seconds; infinite if the last check did not
+        find race control.
     """
 
     given: Given
@@ -288,7 +292,7 @@ class Standing:
 
 
 class StandingStops:
-    """The stops that are still being sent, by command and kart."""
+    """Keeps the stops that the console is still sending."""
 
     def __init__(self) -> None:
         self._stops: dict[tuple[Kind, int], Standing] = {}
@@ -307,10 +311,10 @@ class StandingStops:
         """
         Return the stops to send now, and count each stop that is due as sent.
 
-        An old stop is not sent while race control is not found: DDS may have found only the part
-        of race control that takes the stop, before this console learns of a later race. Once race
-        control is found, the stop waits for a snapshot, which ends it if a later race has begun.
-        If no snapshot arrives within ``SNAPSHOT_WITHIN``, the stop is sent.
+        An old stop is not sent until race control is found. Even then, DDS may have found only the
+        service that takes the stop, so this console may not know of a later race yet. The stop
+        therefore waits for a snapshot, which ends the stop if a later race has begun. If no
+        snapshot arrives within ``SNAPSHOT_WITHIN``, the stop is sent.
 
         :param finds: returns whether race control can be reached; called for old stops only.
         """
@@ -330,7 +334,7 @@ class StandingStops:
 
     def outlived(self, begun: float, now: float) -> list[Given]:
         """
-        Take a snapshot; return the stops that it ends.
+        Remove and return the stops that end because a snapshot shows a later race.
 
         A stop ends only if an official's GRID_ACTIVE was certainly accepted after the press.
         Neither a restart of race control nor a new race number proves that.
@@ -363,7 +367,7 @@ class StandingStops:
         """
         Record that race control accepted a command; return whether that ends any stop.
 
-        If the official has pressed the stop again since, the newer press is still sent.
+        If the official has pressed a stop again since, the console still sends the newer press.
         """
         before = len(self._stops)
         if self.waits(given):
@@ -377,7 +381,8 @@ class StandingStops:
         """
         Record that race control has not accepted a stop, and why.
 
-        :param final: whether it never will, so that the stop is given up.
+        :param final: whether race control will never accept the stop, so that the console gives
+            up.
         """
         if not self.waits(given):
             return
@@ -400,12 +405,12 @@ def _ends(later: Given, stop: Given) -> bool:
 
 
 LATE = 0.3
-"""Time after which the window says that a command is unanswered, in seconds."""
+"""Time after which the window reports that a command has no answer, in seconds."""
 
 
 class Unanswered:
     """
-    Commands that wait for an answer, and stops that race control has not accepted yet.
+    Keeps commands that have no answer yet, and stops that race control has not accepted yet.
 
     :ivar stops: the stops that the client keeps sending, oldest first.
     """
@@ -422,21 +427,21 @@ class Unanswered:
         self._given[given.command, given.kart] = given
 
     def answered(self, given: Given) -> None:
-        """Remove a command that was answered; a newer one of the same kind still waits."""
+        """Remove an answered command; a newer press of the same command still waits."""
         if self._given.get((given.command, given.kart)) is given:
             del self._given[given.command, given.kart]
 
     def ages(self, now: float) -> dict[tuple[Kind, int], float]:
-        """Return for how long each command has been waiting, in seconds."""
+        """Return how long each command has been waiting for its answer, in seconds."""
         return {key: now - given.at for key, given in self._given.items()}
 
     def oldest(self, now: float) -> Given | None:
-        """Return the command that has been waiting longest, if for longer than ``LATE``."""
+        """Return the command that has waited longest; None if no wait is longer than ``LATE``."""
         given = min(self._given.values(), key=lambda given: given.at, default=None)
         return given if given is not None and now - given.at > LATE else None
 
     def all_kill(self, now: float) -> Standing | None:
-        """Return ALL KILL if race control has not accepted it for longer than ``LATE``."""
+        """Return the ALL KILL that race control has not accepted for longer than ``LATE``."""
         late = (each for each in self._late(now) if each.given.command is CommandKind.ALL_KILL)
         return next(late, None)
 

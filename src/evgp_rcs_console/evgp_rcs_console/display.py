@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Shows the race in the areas of the window, and the official's commands in its bottom line.
+Shows the race in the areas of the window, and the official's commands in the bottom line.
 
-The areas follow the newest snapshot, the passing of time and the choice of a kart. The window
-also remembers what each of its places showed a moment ago, because an official who presses a
-button has aimed at what was there before.
+The areas change with the newest snapshot, with time, and with the official's choice of a kart.
+The window also remembers what it showed a moment ago, because an official who presses a button
+may have aimed at the button that was there before.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, re
 
 @dataclass(frozen=True)
 class Shown:
-    """What an official saw: the screen, and each command's button with the place where it was."""
+    """What an official saw: the screen, and the place and command of each button on it."""
 
     screen: Screen
     buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
@@ -76,7 +76,7 @@ class SeenCommands(Aim[Shown]):
     """
     Remembers the screens that the official has just seen.
 
-    :ivar screen: the current screen; None before the first one.
+    :ivar screen: the current screen; None before the first screen.
     """
 
     def __init__(self, window: QtWidgets.QWidget) -> None:
@@ -85,14 +85,14 @@ class SeenCommands(Aim[Shown]):
         self.screen: Screen | None = None
 
     def change_to(self, screen: Screen, now: float) -> None:
-        """Replace the current screen; this must be called before any widget shows the new one."""
+        """Replace the current screen. Call this before any widget shows the new screen."""
         before, self.screen = self.screen, screen
         if before is not None and before.rows and _commands(before) != _commands(screen):
             self.change(self._saw(before), now)
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """Record what the official saw before the window itself scrolls the buttons."""
+        """Record what the official saw before, if the window itself scrolls in this context."""
         before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
@@ -115,16 +115,17 @@ class SeenCommands(Aim[Shown]):
 
 
 def _commands(screen: Screen) -> list[object]:
-    """Return the commands of the buttons that can move or change, in the order of their places."""
+    """Return the commands of the buttons that can move or change, in the order on the screen."""
     buttons = [*(button for row in screen.rows for button in row.buttons), screen.track_button]
     return [*((button.command, button.kart) for button in buttons), *_heats(screen)]
 
 
 class Areas(QtWidgets.QWidget):
-    """The areas of the window, each in its place, and the sheets that open over them."""
+    """Holds the areas of the window in their places, and the sheets that open over the areas."""
 
     commanded = Signal(object, object)
-    """A button was pressed; with the command it had when it went down, and on its release."""
+    """Emitted when a button acts. Carries the button's command from the moment of the press, and
+    the command that the button has now."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -188,7 +189,7 @@ class Areas(QtWidgets.QWidget):
         grid.addWidget(self.foot, 5, 0, 1, 2)
 
     def fit(self) -> None:
-        """Adapt everything to the size of the window and to the palette."""
+        """Adapt all areas and sheets to the size of the window and to the palette."""
         look.by = style.scale(self.width(), self.height())
         if self._style != (look.by, look.palette):
             self._style = look.by, look.palette
@@ -216,7 +217,7 @@ class Areas(QtWidgets.QWidget):
             self.fit()
 
     def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
-        """Close the other sheets and show this one, with the focus on one of its parts."""
+        """Show a sheet with the focus on one of its parts, and close the other sheets."""
         self.close_sheets()
         sheet.show()
         self.place_sheets()
@@ -236,7 +237,7 @@ class Areas(QtWidgets.QWidget):
                 sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
     def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is part of a sheet, and so covers what was there before."""
+        """Return whether a widget is part of a sheet, and so may cover another button."""
         return widget is not None and any(
             sheet is widget or sheet.isAncestorOf(widget) for sheet in self.findChildren(Sheet)
         )
@@ -253,17 +254,18 @@ Heard = tuple[Snapshot, float, bool]
 
 class Inbox(QtCore.QObject):
     """
-    A ``Listener`` that passes the client's news to the Qt thread.
+    A ``Listener`` that passes everything the client receives to the Qt thread.
 
-    After a hang, the window must not show one old snapshot after the other, because each of them
-    would make race control look silent. Snapshots therefore wait until the window processes all
-    of them at once.
+    After a hang, the window must not show one old snapshot after another, because each of them
+    would make race control look silent. Snapshots therefore wait here until the window processes
+    all of them together.
 
     :ivar waiting: the snapshots that have not been processed yet, newest last.
     """
 
     came = Signal()
-    """A snapshot has arrived. The window may already have processed it with an earlier one."""
+    """Emitted for each snapshot. The window may have processed that snapshot already, together
+    with an earlier one."""
     event = Signal(object)
     results = Signal(object)
     answer = Signal(object, object)
@@ -283,7 +285,7 @@ class Inbox(QtCore.QObject):
 
 
 class ChosenKart(KartField):
-    """The kart that a command by key acts on, shown below ALL KILL and marked in the list."""
+    """The kart that a command by key acts on, shown under ALL KILL and marked in the list."""
 
     def __init__(self, areas: Areas) -> None:
         super().__init__()
@@ -295,7 +297,7 @@ class ChosenKart(KartField):
         self.choose(number)
 
     def choose_next(self, step: int) -> None:
-        """Choose the kart some rows below (negative: above) the chosen one, or the first."""
+        """Choose the kart ``step`` rows below the chosen kart; if no kart is chosen, the first."""
         numbers = self._areas.karts.numbers
         if numbers:
             place = numbers.index(self.kart) + step if self.kart else 0
@@ -310,15 +312,15 @@ class ChosenKart(KartField):
 
 
 READ = 5.0
-"""Minimum time before an older waiting command replaces the last message, in seconds."""
+"""Minimum time that a message stays before an older unanswered command replaces it, in seconds."""
 
 
 class BottomLine:
     """
     The line at the bottom of the window.
 
-    It shows the first of these that there is: stops that race control does not accept, an
-    explanation of what the pointer or the focus is on, a command without an answer, the last
+    The line shows the first of these that exists: stops that race control has not accepted, an
+    explanation of what the pointer or the focus is on, a command without an answer, or the last
     message.
     """
 
@@ -335,7 +337,7 @@ class BottomLine:
         self._pointed: object = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Replace the last message by what has just happened, with the time of day."""
+        """Replace the last message with a new one, and put the time of day before it."""
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
         self._outcome = None
@@ -361,7 +363,7 @@ class BottomLine:
         self._holds = True
 
     def take_screen(self, screen: Screen) -> None:
-        """Remove a refusal from the line once the screen shows that it no longer applies."""
+        """Remove a refusal from the line once the screen shows that the command is possible."""
         button = screen.shown(*self._refused) if self._refused is not None else None
         if button is None or button.is_stop:
             return
@@ -371,7 +373,11 @@ class BottomLine:
             self.say('')
 
     def take_race(self, race: Snapshot, at: float) -> None:
-        """Replace an answer that this snapshot, which arrived at a time (s), contradicts."""
+        """
+        Replace the answer in the line if this snapshot contradicts it.
+
+        :param at: when the snapshot arrived, in seconds.
+        """
         if self._outcome is not None and not self._outcome.agrees_with(race, at):
             self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
         elif self._changed is not None:
@@ -381,7 +387,7 @@ class BottomLine:
                 self._say_changed(given, what)
 
     def point_at(self, widget: object) -> None:
-        """Explain the widget, or show the text, that the pointer or the focus is on."""
+        """Explain a widget, or show a text, that the pointer or the focus has reached."""
         self._pointed = widget
         self.show()
 
@@ -419,7 +425,7 @@ class BottomLine:
 
 
 def _explanation(pointed: object) -> str:
-    """Return why a button's command is not possible, or the full text if it is cut off."""
+    """Return why a button's command is not possible, or the full wording of a cut-off text."""
     if isinstance(pointed, Text):
         return pointed.text().replace('\n', ', ') if pointed.cut else ''
     if isinstance(pointed, CommandButton) and pointed.button is not None:
@@ -428,7 +434,7 @@ def _explanation(pointed: object) -> str:
 
 
 AGES = 1.0
-"""Time after which the ages on the screen are updated, in seconds."""
+"""Maximum time between two updates of the ages on the screen, in seconds."""
 
 
 class Display(QtCore.QObject):
@@ -440,7 +446,7 @@ class Display(QtCore.QObject):
     """
 
     def __init__(self, areas: Areas, looking: str, waiting: deque[Heard]) -> None:
-        super().__init__(areas)  # lives in the Qt thread, for which Qt queues the client's signals
+        super().__init__(areas)  # belongs to the Qt thread, so Qt queues the client's signals
         self.areas = areas
         self.unanswered = Unanswered()
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
@@ -459,7 +465,7 @@ class Display(QtCore.QObject):
         self._danger_title = ''
         self._news: object = None
 
-    # ----- what is heard ------------------------------------------------------------------
+    # ----- what the client receives -------------------------------------------------------
 
     def take_races(self) -> None:
         """Process every waiting snapshot, so that no alert is missed, and show the newest."""
@@ -474,10 +480,10 @@ class Display(QtCore.QObject):
             before, self._news = self._news, self._without_measurements()
             changed = changed or self._news != before
         if changed:
-            self.refresh()  # otherwise only figures have changed, which can wait for `look`
+            self.refresh()  # if only figures have changed, they can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event, unless it is a delivery in time, which would push others out of sight."""
+        """Show an event. Deliveries in time are left out, as they would crowd out other events."""
         event = stamped.event
         if event.kind is EventKind.ENDED and event.success and self._race is not None:
             self._ended_run = self._race.run
@@ -498,14 +504,14 @@ class Display(QtCore.QObject):
         self.refresh()
 
     def take_dropped(self, why: str) -> None:
-        """Raise an alert that a stop is no longer being sent; it stays until it is seen."""
+        """Alert the official that a stop is no longer being sent."""
         self.alarm.take_own(why)
         self.refresh()
 
     # ----- what is shown ------------------------------------------------------------------
 
     def _without_measurements(self) -> object:
-        """Return the newest snapshot and results without their times and the links' figures."""
+        """Return the newest snapshot and results without time stamps and the links' figures."""
         race = self._race or NOTHING
         results = None if self._results is None else self._results._replace(stamp=0.0)
         karts = [
@@ -514,7 +520,7 @@ class Display(QtCore.QObject):
         return race._replace(stamp=0.0, karts=()), karts, results, self._two
 
     def look(self, now: float) -> None:
-        """Show what the passing of time (s) has changed, and sound the alarm if it is due."""
+        """Update what depends on the time (s), and sound the alarm if that is due."""
         danger_now = self._danger(now)
         waits = self.unanswered or self.unanswered.stops
         if danger_now or self._danger_title or waits or now - self._shown_at >= AGES:
@@ -523,7 +529,7 @@ class Display(QtCore.QObject):
         self.alarm.look(now, alarming=danger_now is not None and self._race is not None)
 
     def refresh(self) -> None:
-        """Show the newest snapshot, with all ages as of now."""
+        """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
         self._shown_at = now
         danger_now = self._danger(now)
@@ -563,12 +569,12 @@ class Display(QtCore.QObject):
 
     @property
     def unheard(self) -> str:
-        """Return why a stop may not reach race control; empty if race control is not silent."""
+        """Return why stops may not reach race control; empty if race control is not silent."""
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None and danger_now.stale else ''
 
     def _see(self, screen: Screen, now: float) -> None:
-        """Record the old screen as seen, and close the sheet of heats if the heats changed."""
+        """Record the old screen as seen, and close the sheet of heats if the heats change."""
         before = self.areas.seen.screen
         heats_changed = (
             self.areas.heats.isVisible()
@@ -576,7 +582,7 @@ class Display(QtCore.QObject):
             and _heats(before) != _heats(screen)
         )
         self.areas.seen.change_to(screen, now)
-        if heats_changed:  # a click meant for the sheet does not count for what is below it
+        if heats_changed:  # a click meant for the sheet does not act on what is under the sheet
             self.areas.heats.close_sheet()
             self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
 

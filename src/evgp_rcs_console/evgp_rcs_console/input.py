@@ -4,8 +4,8 @@
 """
 Decides which of the official's keys and clicks act, and carries them out.
 
-The window passes every key and click to this module before any widget gets it, because a key or
-click may be too old, or may have been meant for a button that has moved.
+The window passes every key and click to this module before any widget gets them. A key or click
+may be too old, or may have been meant for a button that has moved.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ UNDO_AFTER = 2.0
 """
 Time after a command to a kart before a click can undo it, in seconds.
 
-An earlier click may be the second one of a slow double click.
+A click before that may be the second one of a slow double click.
 """
 
 Give = Callable[[Given], None]
@@ -64,12 +64,16 @@ class CommandInput(QtCore.QObject):
         self._chosen.clear()
 
     def hold_kill(self) -> None:
-        """Handle the repeats of a held ALL KILL key: send it again if its press was dropped."""
+        """Handle a repeat of a held ALL KILL key: send ALL KILL again if it was dropped."""
         if self._all_kill_was_dropped:
             self.kill()
 
     def take_dropped(self, given: Given, why: str) -> None:
-        """Handle a stop that is no longer being sent; send ALL KILL again if it is still held."""
+        """
+        Handle a stop that the client no longer sends, because a later race has begun.
+
+        If that stop is ALL KILL and its button is still held down, send ALL KILL again.
+        """
         self.display.take_dropped(why)
         if given.command is CommandKind.ALL_KILL:
             self._all_kill_was_dropped = True
@@ -78,9 +82,10 @@ class CommandInput(QtCore.QObject):
 
     def let_go(self, down: Button, button: Button) -> None:
         """
-        Handle the release of a button that does not act on the press.
+        Handle the release of a button that does not act when it goes down.
 
-        :param down: its command when it went down; another one on the release is not sent.
+        :param down: the button's command when it went down.
+        :param button: its command now. A different command is not sent.
         """
         if not down.is_same_command(button):
             self.refuse_changed(down)
@@ -92,7 +97,7 @@ class CommandInput(QtCore.QObject):
             self.press(button)
 
     def _just_done(self, button: Button) -> Given | None:
-        """Return the command that this button would undo, if it was sent a moment ago."""
+        """Return the command that this button would undo, if that was sent a moment ago."""
         sent = self._last_sent
         if sent is None or clock.now() - sent.at >= UNDO_AFTER or not button.kart:
             return None
@@ -100,7 +105,7 @@ class CommandInput(QtCore.QObject):
         return sent if (sent.command, sent.kart) == undoes else None
 
     def press(self, button: Button) -> None:
-        """Send a button's command, ask the official to confirm it, or show why it is refused."""
+        """Send a button's command, ask for confirmation first, or show why it is not possible."""
         areas = self._areas
         if not button.enabled:
             self._bottom.say_barred(button)
@@ -115,9 +120,9 @@ class CommandInput(QtCore.QObject):
 
     def answer(self, yes: bool, also: bool = False) -> None:
         """
-        Close the question, and send its command if the answer is YES.
+        Close the question, and send the command that it asks about if the answer is YES.
 
-        :param also: the second command was confirmed as well.
+        :param also: whether the official has confirmed the further commands as well.
         """
         asked = self._areas.question.button
         # Hidden first, so that a second press of the same key finds no question.
@@ -127,21 +132,22 @@ class CommandInput(QtCore.QObject):
         if yes and asked is not None:
             self._send(asked, also)
         elif asked is not None and asked.kart and not self._chosen.kart:
-            self._chosen.choose_in_sight(asked.kart)  # its number was typed for the question
+            self._chosen.choose_in_sight(asked.kart)  # so that its next command needs no number
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Handle a press that was meant for another command than the one that is there now.
+        Handle a press on a place whose command changed after the official had aimed.
 
         A stop goes to the kart that the official aimed at. Any other command is not sent, and the
         bottom line says so.
 
-        :param aimed: the command that was there when the official aimed.
-        :return: whether it was such a press.
+        :param target: the widget that is there now.
+        :param aimed: the button that was there when the official aimed; None if there was none.
+        :return: whether the press was handled here.
         """
         there = target.button if isinstance(target, CommandButton) else None
         if aimed is None and (there is None or there.is_stop):
-            return False  # there was no kart's button that the press could have been meant for
+            return False  # the press can only be meant for what is there now
         if aimed is not None and there is not None and aimed.is_same_command(there):
             return False
         if aimed is not None and aimed.is_instant:
@@ -153,7 +159,7 @@ class CommandInput(QtCore.QObject):
         return True
 
     def refuse_changed(self, button: Button) -> None:
-        """Show that a command was not sent, because its button had just changed."""
+        """Show that a command was not sent, because the buttons had just changed."""
         name = texts.command_name(button.command, button.kart)
         self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
         self._chosen.clear()
@@ -170,7 +176,7 @@ class CommandInput(QtCore.QObject):
         self._bottom.say(f'Your commands are now sent as: {self._signature.claim}')
 
     def toggle_events(self) -> None:
-        """Switch between the events of the chosen kart and those of all karts."""
+        """Switch between the events of the chosen kart and the events of all karts."""
         if not self._areas.events.toggle(self._chosen.kart):
             self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
 
@@ -179,7 +185,7 @@ class CommandInput(QtCore.QObject):
         given = replace(button.given(also), official=claim, waited=self._late.waited)
         self._give(given)
         self._last_sent = given
-        if not CATALOGUE[given.command].stop:  # the client reports stops not accepted yet
+        if not CATALOGUE[given.command].stop:  # the client keeps track of stops itself
             self.display.unanswered.add(given)
         self._bottom.say(f'{texts.full_name(given)} sent')
         self.display.refresh()
@@ -203,13 +209,13 @@ class LateInput:
 
     def beat(self, now: float) -> None:
         self._beat.beat(now)
-        # Digits that were typed while the window hung are still in the queue, and must be handled
-        # before the number expires.
+        # If the window has hung, digits of the number may still be in the queue. They must be
+        # handled before the number expires.
         if not self._beat.held_up(now):
             self._chosen.expire(now)
 
     def age(self, event: QtGui.QInputEvent) -> float:
-        """Return the longer of a key's or click's two measured waiting times, in seconds."""
+        """Return how long a key or click has waited (the longer of two estimates), in seconds."""
         waited = self._clock.age(event.timestamp(), time.monotonic())
         self.waited = max(waited, self._beat.held_up(clock.now()))
         return self.waited
@@ -218,9 +224,9 @@ class LateInput:
         """
         Show that a key or click was dropped because of its age (s).
 
-        :return: True, because no widget may get it.
+        :return: True, because no widget may get a dropped key or click.
         """
-        # If it had acted, it would have ended the number: digits after it begin a new one.
+        # The dropped input would have used up the number, so digits after it begin a new number.
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
@@ -229,7 +235,7 @@ class LateInput:
         return True
 
     def in_time(self) -> None:
-        """Record that an input was in time; later messages do not name those dropped before."""
+        """Record that an input was in time, and forget the names of the inputs dropped before."""
         self._dropped.clear()
 
 
@@ -237,11 +243,11 @@ MOVE_KEYS = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
 """The keys that move to another button."""
 
 FORWARD = 0.3
-"""Time after a window comes forward before a click in it acts, in seconds. Stops act at once."""
+"""Time after the window comes to the front before clicks act, in seconds. Stops act at once."""
 
 
 class Mouse:
-    """Lets the official's clicks through to the widgets, except those that cannot be meant."""
+    """Passes the official's clicks to the widgets, except clicks that are probably not meant."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
@@ -257,7 +263,7 @@ class Mouse:
             self._brought_forward = False
 
     def _only_brings_forward(self) -> bool:
-        """Return whether a click only brings the window forward."""
+        """Return whether a click only brings the window to the front."""
         if self._brought_forward:
             return False
         since = self._active_since
@@ -267,7 +273,7 @@ class Mouse:
         return since is None or clock.now() - since < FORWARD
 
     def take(self, event: QtGui.QMouseEvent) -> bool:
-        """Handle a movement or a click; return True if no widget may get it."""
+        """Handle a mouse event; return True if no widget may get this event."""
         age = self._late.age(event)
         kind = event.type()
         if kind == QtCore.QEvent.Type.MouseButtonRelease:
@@ -299,7 +305,8 @@ class Mouse:
         question = self._areas.question
         if target in (question.yes, question.also) and not question.settled:
             return True
-        # The second press of a double click is not meant for a button that has appeared since.
+        # A button may have appeared since the first press of a double click; the second press is
+        # not meant for that button.
         return double and button is not None
 
     def _let_go(self, age: float) -> None:
@@ -317,7 +324,7 @@ def _called(button: QtWidgets.QAbstractButton) -> str:
 
 
 class Keyboard:
-    """Turns keys into commands, choices and answers."""
+    """Turns keys into commands, choices of a kart, and answers to questions."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._areas = presses.display.areas
@@ -339,7 +346,7 @@ class Keyboard:
         }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
-        """Handle a key; return True if no widget may get it."""
+        """Handle a key; return True if no widget may get this key."""
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
         if keys.is_kill(_alone(event), event.nativeScanCode()):
@@ -366,7 +373,7 @@ class Keyboard:
         if stroke.act is not None:
             self._do(stroke.act, at)
         elif stroke.digit:
-            # With the heats open, it also starts a kart number: its stop may follow.
+            # Even with the heats open, a digit also begins a kart number, as a stop may follow.
             self._chosen.add(stroke.digit, at)
             self._areas.heats.focus_on(self._chosen.digits)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
@@ -376,7 +383,7 @@ class Keyboard:
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
-        """Return whether a key acts however old it is: it stops, or chooses the kart to stop."""
+        """Return whether a key acts at any age, because it stops or chooses a kart to stop."""
         if stroke is None:
             return False
         if stroke.act is Act.PRESS:
@@ -385,7 +392,7 @@ class Keyboard:
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
-        """Handle a key while a question is open; return True, because no widget may get it."""
+        """Handle a key while a question is open; return True, as no widget may get the key."""
         question = self._areas.question
         answers = [question.no, question.yes]
         answers += [] if question.also.isHidden() else [question.also]
@@ -419,7 +426,7 @@ class Keyboard:
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
-        """Press the button of a key, if the screen has one and it is still the one seen."""
+        """Press a key's button. A command that has just changed is not sent, unless a stop."""
         screen = self._areas.seen.screen
         assert screen is not None
         kart = 0
@@ -455,7 +462,7 @@ class Keyboard:
             self._acts[act]()
 
     def _cancel(self) -> None:
-        """Delete the typed number; without one, close the open sheets."""
+        """Delete the typed number; if no number is typed, close the open sheets."""
         if self._chosen.digits:
             self._chosen.clear()
         else:
@@ -463,7 +470,7 @@ class Keyboard:
             self._areas.setFocus()
 
     def _press_focused(self, at: float) -> None:
-        """Press the focused button, if its command is still the one that the official saw."""
+        """Press the focused button. If its command has just changed, treat the press as missed."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
@@ -478,12 +485,12 @@ class Keyboard:
 
 
 def _alone(event: QtGui.QKeyEvent) -> str:
-    """Return the name of the key alone, without the modifiers held with it."""
+    """Return the name of a key without the modifiers that are held down."""
     return QtGui.QKeySequence(event.key()).toString()
 
 
 def _name(event: QtGui.QKeyEvent) -> str:
-    """Return the name of a key, with its modifiers, as the module ``keys`` uses it."""
+    """Return the name that the module ``keys`` uses for a key and the modifiers held down."""
     modifiers = QtCore.Qt.KeyboardModifier
     name = QtGui.QKeySequence(event.keyCombination()).toString()
     if event.modifiers() & modifiers.KeypadModifier:
@@ -494,12 +501,12 @@ def _name(event: QtGui.QKeyEvent) -> str:
 
 
 def _kart_at(screen: Screen, place: int) -> int:
-    """Return the number of the kart at a position on the roster; 0 if there is none."""
+    """Return the number of the kart at a position on the roster; 0 if no kart is there."""
     return screen.rows[place].number if place < len(screen.rows) else 0
 
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
-    """Return the button that a key presses on a screen; ``kart`` is 0 if it is not for a kart."""
+    """Return the button that a key presses; ``kart`` is 0 for a command that needs no kart."""
     if stroke.finish is not None:
         return next((row.letter for row in screen.rows if row.number == kart), None)
     found = (screen.button(command, kart) for command in stroke.commands)

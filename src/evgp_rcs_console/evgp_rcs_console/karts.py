@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Shows the karts: a row for each kart with its commands.
+Shows a row for each kart, with the kart's commands.
 
-If the rows do not all fit, a tile for each kart above them keeps all karts in sight.
+If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from evgp_rcs_console.widgets import (
 )
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
-"""Returns a context in which the window itself scrolls; the argument is the bar that moves."""
+"""Returns a context in which the window itself moves a scroll bar, which is the argument."""
 
 COMMAND, BESIDE = 72, 10
 """Width of a command's column, and the margin in the other columns, in pixels."""
@@ -43,7 +43,7 @@ HEADING, TILES = 22, 36
 """Heights of the heading and of the tiles, in pixels."""
 
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
-"""Minimum and maximum height of a row while all fit, and its height otherwise, in pixels."""
+"""Minimum and maximum height of a row if all rows fit, and its height if not, in pixels."""
 
 
 class Words(NamedTuple):
@@ -91,7 +91,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         cell: QtCore.QRect,
         painter: QtGui.QPainter | None = None,
     ) -> Iterator[Words]:
-        """Yield the texts of a cell; with a painter, also draw what is under and beside them."""
+        """Yield the texts of a cell; with a painter, also draw everything else in the cell."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
         said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
         if self._table.stale:
@@ -144,7 +144,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
         below: Cell,
         painter: QtGui.QPainter | None,
     ) -> Iterator[Words]:
-        """Yield the state that a kart is sent and its age, on stripes until the kart obeys."""
+        """Yield the state that a kart is sent, and for how long, on stripes until it obeys."""
         chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
         ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
         _box(painter, chip, fill)
@@ -195,14 +195,14 @@ def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
 
 
 def _halves(room: QtCore.QRect, is_long: bool = False) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """Return the room for a text and for the small one below it, which has two lines if long."""
+    """Return the room for a text, and for the small text under it (two lines if long)."""
     inner = _centred(room, 56 if is_long else 38)
     upper = min(inner.height() * 11 // 20, look.px(21)) - inner.height()
     return inner.adjusted(0, 0, 0, upper), inner.adjusted(0, inner.height() + upper, 0, 0)
 
 
 class Tiles(QtWidgets.QWidget):
-    """A tile for each kart, with its number, state and trouble, for rosters too long for rows."""
+    """Shows a tile for each kart, with its number and state, if the rows do not all fit."""
 
     chosen = Signal(int)
 
@@ -218,7 +218,7 @@ class Tiles(QtWidgets.QWidget):
             self.chosen.emit(rows[min(place, len(rows) - 1)].number)
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Draw the tiles, with the number at the top, and the state's symbol and a mark below."""
+        """Draw the tiles: the kart's number, and under it a symbol for its state and answer."""
         rows = self._table.rows
         wide = self.width() / max(1, len(rows))
         painter = QtGui.QPainter(self)
@@ -242,10 +242,10 @@ class Tiles(QtWidgets.QWidget):
 
 class KartTable(QtWidgets.QTableWidget):
     """
-    The rows of the karts.
+    Shows the rows of the karts.
 
-    :param scrolling: wraps each scrolling that the official did not do by hand.
-    :ivar chosen: the kart that commands by key act on.
+    :param scrolling: returns the context in which the window itself scrolls the rows.
+    :ivar chosen: the number of the kart that commands by key act on; 0 for no kart.
     :ivar stale: whether the rows are out of date.
     """
 
@@ -276,7 +276,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.verticalHeader().hide()
 
     def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
-        """Show the karts, and draw only those cells again that have changed."""
+        """Show the karts, and redraw only the cells that have changed."""
         if stale != self.stale:
             self.viewport().update()
         before, self.rows, self.stale = self.rows, rows, stale
@@ -289,7 +289,7 @@ class KartTable(QtWidgets.QTableWidget):
                     self.setItem(place, number, item)
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
-        """Move the focus, and scroll to the row that has it."""
+        """Move the focus, and scroll to the row that gets the focus."""
         moved = bool(super().focusNextPrevChild(following))
         focused = QtWidgets.QApplication.focusWidget()
         if focused is not None and focused.parentWidget() is self.viewport():
@@ -302,23 +302,24 @@ class KartTable(QtWidgets.QTableWidget):
 
 
 def _looks(column: Column, row: Row) -> object:
-    """Return all that a kart's cell shows, apart from what all cells share."""
+    """Return everything that decides how a kart's cell looks, apart from what all cells share."""
     return column.cell(row), column.below(row), row.in_race, row.use_msr, row.waits, row.bars
 
 
 class KartList(Panel):
     """
-    The list of all karts on the roster, in the order of their numbers.
+    Lists all karts on the roster, in the order of their numbers.
 
     The place of a row depends only on the size of the window and the number of karts.
     """
 
     chosen = Signal(int)
-    """A kart was chosen by a click in its row."""
+    """Emitted when the official clicks in the row of a kart. Carries the kart's number."""
     wanted = Signal(int)
-    """A kart was chosen by a click on its tile; its row may be out of sight."""
+    """Emitted when the official clicks on the tile of a kart, whose row may be out of sight."""
     pointed = Signal(str)
-    """The pointer is on a row: its full text if it is cut off, otherwise an empty text."""
+    """Emitted when the pointer enters a row. Carries the row's full text if any of the text is
+    cut off; otherwise an empty text."""
 
     def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         super().__init__()
@@ -342,13 +343,13 @@ class KartList(Panel):
 
     @property
     def room_of_sheets(self) -> QtCore.QRect:
-        """Return the room in which sheets cover neither the numbers of the karts nor a stop."""
+        """Return the room in which a sheet covers no kart's number and no stop."""
         header, table = self.table.horizontalHeader(), self.table.geometry()
         first, last = (header.sectionViewportPosition(column) for column in (1, len(COLUMNS)))
         return table.adjusted(first, 0, last - look.px(GAP) - table.width(), 0)
 
     def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
-        """Return the full text of columns of a row if any of it is cut off; otherwise empty."""
+        """Return the full text of some columns of a row; empty if none of the text is cut off."""
         said = [self.table.model().index(place, column) for column in columns]
         shows_all = all(
             fits(each.text, each.room, each.of, each.wrap)
@@ -360,7 +361,7 @@ class KartList(Panel):
         return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
 
     def mark(self, number: int) -> None:
-        """Mark the kart that commands by key act on; 0: none."""
+        """Mark the kart that commands by key act on; 0 marks no kart."""
         self.table.chosen = number
         self.table.viewport().update()
         self._tiles.update()
@@ -390,7 +391,7 @@ class KartList(Panel):
         self.fit()
 
     def fit(self) -> None:
-        """Adapt the rows to the window; if they do not all fit, add the tiles and a scroll bar."""
+        """Fit the rows to the window. If not all of them fit, add the tiles and a scroll bar."""
         count, table = len(self.table.rows), self.table
         room = self.contentsRect().height() - look.px(HEADING) - 4
         all_fit = count * look.px(LOWEST) <= room

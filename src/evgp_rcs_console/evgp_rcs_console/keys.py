@@ -4,8 +4,8 @@
 """
 Defines what each key of the window does, wherever the focus is.
 
-The keys have their names from Qt ('F2', 'Ctrl+R', 'Shift+A'), but this module does not use Qt, so
-that it can be tested without a screen.
+Keys are named as in Qt ('F2', 'Ctrl+R', 'Shift+A'), but this module does not use Qt, so that tests
+need no screen.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from evgp_rcs_console.view import FINISH_KEYS
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
-"""The keys of ALL KILL, by their names and by the codes of their positions on the keyboard."""
+"""The keys of ALL KILL: their names in Qt, and the codes of their positions on the keyboard."""
 
 FORGOTTEN = 5.0
 """Time after the last digit before a typed kart number is cleared, in seconds."""
@@ -31,7 +31,7 @@ MOST_DIGITS = 6
 """Maximum number of typed digits shown; a kart's number has at most four."""
 
 _ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
-"""The rows of letters on a keyboard: the code of the first key's position, and the letters."""
+"""The rows of letters on a keyboard: the code of the first letter's position, and the letters."""
 
 _LETTER_AT = {
     code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
@@ -42,9 +42,9 @@ def key_name(name: str, text: str, code: int) -> str:
     """
     Return the name that a key has in this program, whatever the layout of the keyboard.
 
-    :param name: its name in Qt.
-    :param text: the text that it types; empty with Ctrl, Alt or Meta.
-    :param code: the code of its position on the keyboard, from the display server.
+    :param name: the key's name in Qt.
+    :param text: the text that the key types; empty with Ctrl, Alt or Meta.
+    :param code: the display server's code for the key's position on the keyboard.
     """
     if len(text) == 1 and text in string.digits:
         return text  # some layouts need Shift for digits
@@ -56,18 +56,18 @@ def key_name(name: str, text: str, code: int) -> str:
 
 def is_kill(name: str, code: int) -> bool:
     """
-    Return whether a key means ALL KILL, whatever it types and whatever is held with it.
+    Return whether a key means ALL KILL, on any layout and with any modifiers.
 
-    On some layouts, the space bar with a modifier types a no-break space, a digit or another sign.
+    On some layouts, the space bar and a modifier type a no-break space, a digit or another sign.
 
-    :param name: its name in Qt, without modifiers.
-    :param code: the code of its position on the keyboard, from the display server.
+    :param name: the key's name in Qt, without modifiers.
+    :param code: the display server's code for the key's position on the keyboard.
     """
     return name in _KILL_NAMES or name.isspace() or code in _KILL_CODES
 
 
 class Act(enum.Enum):
-    """Something that a key does other than send a command. The value is the name of the key."""
+    """An effect of a key other than to send a command. The value is the name of the key."""
 
     HELP = 'F1'
     SEEN = 'F10'
@@ -90,7 +90,7 @@ KEYS = {
 """
 The commands of each key, except the keys of ALL KILL.
 
-A screen always has a button for one of them.
+If a key has several commands, the screen always has a button for one of them.
 """
 
 
@@ -99,11 +99,11 @@ class Stroke:
     """
     The meaning of a key.
 
-    :param commands: the commands of the key. It sends the first one for which there is a button.
+    :param commands: the commands of the key. The key sends the first that has a button.
     :param to_chosen: whether the command goes to the chosen kart.
-    :param finish: for a letter, the position on the roster of the kart that has crossed the line,
-        whose row says what the letter does; otherwise None.
-    :param digit: the digit, if the key types a part of a kart's number.
+    :param finish: for a letter, the roster position of the kart that has crossed the line. That
+        kart's row determines what the letter does. None for any other key.
+    :param digit: the digit, if the key types a part of a kart's number; otherwise empty.
     """
 
     commands: tuple[Kind, ...] = ()
@@ -122,7 +122,7 @@ class Stroke:
 
 
 def meaning(key: str) -> Stroke | None:
-    """Return the meaning of a key, from its name; None if it has none."""
+    """Return the meaning of the key with this name; None if the key has no meaning."""
     if key in KEYS:
         return Stroke(KEYS[key], to_chosen=CATALOGUE[KEYS[key][0]].to_one_kart)
     if key in FINISH_KEYS:
@@ -150,7 +150,7 @@ class KartField:
     The field with the kart that a command by key acts on.
 
     Typed digits show at once, and replace a kart that was chosen in the list. Every command clears
-    them, and so does a pause of ``FORGOTTEN``. With an empty field, a command acts on no kart.
+    the digits, and so does a pause of ``FORGOTTEN``. If the field is empty, no command acts.
     """
 
     def __init__(self) -> None:
@@ -166,7 +166,7 @@ class KartField:
         self.changed()
 
     def changed(self) -> None:
-        """React to a change of the field; the subclass that shows it overrides this."""
+        """React to a change of the field; the subclass that shows the field overrides this."""
 
     @property
     def kart(self) -> int:
@@ -175,7 +175,7 @@ class KartField:
         return number if number in self._teams else 0
 
     def add(self, digit: str, at: float) -> None:
-        """Add a digit that was typed at a time (s)."""
+        """Add a digit, typed at a time (s)."""
         self.expire(at)
         # Surplus digits are ignored; otherwise the field would show only the end of a number.
         self.digits += digit if len(self.digits) < MOST_DIGITS else ''
@@ -196,13 +196,13 @@ class KartField:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the typed digits, but not the kart that was chosen in the list."""
+        """Clear the typed digits; a kart that was chosen in the list stays chosen."""
         self.digits = ''
         self._refusal = ''
         self.changed()
 
     def expire(self, now: float) -> None:
-        """Clear the digits and the refusal if they are too old at a time (s)."""
+        """Clear the digits, the refusal, or both, if they are too old at a time (s)."""
         before = self.digits, self._refusal
         if now - self._typed_at >= FORGOTTEN:
             self.digits = ''
@@ -213,9 +213,11 @@ class KartField:
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """
-        Return the kart that a command given at a time (s) acts on, and clear the digits.
+        Return the kart that a command acts on, with an empty message, and clear the digits.
 
         If there is no such kart, return 0 and the message for the official.
+
+        :param at: when the key of the command was pressed, in seconds.
         """
         before = self.digits
         self.expire(at)

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the screen shows besides the state of the race: the alerts and the event log.
+Keeps what the screen shows besides the state of the race: the alerts and the event log.
 
 The module is pure.
 """
@@ -29,11 +29,11 @@ Key = tuple[AlertKind, int]
 @dataclass(frozen=True)
 class Notice:
     """
-    An alert as it is shown to the official.
+    An alert as the official sees it.
 
-    :param number: its number. Newer alerts have higher numbers.
-    :param alert: race control's alert; None for this console's own notice, which stays until seen.
-    :param lasts: whether its cause still exists.
+    :param number: identifies the notice on this screen. Newer notices have higher numbers.
+    :param alert: race control's alert; None for a notice that this console raised itself.
+    :param lasts: whether the cause of the alert still exists.
     :param said: the text to show instead of the alert's sentence; empty to show the sentence.
     """
 
@@ -45,24 +45,24 @@ class Notice:
 
     @property
     def use_msr(self) -> bool:
-        """Return whether it asks for the Master Safety Remote. It no longer does after its end."""
+        """Return whether to use the Master Safety Remote; never for an alert that has ended."""
         return self.lasts and self.alert is not None and self.alert.use_msr
 
     @property
     def kart(self) -> int:
-        """Return the kart that it is about; 0 if it is not about a single kart."""
+        """Return the number of the alert's kart; 0 if the alert is not about a single kart."""
         return self.alert.kart if self.alert else 0
 
     @property
     def heading(self) -> str:
-        """Return what to do, in a word or two."""
+        """Return in a word or two what to do, or that the alert has ended."""
         if not self.lasts:
             return texts.ALERT_ENDED
         return texts.ALERT_MSR if self.use_msr else texts.ALERT_OTHER
 
     @property
     def text(self) -> str:
-        """Return the alert's sentence; once the alert has ended, what it was about."""
+        """Return the alert's sentence or, once the alert has ended, what the alert was about."""
         # The sentence also says what to do, which no longer applies.
         if self.said or self.alert is None:
             return self.said
@@ -74,10 +74,11 @@ class Notice:
 
 class AlertBook:
     """
-    The alerts that an official has not seen yet, and those whose cause still exists.
+    Keeps the alerts that an official has not seen yet, and those whose cause still exists.
 
-    If the cause of an alert goes away and comes back, the alert is new. So is an alert that begins
-    to ask for the MSR: an official may have seen it while the MSR was recorded as used.
+    If the cause of an alert goes away and comes back, the alert counts as new. An alert also
+    counts as new when it begins to ask for the MSR, because the official may have seen the same
+    alert while the MSR was recorded as used.
     """
 
     def __init__(self) -> None:
@@ -90,10 +91,11 @@ class AlertBook:
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
-        Update from a snapshot's alerts, newest first; return whether one of them is new.
+        Update the notices from a snapshot's alerts, and return whether one of the alerts is new.
 
-        :param two: whether snapshots come from two race controls in turn. An alert that is not in
-            this one may then be in the next.
+        :param alerts: the alerts in the snapshot, newest first.
+        :param two: whether snapshots come from two race controls in turn. If so, an alert missing
+            from this snapshot may be in the next one.
         """
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
@@ -119,12 +121,12 @@ class AlertBook:
         return bool(news)
 
     def add_own(self, text: str) -> None:
-        """Add an alert of this console's own, which stays until it is seen."""
+        """Add a notice that this console raises itself; it stays until the official sees it."""
         self._count += 1
         self._notices.append(Notice(self._count, None, said=text))
 
     def see(self, numbers: Collection[int]) -> None:
-        """Mark alerts as seen. Once one ended alert is seen, all ended alerts are removed."""
+        """Mark alerts as seen. If one of them has ended, all ended alerts are removed."""
         if any(each.number in numbers and not each.lasts for each in self._notices):
             self.begin_race()
         self._notices = [
@@ -143,8 +145,8 @@ class AlertBook:
         """
         Return the notices in the order in which to show them.
 
-        Unseen ones come first, and those that need the MSR at the top. All ended alerts share one
-        notice, which comes after the unseen ones.
+        Unseen alerts come first, with those that need the MSR at the top. Next is a single notice
+        for all ended alerts, and then come the seen alerts.
         """
 
         def rank(notice: Notice) -> tuple[int, int]:
@@ -161,7 +163,7 @@ class AlertBook:
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
-    """Return how many notices there are, and the karts of those that are not shown in full."""
+    """Return how many notices there are, and the karts of the notices not shown in full."""
     if not notices:
         return '✓ No alerts'
     new = sum(not notice.seen and notice.lasts for notice in notices)
@@ -177,7 +179,7 @@ def summary(notices: Sequence[Notice], places: int) -> str:
 
 
 class Officials:
-    """The officials who have given commands. Each is called by name, unless two share a name."""
+    """The officials who have given commands. Each is shown by name, unless two share a name."""
 
     def __init__(self) -> None:
         self._claims: dict[str, set[str]] = {}
@@ -188,7 +190,7 @@ class Officials:
 
     @property
     def names(self) -> list[str]:
-        """Return their names, in the order of their first commands."""
+        """Return the officials' names, in the order of their first commands."""
         return list(self._claims)
 
     def called(self, claim: str) -> str:
@@ -197,14 +199,14 @@ class Officials:
         return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
-        """Return a sentence from race control with the officials' shown names."""
+        """Return a sentence from race control with each official named as on the screen."""
         for claims in self._claims.values():
             for claim in claims:
                 text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
 
     def in_race(self, race: Snapshot) -> Snapshot:
-        """Return a snapshot with the officials' shown names."""
+        """Return a snapshot with each official named as on the screen."""
 
         def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
             return tuple(
@@ -229,10 +231,10 @@ class Line(NamedTuple):
     A line of the event log.
 
     :param clock: race control's wall time, as hours:minutes:seconds.
-    :param is_command: whether it shows an official's command and its answer.
-    :param karts: for a line that can be about several karts: their numbers.
+    :param is_command: whether the line shows an official's command and race control's answer.
+    :param karts: the numbers of the karts that the line is about; empty if about no kart.
     :param what: what the line says about these karts. If the next event says the same about
-        another kart, it joins this line.
+        another kart, that kart is added to this line.
     """
 
     clock: str
@@ -251,8 +253,8 @@ _BY_LABEL = frozenset(
     or entry.result.race
     or kind in (CommandKind.KART_IN_GARAGE, CommandKind.KART_FINISH)
 ) - {CommandKind.IN_GARAGE}
-"""Commands that the log shows by name only, because the rows show their effect. IN GARAGE is not
-among them, because its sentence says which karts stay held."""
+"""Commands that the log shows by name only, because the rest of the screen shows their effect. IN
+GARAGE is not among them, because race control's sentence also says which karts stay held."""
 
 _OF_KARTS = {
     EventKind.CONNECTED: ' connected',
@@ -266,8 +268,8 @@ class EventLog:
     """
     The newest events, oldest first, as short texts.
 
-    The consequences of a command get no lines of their own. Karts that do the same in turn share a
-    line.
+    The consequences of a command get no lines of their own. If the same thing happens to several
+    karts in a row, they share one line.
     """
 
     def __init__(self, most: int = 2000) -> None:
@@ -276,7 +278,7 @@ class EventLog:
         self.officials = Officials()
 
     def add(self, stamped: StampedEvent) -> None:
-        """Add an event as a line of its own, as part of the last line, or not at all."""
+        """Add an event as a new line or to the last line, or leave it out if shown elsewhere."""
         if stamped.sequence <= self._last:
             self._lines.append(Line('', 0, True, texts.NEW_RUN))
         self._last, event = stamped.sequence, stamped.event
@@ -292,16 +294,16 @@ class EventLog:
             self._lines.append(line if line.karts else line._replace(what=''))
 
     def _line(self, at: str, event: Event) -> Line | None:
-        """Return the line for an event; None if another line already shows it."""
+        """Return the line for an event; None if the event needs no line."""
         told, what, karts = '', '', (event.kart,) * bool(event.kart)
         state = STATES[event.state]
         follows = event.command is not None and event.kind is not EventKind.COMMAND
         if follows and event.kind in (EventKind.RACE_STATE, EventKind.KART_STATE):
             return None
         if event.state is RaceState.IN_GARAGE and event.kind in _OF_KARTS:
-            return None  # every kart that connects is sent it, and none need answer
+            return None  # every kart that connects is sent IN_GARAGE, and no kart must answer
         if event.kind is EventKind.LINK_GRADE and event.grade is not Grade.POOR:
-            return None  # the rows show it
+            return None  # the rows show the grade
         if (
             event.kind is EventKind.KART_STATE
             and event.place
@@ -340,7 +342,7 @@ class EventLog:
         return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return the lines about a kart and those that concern no kart, oldest first; 0: all."""
+        """Return the lines about a kart, and those about no kart, oldest first; 0: all lines."""
         return [
             each
             for each in self._lines

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The areas of the window around the karts, each of which shows its part of a screen."""
+"""The areas of the window around the list of karts. Each area shows one part of a screen."""
 
 from __future__ import annotations
 
@@ -36,11 +36,12 @@ EVENTS = 100
 """Maximum number of events shown in the window."""
 
 LONG = 15
-"""Number of letters from which the advice needs two lines and is set in smaller type."""
+"""Minimum length of advice that is shown in smaller type because it needs two lines, in
+characters."""
 
 
 class StatePanel(Panel):
-    """The state of the race in its colour, when it began, and who caused it."""
+    """Shows the race's state in the colour of that state, when it began, and who caused it."""
 
     def __init__(self) -> None:
         super().__init__('state_panel', '')
@@ -57,7 +58,7 @@ class StatePanel(Panel):
 
 
 class TrackPanel(Panel):
-    """Whether humans may be on the track, and the command that opens or closes it."""
+    """Shows whether humans may be on the track, and the button that opens or closes the track."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('track_panel')
@@ -83,7 +84,7 @@ class TrackPanel(Panel):
 
 
 class ClockPanel(Panel):
-    """The time of day, the time since GREEN GREEN, and the heat in the race."""
+    """Shows the time of day, the time since GREEN GREEN, and the heat in the race."""
 
     def __init__(self) -> None:
         super().__init__('clock', '')
@@ -102,7 +103,7 @@ class ClockPanel(Panel):
 
 
 class KillBox(Panel):
-    """The ALL KILL button, with its keys or the time for which it has had no answer."""
+    """Shows the ALL KILL button, with its keys or the time that ALL KILL has had no answer."""
 
     def __init__(self) -> None:
         super().__init__('kill_box', '')
@@ -121,7 +122,7 @@ class KillBox(Panel):
 
 
 class Steps(QtWidgets.QWidget):
-    """The commands to the race from left to right, in the order of a race."""
+    """Shows the commands to the race from left to right, in the order that a race needs them."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__()
@@ -134,7 +135,7 @@ class Steps(QtWidgets.QWidget):
 
 
 class Strip(Panel):
-    """The race in one line: what the karts do, which are missing, and who gives commands."""
+    """Shows the race in one line: what the karts do, which are missing, and who commands."""
 
     def __init__(self, pressed: Pressed) -> None:
         super().__init__('strip')
@@ -162,12 +163,12 @@ class Strip(Panel):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
             part.setMinimumWidth(1)  # otherwise the size hint never shrinks
-            part.setMinimumWidth(part.sizeHint().width())  # so that the text is never cut
+            part.setMinimumWidth(part.sizeHint().width())  # so that the text is never cut off
         self.heat.show_button(screen.heat_button)
 
 
 class DangerPanel(Panel):
-    """A warning that race control is gone or unreliable, in the largest type."""
+    """Shows, in the largest type, a warning that race control is gone or unreliable."""
 
     def __init__(self) -> None:
         super().__init__('danger', '')
@@ -188,7 +189,7 @@ class DangerPanel(Panel):
 
 
 class NumberField(Panel):
-    """The kart that a command by key acts on, or a note that the keys do not work."""
+    """Shows the kart that a command by key acts on, or a note that the keys do not work."""
 
     def __init__(self) -> None:
         super().__init__('number_field')
@@ -201,14 +202,14 @@ class NumberField(Panel):
         if not keys_work:
             title, detail, ground = Cell(texts.KEYS_OFF_LARGE), Cell(texts.KEYS_OFF_DETAIL), 'off'
         mark(self, ground=ground)
-        # On a coloured ground, the ground determines the colour of the text.
+        # On a coloured background, the style sheet sets the colour of the text.
         self._title.show_text(title.text)
         self._title.setVisible(bool(title.text))
         self._detail.show_cell(detail._replace(tone=Tone.PLAIN) if ground else detail)
 
 
 class EventPanel(Panel):
-    """The events of all karts or of one, newest first, with the commands in bold."""
+    """Shows the events of all karts or of one kart, newest first, with commands in bold."""
 
     def __init__(self) -> None:
         super().__init__('events')
@@ -218,17 +219,18 @@ class EventPanel(Panel):
         self._list = QtWidgets.QListWidget()
         self._list.setObjectName('log')
         self._list.setWordWrap(True)
-        # An item that can be selected can be dragged, and a drag takes every key and click.
+        # If items could be selected, they could be dragged, and a drag takes every key and click.
         self._list.setSelectionMode(QtWidgets.QAbstractItemView.SelectionMode.NoSelection)
         self._list.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self._list.setVerticalScrollMode(QtWidgets.QAbstractItemView.ScrollMode.ScrollPerPixel)
-        # This is no drop-down list, because an open one takes every key and click, even of stops.
+        # A button, because an open drop-down list takes every key and click, even those of stops.
         self.filter = Push('filter', kind='quiet small')
         fixed(self.filter, 150, 24)
         title = Text('', 'small bold faint', text='Events')
         grid = lay(self, (title, self.filter), margins=(10, 3, 3, 6), columns=(1, 0))
         grid.addWidget(self._list, 1, 0, 1, 2)
-        self._later = QtCore.QTimer(self, singleShot=True)  # once for all events that have arrived
+        # The timer updates the list once for all events that have arrived together.
+        self._later = QtCore.QTimer(self, singleShot=True)
         self._later.timeout.connect(self.restyle)
         self.restyle()
 
@@ -243,7 +245,7 @@ class EventPanel(Panel):
             self.restyle()
 
     def toggle(self, kart: int) -> bool:
-        """Switch between one kart's events and all; return False if there is no such kart."""
+        """Switch between one kart's events and all events; return False if no kart is chosen."""
         if not self._kart and kart not in self._teams:
             return False
         self._kart = 0 if self._kart else kart
@@ -251,7 +253,7 @@ class EventPanel(Panel):
         return True
 
     def restyle(self) -> None:
-        """Show the events again: they, the roster, the size or the palette have changed."""
+        """Show the events again after a change of the events, roster, size or palette."""
         if self._kart not in self._teams:
             self._kart = 0
         team = self._teams.get(self._kart)
@@ -270,7 +272,7 @@ class EventPanel(Panel):
 
 
 class Foot(QtWidgets.QWidget):
-    """The bottom line, the warning of a low battery, and the name of this window's official."""
+    """Shows the bottom line, a warning of a low battery, and the name of the official here."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -283,7 +285,7 @@ class Foot(QtWidgets.QWidget):
         lay(self, (self.status, self._battery, self.official), gap=8, columns=(1, 0, 0))
 
     def show_battery(self, percent: int | None) -> None:
-        """Show the charge of the battery, in percent, if it is low; None: it is not."""
+        """Show the charge of a low battery, in percent; None means that the charge is not low."""
         if percent is not None:
             self._battery.show_cell(Cell(f'BATTERY {percent} %: plug it in', Tone.BAD))
         self._battery.setVisible(percent is not None)

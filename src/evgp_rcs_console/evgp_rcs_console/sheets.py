@@ -4,7 +4,7 @@
 """
 The sheets that open over the karts: the question, the heats, the officials, and the keys.
 
-They end to the left of the karts' stop buttons, so that they never cover a stop.
+The sheets end to the left of the karts' stop buttons, so they never cover a stop.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Sheet(Panel):
     """
     A sheet over the karts.
 
-    It is a part of the window, so that everything beside it still works.
+    A sheet is a part of the window, not a dialog, so everything beside the sheet still works.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
@@ -54,18 +54,18 @@ class Sheet(Panel):
         self.add(self.title, 36)
 
     def add(self, part: QtWidgets.QWidget, height: int = 0) -> None:
-        """Add a part at the bottom, with a height in pixels, or 0: as high as its text."""
+        """Add a part at the bottom, with a height in pixels; 0 makes it as high as its text."""
         fixed(part, height=height)
         self._column.addWidget(part)
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Fill the width of a room with the texts, in smaller type if they are too high for it."""
+        """Place the sheet at the top of a room, in smaller type if it is too high otherwise."""
         rescale(self)
         for kind in ('sheet', 'sheet tight'):
             mark(self, kind=kind)
             self._column.activate()
             high = self.heightForWidth(room.width())
-            if high < 0:  # no text in it wraps into more room
+            if high < 0:  # the height of the sheet does not depend on its width
                 high = self._column.totalSizeHint().height()
             if high <= room.height():
                 break
@@ -78,17 +78,18 @@ class Sheet(Panel):
         return button
 
     def close_sheet(self) -> None:
-        """Hide the sheet, and move the focus to the window, where Enter presses nothing."""
+        """Hide the sheet, and move the focus to the window, where Enter has no effect."""
         if not self.isHidden():
             self.hide()
             self.window().setFocus()
 
 
 class Question(Sheet):
-    """Asks the official to confirm a command, such as one that loosens or the use of the MSR."""
+    """Asks the official to confirm a command, for example one that loosens the race."""
 
     answered = Signal(bool, bool)
-    """The official has answered: whether with YES, and whether for the second command too."""
+    """Emitted when the official clicks on an answer. Carries whether the answer is YES, and
+    whether it also confirms the further commands."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'question')
@@ -119,7 +120,7 @@ class Question(Sheet):
         self.add(self._answers, 60)
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Lie at the bottom of a room, so that the first karts stay in sight."""
+        """Place the question at the bottom of a room, so that the first karts stay in sight."""
         super().lay_out(room)
         self.move(room.left(), room.bottom() + 1 - self.height())
         self._column.activate()
@@ -129,12 +130,12 @@ class Question(Sheet):
         self._problem.setGeometry(there.left(), top, there.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
-        """Fill the question with a command. It does not show the sheet."""
+        """Fill the question with a command, without showing the sheet."""
         self.button = button
         self.shown_at = clock.now()
         self._spoilt_at = self._problem_text = ''
         for yes in (self.yes, self.also):
-            yes.setDown(False)  # it may still be held down from an earlier question
+            yes.setDown(False)  # the button may still be held down from an earlier question
         # At first, YES ignores clicks: one may be the second click of a double click.
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
@@ -151,11 +152,12 @@ class Question(Sheet):
 
     def update_button(self, button: Button | None) -> None:
         """
-        Compare the question with the command as race control offers it now.
+        Compare the question with the command that race control offers now.
 
-        Once the two differ, YES stays off, even if the difference goes away.
+        Once the two differ, YES stays disabled, even if the difference goes away. A question about
+        a stop is brought up to date instead.
 
-        :param button: the command now; None if race control no longer offers it.
+        :param button: the command now; None if race control no longer offers this command.
         """
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
@@ -172,19 +174,19 @@ class Question(Sheet):
         warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
         self._caution.show_cell(Cell(button.caution, Tone.WAIT))
-        for text in self._texts:  # while a problem hides a text, its room stays
+        for text in self._texts:  # a text keeps its room while a problem hides the text
             policy = text.sizePolicy()
             policy.setRetainSizeWhenHidden(bool(text.text()))
             text.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
-        """Return whether the question has been open for long enough that a click on YES counts."""
+        """Return whether the question has been open for so long that a click on YES counts."""
         return not self._settling.isActive()
 
     def _show_problem(self) -> None:
         problem = self._problem_text
-        for text in self._texts:  # with a problem, they are no longer true
+        for text in self._texts:  # the texts are no longer true if there is a problem
             text.setVisible(bool(text.text()) and not problem)
         self._problem.show_cell(Cell(problem, Tone.BAD))
         self._problem.setVisible(bool(problem))
@@ -195,7 +197,7 @@ class Question(Sheet):
 
 
 class Choice(Sheet):
-    """A sheet with a sentence about a choice, and a button for each option."""
+    """A sheet that describes a choice in a sentence, and has a button for each option."""
 
     def __init__(self, parent: QtWidgets.QWidget, name: str, title: str, about: str) -> None:
         super().__init__(parent, name, title)
@@ -218,21 +220,21 @@ class Choice(Sheet):
         return self._offered[0] if self._offered else self._close
 
     def focus_on(self, number: str) -> None:
-        """Move the focus to the button of a number, if there is one, so that Enter presses it."""
+        """Focus the button with a number, if there is one, so that Enter presses that button."""
         for each in self._offered:
             if each.isVisible() and each.key == number:
                 each.setFocus()
 
 
 class Heats(Choice):
-    """The heats in the roster, and the buttons that read the roster again."""
+    """Lists the heats in the roster, with the buttons that read the roster again."""
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
     def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
-        """Show the buttons; reading the roster is the only one that leaves the sheet open."""
+        """Show the buttons. All except the one that reads the roster close the sheet."""
         buttons = *heats, *rosters
         if len(buttons) != len(self._offered):
             chosen = [CommandButton(self._choose) for _ in buttons[1:]]
@@ -250,10 +252,10 @@ class Heats(Choice):
 
 
 class Officials(Choice):
-    """The event's officials, of whom one click chooses the one who commands from this window."""
+    """Lists the event's officials, for a click on the one who commands from this window."""
 
     signed = Signal(str)
-    """An official has chosen their name."""
+    """Emitted when an official has chosen a name, which the signal carries."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'officials', 'Who commands from here?', texts.NAME_ABOUT)
@@ -267,7 +269,7 @@ class Officials(Choice):
 
 
 class Help(Sheet):
-    """The keys and their effects."""
+    """Lists the keys and their effects."""
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'help', 'Keys')

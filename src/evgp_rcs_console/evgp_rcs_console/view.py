@@ -4,9 +4,9 @@
 """
 Turns a snapshot of the race into what screens show: texts, tones, buttons and their reasons.
 
-It contains none of the rules. A button is enabled if race control says that its command is
-available; otherwise it shows race control's own reason. The module is pure and uses neither Qt
-nor ROS, so that the window and the terminal client can both show the race with it.
+This module contains none of the race's rules. A button is enabled if race control says that its
+command is available; otherwise the button shows race control's own reason. The module is pure and
+uses neither Qt nor ROS, so both the window and the terminal client can use it.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ GONE_AFTER = 0.9
 """
 Time without a snapshot after which race control counts as gone, in seconds.
 
-Race control publishes a snapshot at least every 0.5 s, and officials must know within 1 s that it
-is gone.
+Race control publishes a snapshot at least every 0.5 s. When race control is gone, officials must
+know within 1 s.
 """
 
 NEXT: dict[RaceState | None, tuple[CommandKind, ...]] = {
@@ -69,7 +69,7 @@ RACE_COMMANDS = _placed(to_one_kart=False)
 """The commands to the race, in the order in which a race needs them (§4.B)."""
 
 KART_COMMANDS = _placed(to_one_kart=True)
-"""The buttons of a kart's row. While a command is in effect, its button offers to undo it."""
+"""The commands in a kart's row. While one is in effect, its button offers to undo that command."""
 
 UNDONE_BY = {
     entry.undoes: kind for kind, entry in OF_RACE_CONTROL.items() if entry.undoes is not None
@@ -77,52 +77,53 @@ UNDONE_BY = {
 """The command that undoes each undoable command."""
 
 ANSWER_KEYS = ('Y', 'N')
-"""The letters that answer a question. They do nothing else, so pressing one late is harmless."""
+"""The letters that answer a question. They have no other use, so pressing one late is harmless."""
 
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys for karts that cross the line, by roster position, so that each kart keeps its key."""
+"""The keys to press when a kart crosses the line: the first is for the first kart on the roster,
+and so on. Each kart therefore keeps its key."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
 """Number of bars shown for each grade of link, out of ``MOST_BARS``; 0 draws no bars."""
 
 BEGINS_WITHIN = 30.0
-"""Time from GREEN_GREEN until each kart must be driving, in seconds (§3.A)."""
+"""Time after GREEN_GREEN within which each kart must begin to drive, in seconds (§3.A)."""
 
 REMINDS_FOR = 30.0
-"""Minimum time to show the reminder of ``BEGINS_WITHIN``, in seconds. It stays until all karts
-have acknowledged."""
+"""Minimum time to show the reminder that karts must be driving, in seconds. The reminder stays
+longer if a kart has not acknowledged GREEN_GREEN."""
 
 Pending = Mapping[tuple[Kind, int], float]
-"""Time for which each command has been waiting for its answer, in seconds. The kart is 0 for a
-command that is not to one kart."""
+"""Time for which each command to a kart has been waiting for its answer, in seconds. The kart's
+number is 0 if the command is not for a single kart."""
 
 
 @dataclass(frozen=True)
 class Button:
     """
-    A command as a button.
+    What the button of a command shows and does.
 
-    :param enabled: whether a press sends the command or asks for its confirmation.
-    :param reason: why the button is not enabled; empty if it is.
+    :param enabled: whether a press has an effect other than showing the reason.
+    :param reason: why the button is not enabled; empty if the button is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
     :param consequence: what the command would do to each kart on the roster.
-    :param karts: the karts that the command would start or release according to race control, or
-        the karts in its heat.
-    :param warning: why an official should not confirm it; empty if no reason is known.
-    :param caution: what else an official should know before confirming; a change of it leaves the
-        question valid.
-    :param number: the number of the track's last opening, or of the roster reading, if the command
-        names one.
-    :param also: the commands that the second YES also confirms.
-    :param phrase: a few words. On a command to the race, they say since when its result has been
-        in effect, what the command would do, or what it is waiting for. On a command to the track,
-        they say whom it is for.
-    :param current: whether the race is in the state to which a command to the race leads.
-    :param recedes: whether it is possible, but something else should be done first.
-    :param is_next: whether it is the usual next step.
+    :param karts: the karts that the command would start or release, according to race control. For
+        a heat, the karts in that heat.
+    :param warning: why an official should not confirm the command; empty if no reason is known.
+    :param caution: what else an official should know before confirming; if it changes, the
+        question remains valid.
+    :param number: the number of the track's last opening or of the roster reading, for a command
+        that names one of them.
+    :param also: the further commands that the button ``YES, and also`` confirms.
+    :param phrase: a few words shown with the label. For a command to the race, they say when its
+        result took effect, what the command would do, or what the command is waiting for.
+    :param current: for a command to the race, whether the race is already in the state that the
+        command leads to.
+    :param recedes: whether the button is less prominent, because the MSR must be used first.
+    :param is_next: whether the command is the usual next step.
     """
 
     command: Kind
@@ -150,7 +151,8 @@ class Button:
         """
         Return the command that an official gives by pressing this button and confirming.
 
-        Race control gets a statement only if it asked for one and the question showed its words.
+        The command makes a statement only if race control asked for one, in which case the
+        question showed the words of the statement.
         """
         return Given(
             self.command,
@@ -182,7 +184,7 @@ class Button:
 
     @property
     def sentences(self) -> list[str]:
-        """Return why not to confirm the command, and what it would do."""
+        """Return the warning against the command, if any, and the command's consequences."""
         warning = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
         return [*warning, *self.consequence.splitlines()]
 
@@ -192,7 +194,7 @@ class Button:
 
     @property
     def is_instant(self) -> bool:
-        """Return whether it is a stop that acts on the press, without a confirmation."""
+        """Return whether the command is a stop that acts when pressed, without confirmation."""
         return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
@@ -201,7 +203,7 @@ class Button:
 
     @property
     def explanation(self) -> str:
-        """Return why the command is not possible; empty if it is."""
+        """Return why the command is not possible; empty if it is possible."""
         name = texts.command_name(self.command, self.kart)
         return f'{name}: {self.reason}' if self.reason else ''
 
@@ -209,16 +211,16 @@ class Button:
 @dataclass(frozen=True)
 class Row:
     """
-    A kart as a row.
+    What the row of a kart shows.
 
     :param use_msr: whether an alert about the kart asks for the Master Safety Remote.
-    :param link: the quality of its link in a word, or NO LINK.
-    :param bars: the quality of its link as a number of bars, out of ``MOST_BARS``; 0: no bars.
-    :param answer: its answer in a word or two; empty if no answer is expected.
-    :param waits: whether it is connected and has not yet obeyed the state that it is being sent.
-    :param place: its position and laps; without timing, its place in the order of FINISH.
-    :param finish: FINISH, whatever the row's button offers.
-    :param letter: what the kart's letter does.
+    :param link: the quality of the kart's link in a word, or NO LINK.
+    :param bars: the quality of the kart's link as a number of bars, out of ``MOST_BARS``.
+    :param answer: the kart's answer in a word or two; empty if no answer is expected.
+    :param waits: whether the kart is connected and has not yet obeyed the state it is being sent.
+    :param place: the kart's position and laps; without timing, its place in the order of FINISH.
+    :param finish: the FINISH command, even if the row's own button offers a different command.
+    :param letter: the command that the kart's letter gives.
     """
 
     number: int
@@ -248,7 +250,7 @@ class Column:
     A column of the list of karts, in the window and in the terminal.
 
     :param width: width in pixels on a 1366 by 768 screen; 0 takes the remaining width.
-    :param below: returns the small text below the cell.
+    :param below: returns the small text under the main text of the cell.
     """
 
     heading: str
@@ -273,7 +275,7 @@ class Danger:
     A warning in the largest type, shown instead of the state of the race.
 
     :param detail: what is known, in a sentence or two.
-    :param barred: why only stops can be pressed; empty if race control decides what is possible.
+    :param barred: why only stops can be pressed; empty if other commands may be possible too.
     :param stale: whether the rest of the screen is out of date.
     """
 
@@ -292,16 +294,16 @@ class Screen:
     :param state: the state of the race, in the largest type; if no kart is being sent that state,
         what the karts are doing instead.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
-    :param order: the starting order of its karts, and the next single-kart heat.
-    :param tally: how many karts in the race are driving, stopped and so on; empty if the race has
-        none.
-    :param missing: the karts of the race that have not obeyed yet; empty if all have.
-    :param msr: every kart that needs the MSR, or a note that the MSR is in use; empty if neither.
+    :param order: the starting order of the heat's karts, and the next single-kart heat.
+    :param tally: how many karts in the race are driving, stopped and so on; empty if no kart is in
+        the race.
+    :param missing: the karts of the race that have not obeyed yet; empty if all have obeyed.
+    :param msr: every kart that needs the MSR, or a note that the MSR is in use; otherwise empty.
     :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
-        now; empty if neither.
-    :param rosters: the buttons that read the roster file again and take what was read.
-    :param places: the results of this race or the last one, or the order of FINISH if there is no
-        timing; empty if there are none.
+        now; otherwise empty.
+    :param rosters: the button that reads the roster file again, and the button that puts into
+        effect what was read.
+    :param places: the results of this race or the last one; without timing, the order of FINISH.
     """
 
     banner: str
@@ -337,7 +339,7 @@ class Screen:
         )
 
     def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
-        """Return the button for a command, or the action of the kart's letter."""
+        """Return the button for a command, or the command of the kart's letter if asked for."""
         letters = (row.letter for row in self.rows if row.number == kart)
         return next(letters, None) if by_letter else self.button(command, kart)
 
@@ -357,8 +359,8 @@ def silence(
     """
     Return the warning that race control is silent; None while its snapshots arrive.
 
-    The warning asks for the MSR if it is unknown what the karts are doing. It does not ask for the
-    MSR before the first snapshot, nor after a normal shutdown with no kart in doubt.
+    The warning says to use the MSR, except before the first snapshot and after a normal shutdown
+    with no kart in doubt.
 
     :param silent_for: time since the last snapshot, in seconds; None if there never was one.
     :param looking_for: time since the search for race control began, in seconds.
@@ -381,7 +383,7 @@ def silence(
 
 def danger(race: Snapshot, two: bool) -> Danger | None:
     """
-    Return the warning that race control is unreliable, although its snapshots arrive; or None.
+    Return a warning if race control is unreliable although its snapshots arrive; otherwise None.
 
     :param two: whether snapshots come from two race controls.
     """
@@ -403,9 +405,9 @@ STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
 
 def present(results: Standings | None, at: float) -> Standings | None:
     """
-    Return the results; None if they are out of date, so that there is no timing.
+    Return the results; None if they are out of date, which means that there is no timing.
 
-    :param at: the time by race control's clock, which the timekeeper uses as well, in seconds.
+    :param at: the time by race control's clock, which the timekeeper also uses, in seconds.
     """
     # A stamp in the future is as wrong as an old one.
     is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
@@ -461,9 +463,9 @@ def show(
 
 def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     """
-    Return the commands to the race, of which at most one is the next step.
+    Return the commands to the race, with at most one marked as the next step.
 
-    While the MSR must be used, or only the MSR can stop a kart, there is no next step.
+    None is marked while the MSR must be used, or while only the MSR can stop a kart.
     """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
@@ -479,7 +481,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return for how long and since when the race has been in its state, and who caused that."""
+    """Return how long the race has been in its state, who caused it, and the time it began."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = f'{since} · {race.state_cause}'
@@ -492,10 +494,10 @@ def _since(race: Snapshot, now: float) -> str:
 
 def _reminder(buttons: _Buttons) -> str:
     """
-    Return the reminder that each kart must be driving by now (§3.A); empty if none is needed.
+    Return the reminder that each kart must be driving by now (§3.A); empty if not needed.
 
     Only an official can see whether a kart is driving, so the reminder is shown for a while
-    whatever the karts report. A kart that was seen to cross the line needs none.
+    whatever the karts report. A kart that has crossed the line needs no reminder.
     """
     race = buttons.snapshot
     late = buttons.now - race.state_since - BEGINS_WITHIN
@@ -527,9 +529,9 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why.
 
-    They are not while anything else on the screen speaks against it, and never before an official
-    has opened the track. If race control knows no better, it starts with the track open, so an
-    open track does not prove that an official opened it.
+    Humans are never allowed before an official has opened the track, nor while anything else on
+    the screen says otherwise. If the last run may not have ended normally, race control starts
+    with the track marked as open. That mark alone does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -564,7 +566,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return the karts that are due FINISH. The letters in their rows send it."""
+    """Return a note of the karts that are due FINISH, which the letters in their rows send."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return f'FINISH {", ".join(done)}: last lap done' if done else ''
@@ -580,8 +582,8 @@ def _places(buttons: _Buttons) -> str:
 
 
 SAYS_NO_MORE = 5.0
-"""Time until a row says what to do about a kart whose last report names the state it is being sent
-but answered an earlier order, in seconds."""
+"""Time that a kart has to report again, if its last report has the right state but answered an
+earlier order, in seconds. After that time, the kart's row says what to do."""
 
 
 def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:
@@ -656,7 +658,7 @@ def _link(kart: KartSnapshot, missing: Tone) -> Cell:
 
 
 def _link_time(link: LinkQuality) -> str:
-    """Return the link's round trip or, if it is not good, its longest delay."""
+    """Return the link's round trip or, unless the link is good, its longest delay."""
     if link.grade is Grade.UNKNOWN:
         return ''
     late = max(link.worst_answer or 0.0, link.behind)
@@ -682,7 +684,7 @@ def _answer(kart: KartSnapshot, now: float, missing: Tone) -> Cell:
 
 
 def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) -> CommandKind:
-    """Return the command that a button offers; while it is in effect, the one that undoes it."""
+    """Return this command or, while it is in effect, the command that undoes it."""
     undone_by = UNDONE_BY.get(command)
     if undone_by is not None and shows_result(CATALOGUE[command].result, race, kart):
         return undone_by
@@ -692,7 +694,7 @@ def _offered(command: CommandKind, race: Snapshot, kart: KartSnapshot | None) ->
 @dataclass(frozen=True)
 class _Buttons:
     """
-    The buttons of one snapshot.
+    Makes the buttons for one snapshot.
 
     :param results: the newest results; None if they are out of date.
     :param timing: these results if they belong to the race in the snapshot; otherwise None.
@@ -712,9 +714,9 @@ class _Buttons:
     @property
     def shown(self) -> Standings | None:
         """
-        Return the results to show: once the race has begun, its own; before that, the newest.
+        Return the results to show: this race's once it has begun, the newest ones before that.
 
-        None if there are none, or if they contain no timed lap.
+        Return None if there are no such results, or if they contain no timed lap.
         """
         has_begun = self.finished or self.snapshot.state is RaceState.GREEN_GREEN
         shown = self.timing if has_begun else self.results
@@ -735,7 +737,7 @@ class _Buttons:
         return is_on and not kart.place
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
-        """Return whether a kart in the race has driven all its laps, so that it is due FINISH."""
+        """Return whether a kart in the race is due FINISH, because all its laps are driven."""
         if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
             return False
         result = self.timing.kart(kart.number)
@@ -745,7 +747,8 @@ class _Buttons:
         """
         Return what a kart's letter does: count a lap or, on the kart's last lap, send FINISH.
 
-        In a heat without timing, it is unknown which of them applies, so the letter does nothing.
+        In a heat without timing, nobody knows whether this is the last lap, so the letter does
+        nothing.
         """
         timing, finish = self.timing, self.kart(CommandKind.KART_FINISH, kart, key)
         if not self._races(kart) or (timing is None and not self.snapshot.heat):
@@ -765,7 +768,7 @@ class _Buttons:
         return replace(button, phrase=phrase, current=current)
 
     def _phrase(self, button: Button, offered: Availability) -> tuple[str, bool]:
-        """Return a command's phrase, and whether the race is in the state to which it leads."""
+        """Return a command's phrase, and whether the race is in the state it leads to."""
         race, command = self.snapshot, button.command
         does, follows = CATALOGUE[command].does, CATALOGUE[command].follows
         if not does:
@@ -797,7 +800,7 @@ class _Buttons:
         return self._button(command, kart, kart.offered(command), key)
 
     def heats(self) -> Button:
-        """Return the button that opens the heats. The roster can be read again from there."""
+        """Return the button that opens the sheet of heats, which also reads the roster again."""
         button = self.race(CommandKind.SET_HEAT)
         if self.snapshot.heats:
             return button
@@ -805,7 +808,7 @@ class _Buttons:
         return replace(button, enabled=read.enabled, reason=read.reason)
 
     def heat(self, number: int, heat: Heat) -> Button:
-        """Return the button that puts a heat into the race. Its number moves the focus to it."""
+        """Return the button that puts a heat into the race. Typing its number focuses it."""
         is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
         return replace(
@@ -820,8 +823,8 @@ class _Buttons:
         """
         Return the commands that an official can confirm together with IN GARAGE.
 
-        After use of the MSR, they release the karts that stay held, as made safe by hand. In any
-        other case, the command opens the track.
+        If the MSR was used, these commands release the karts that IN GARAGE leaves held, as made
+        safe by hand. Otherwise, the only such command opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:

@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parts of which the areas of the window are made: texts, buttons, panels and grids."""
+"""Provides what the areas of the window are built from: texts, buttons, panels and grids."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from evgp_rcs_console.style import FAMILIES, look
 from evgp_rcs_console.view import Button, STEP_STATES
 
 Pressed = Callable[[Button, Button], None]
-"""Takes the command that a button had when it went down, and the one it has on the release."""
+"""Called when a button acts. The arguments are the button's command at the moment of the press
+and its command now."""
 
 _FLAGS = QtCore.Qt.AlignmentFlag
 LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
@@ -47,7 +48,7 @@ def font(pixels: int, bold: bool = False) -> QtGui.QFont:
 def fits(text: str, room: QtCore.QRect, of: QtGui.QFont, wrap: bool) -> bool:
     metrics, endless = QtGui.QFontMetrics(of), QtCore.QRect(0, 0, room.width(), 10_000)
     needed = metrics.boundingRect(endless, _WRAP if wrap else 0, text)
-    # The room below the base line of the last line may be cut off.
+    # The room under the base line of the last line may be cut off.
     high = needed.height() - metrics.height() + metrics.ascent()
     return needed.width() <= room.width() and high <= room.height() + 1
 
@@ -61,7 +62,7 @@ def draw(
     align: QtCore.Qt.AlignmentFlag = LEFT,
     wrap: bool = False,
 ) -> None:
-    """Draw a text; if it does not fit into the room, draw whole lines of it that end with dots."""
+    """Draw a text. If it does not fit, draw only the lines that do, and end the last with dots."""
     metrics = QtGui.QFontMetrics(of)
     if fits(text, room, of, wrap):
         painter.setFont(of)
@@ -89,7 +90,7 @@ def draw(
 
 
 def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
-    """Set the properties of a widget by which the style sheet selects its look."""
+    """Set the properties by which the style sheet selects the look of a widget."""
     changed = [name for name, value in marks.items() if widget.property(name) != value]
     for name in changed:
         widget.setProperty(name, marks[name])
@@ -112,8 +113,8 @@ def lay(
     Arrange parts in a grid; lengths are in pixels on a 1366 by 768 screen.
 
     :param margins: left, top, right, bottom.
-    :param columns: the share of each column in the width that is left; 0: no more than it needs.
-    :param heights: the same for the rows and the height.
+    :param columns: each column's share of the remaining width; 0: only the width it needs.
+    :param heights: each row's share of the remaining height; 0: only the height it needs.
     """
     grid = QtWidgets.QGridLayout(owner)
     grid.setProperty('design', [gap, *margins])
@@ -129,7 +130,7 @@ def lay(
 
 
 def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
-    """Fix the size of a part, in pixels on a 1366 by 768 screen; 0 leaves a direction free."""
+    """Fix the size of a part, in pixels on a 1366 by 768 screen; 0 leaves that size free."""
     part.setProperty('design', [width, height])
     policy = part.sizePolicy()
     if width:
@@ -156,15 +157,14 @@ def rescale(owner: QtWidgets.QWidget) -> None:
 
 class Text(QtWidgets.QLabel):
     """
-    A text that stays within its room, so that it never moves what is beside it.
+    A text that stays within its room, and so never moves the widgets beside it.
 
-    A text that does not fit ends with dots. While the pointer is on it, the bottom line shows all
-    of it.
+    A text that does not fit ends with dots. While the pointer is on such a text, the bottom line
+    shows the full text.
 
-    :param kind: the names of its style: a size, ``bold``, ``faint``.
-    :param fills: whether its tone also colours its ground.
-    :param flows: whether it takes the room that it needs: with ``wrap`` the height, otherwise the
-        width.
+    :param kind: the names that the style sheet uses: a size, ``bold``, ``faint``.
+    :param fills: whether the tone of the text also colours the background.
+    :param flows: whether the text takes all the height (with ``wrap``) or width that it needs.
     """
 
     def __init__(
@@ -204,7 +204,7 @@ class Text(QtWidgets.QLabel):
         self.show_cell(Cell(text))
 
     def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or in grey if it is stale."""
+        """Show a text in its tone, or in grey if the text is out of date."""
         if (cell, stale) == self._shown:
             return
         self._shown = cell, stale
@@ -236,7 +236,7 @@ class Push(QtWidgets.QPushButton):
     """
     A button.
 
-    :param tall: whether it shows its key at the right edge, and a phrase below its text.
+    :param tall: whether the button shows its key at the right edge, and a phrase under its text.
     """
 
     def __init__(
@@ -278,11 +278,11 @@ class CommandButton(Push):
     """
     The button of a command.
 
-    If the command is not allowed, the button looks disabled but can still be focused or tapped. It
-    then says why, because with a keyboard or a touch screen nobody can hover over it.
+    If the command is not possible, the button looks disabled, but an official can still focus or
+    tap it to see the reason. With a keyboard or a touch screen, nobody can hover over a button.
 
-    A stop acts when the button goes down, whatever is there when it is released. Any other command
-    acts on the release.
+    An instant stop acts when the button goes down. Any other command acts when the button is
+    released.
     """
 
     def __init__(self, pressed: Pressed, tall: bool = False, kind: str = '') -> None:
@@ -295,7 +295,7 @@ class CommandButton(Push):
         self.clicked.connect(self._let_go)
 
     def show_button(self, button: Button) -> None:
-        """Show a command, and whether it is allowed."""
+        """Show a command, and whether that command is possible."""
         if button == self.button:
             return
         self.button = button
