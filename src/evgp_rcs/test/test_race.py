@@ -417,8 +417,8 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         held_and_gone,
         'SET_HEAT',
         0,
-        '"Heat 1" is in the race (karts 1, 2); no other kart is; not connected: kart 1 (Ohm); '
-        'still held: kart 2 (Volta): RED_RED by an official',
+        '"Heat 1" is now in the race (karts 1, 2), with no other karts; not connected: kart 1 '
+        '(Ohm); still held: kart 2 (Volta): RED_RED by an official',
     ),
     (
         FINISHED,
@@ -648,7 +648,7 @@ def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None
         'the roster has no kart 9; it has 1, 2, 3; ALL_KILL stops every kart.'
     )
     assert officials.is_refused('GRID_ACTIVE').endswith(
-        'refused: a stop was sent just now; look at the race, then send this command again.'
+        'refused: a stop was sent just now. Check the race, then send this command again.'
     )
 
 

@@ -738,7 +738,7 @@ def test_a_question_speaks_of_one_kart_and_of_several() -> None:
     away = button_of(CommandKind.KART_IN_GARAGE, OFFERED, connected=False)
 
     assert [button.consequence.splitlines()[0] for button in said] == [
-        'Sends GREEN GREEN now to kart 7. It drives off.',
+        'Sends GREEN GREEN now to kart 7. It will start to drive.',
         'Sends IN GARAGE now to kart 7. The team has its kart back.',
     ]
     assert 'no kart' not in away.consequence

@@ -91,7 +91,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'record that you used the MSR, and send RED_RED to every kart',
         'record_msr',
         Result(race=(RaceState.RED_RED,)),
-        note='Records that you used the MSR. It does not trigger the MSR.',
+        note='Records that you used the MSR, but does not trigger it.',
         call_is_statement=True,
         flag=('--msr-was-used', 'you state that you used the MSR'),
         key='F9',
@@ -139,7 +139,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         follows='after GRID ACTIVE',
         condition='the race may start, and the track is clear of humans',
         sends=RaceState.GREEN_GREEN,
-        then=('It drives off.', 'They drive off.'),
+        then=('It will start to drive.', 'They will start to drive.'),
         loosens=True,
     ),
     CommandKind.IN_GARAGE: Entry(
@@ -174,7 +174,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/undo_finish',
         Result(placed=False),
         undoes=CommandKind.KART_FINISH,
-        note='Removes its place; later places move up. A RED FLAG that was sent stays in force.',
+        note='Removes its place. Later places move up. A RED FLAG that was sent stays in force.',
         short='UNDO',
         condition='{kart} has not finished',
         call_is_statement=True,
@@ -189,8 +189,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         statement='made_safe_by_hand',
         flag=(
             '--made-safe-by-hand',
-            'you state that someone made this kart safe; needed if it has not acknowledged its '
-            'stop',
+            'you state that someone made this kart safe; required if it has not acknowledged '
+            'its stop',
         ),
         place=4,
         key='Ctrl+G',
@@ -263,8 +263,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         statement='no_race_anywhere',
         flag=(
             '--no-race-anywhere',
-            'you state that no race is under way anywhere, and no kart moves; needed once after '
-            'the first start',
+            'you state that no race is under way anywhere, and no kart moves; required once, '
+            'after the first start',
         ),
         key='F7',
         condition='teams may go onto the track',

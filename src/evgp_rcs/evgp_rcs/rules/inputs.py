@@ -10,9 +10,9 @@ events (``StampedEvent``) that it caused. In between are events that the server 
 the times at which the race was shown to officials (`Shown`). The kart server feeds the rules only
 through `feed`, so a stream can be replayed.
 
-The thread that stops karts only appends entries to a `Log`, and passes them on after it has sent
-the frames and answers. The record's process encodes the entries in blocks. Each block says how
-many entries precede it, so that missing entries are noticed and counted.
+The thread that stops karts only appends entries to a `Log`. It passes the entries on after it has
+sent the frames and answers. The record's process encodes the entries in blocks. Each block says
+how many entries precede it, so that missing entries are noticed and counted.
 
 The code is pure: it uses no clock, socket, ROS, thread, file or log.
 """
@@ -85,7 +85,7 @@ class Rules(NamedTuple):
 
 
 class Commanded(NamedTuple):
-    """An official's command, and when it arrived, in seconds."""
+    """An official's command, and ``came``, the time in seconds when it arrived."""
 
     at: float
     command: Command
@@ -104,7 +104,7 @@ CLOSED_BY_KART = 'the kart closed the connection'
 
 
 class Disconnected(NamedTuple):
-    """A kart's connection has ended. It is ``silent`` if the kart's link stopped answering."""
+    """A kart's connection has ended; ``silent`` means that the kart's link stopped answering."""
 
     at: float
     kart: int
@@ -150,14 +150,14 @@ class Tick(NamedTuple):
 
 
 class Stalled(NamedTuple):
-    """Race control stalled for this long, in seconds."""
+    """Race control stalled for this number of seconds."""
 
     at: float
     seconds: float
 
 
 class CutOff(NamedTuple):
-    """Race control lost the karts' network, for this reason; empty once the network is back."""
+    """Race control lost the karts' network. ``reason`` is empty once the network is back."""
 
     at: float
     reason: str
@@ -186,7 +186,7 @@ class Attended(NamedTuple):
 
 
 class RecordTrouble(NamedTuple):
-    """Why the record is failing, as a sentence for officials; empty if it works."""
+    """A sentence that tells officials why the record is failing; empty if the record works."""
 
     at: float
     text: str
@@ -267,7 +267,7 @@ def feed(given: Input, race: Race) -> Outcome:
 
 
 class Ordered(NamedTuple):
-    """The orders that the previous input caused. If it caused none, there is no such entry."""
+    """The orders that the previous input caused. An input without orders has no such entry."""
 
     orders: tuple[Order, ...]
 

@@ -20,11 +20,11 @@ from evgp_protocol.link import BEAT_RATE, Grade, grade, GRADE_WINDOW, GRADES, Tc
 from evgp_protocol.states import RaceState
 
 MEASURE_EVERY = 1.0
-"""Time between two measurements of a link that does not get worse, in seconds."""
+"""Time in seconds between two measurements of a link that is not getting worse."""
 
 POOR_LATELY = 60.0
-"""Time after a poor measurement during which a confirmation of GRID_ACTIVE still names the kart,
-in seconds."""
+"""Time in seconds after a poor measurement during which a confirmation of GRID_ACTIVE still names
+the kart."""
 
 CLOSING = 0.4
 """Share of the largest window that a kart's TCP has offered. A smaller window means that the kart
@@ -40,7 +40,7 @@ _WORSE_FROM = {
     Grade.FAIR: GRADES[Grade.POOR],
     Grade.POOR: math.inf,
 }
-"""For each grade, the answer time from which a link is worse than that, in seconds."""
+"""For each grade, the answer time in seconds from which a link gets a worse grade."""
 
 
 class LinkQuality(NamedTuple):
@@ -83,7 +83,7 @@ class LinkMeter:
 
     def is_due(self, age: float, now: float) -> bool:
         """
-        Return whether to measure now, which is each second, and at once when the link gets worse.
+        Return whether to measure now: every second, and at once when the link gets worse.
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         """
@@ -95,11 +95,11 @@ class LinkMeter:
         self, age: float, info: TcpInfo | None, now: float, behind: float = 0.0
     ) -> LinkQuality:
         """
-        Return the figures at a time in seconds.
+        Return the figures at the time `now`, in seconds.
 
         :param age: age of the oldest unanswered frame, in seconds; 0 if all are answered.
         :param info: the kernel's figures; None if it has none.
-        :param behind: ``LinkQuality.behind`` as the kart's reports alone show it, in seconds.
+        :param behind: ``LinkQuality.behind``, in seconds, as the kart's reports alone show it.
         """
         behind = max(behind, self._behind_by_window(info))
         worst = round(self._worst(age, now), 4)
@@ -115,7 +115,7 @@ class LinkMeter:
         return quality
 
     def _behind_by_window(self, info: TcpInfo | None) -> float:
-        """Return ``LinkQuality.behind`` as the kart's window alone shows it, in seconds."""
+        """Return ``LinkQuality.behind``, in seconds, as the kart's window alone shows it."""
         if info is None or info.window is None:
             return 0.0
         self._largest_window = max(self._largest_window, info.window)

@@ -74,7 +74,7 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 OLD = 3.0
-"""Age above which race control mentions how long ago the official pressed, in seconds."""
+"""Age of a button press, in seconds, above which race control mentions it."""
 
 
 class EventKind(enum.Enum):
@@ -134,7 +134,7 @@ MSR_ALERTS = frozenset(
 
 class Doubt(enum.IntEnum):
     """
-    What a kart may be doing, from harmless to worst.
+    What a kart may be doing, from least to most dangerous.
 
     ``GRID``: the kart was sent GRID_ACTIVE, and has not been connected and sent IN_GARAGE since.
     ``MOVING``: the kart was sent GREEN_GREEN or a red state, or was seen to move: it withdrew its
@@ -203,7 +203,7 @@ class Command(NamedTuple):
 
     @property
     def pressed(self) -> str:
-        """Return a phrase that says how long ago an old press was made; empty for a recent one."""
+        """Return a phrase that says how long ago an old press was made; empty if it is recent."""
         return f'pressed {self.age:.0f} s ago' if self.age > OLD else ''
 
 
@@ -341,7 +341,7 @@ class RaceTimes:
     """
     The times of the rules, in seconds. ``ros.settings`` explains those that are parameters.
 
-    The times until an alert follow §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s for
+    The alert delays are those of §3.A: 2 min for GRID_ACTIVE, 30 s for GREEN_GREEN, 10-15 s for
     RED_FLAG, and "a reasonable time" for RED_RED.
 
     :param finish_delays: see §4.B, FINISH. The longest delay comes first, so that karts that
@@ -349,9 +349,9 @@ class RaceTimes:
     :param finish_stop: how long the automatic end of the race (§3.C) waits for a finished kart to
         acknowledge its RED_FLAG. §3.A gives a kart 10-15 s to come to a stop.
     :param pause_after_stall: the pause after a stall of race control. It is longer because
-        commands sent during the stall arrive late (DDS delivered some 3 s late). If ``pause`` is
-        longer still, it applies instead.
-    :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
+        commands sent during the stall arrive late: we have seen DDS deliver some of them 3 s
+        late. If ``pause`` is longer still, ``pause`` applies instead.
+    :param journal_timeout: the maximum time that a GREEN_GREEN waits for the disk.
     :param settle: the parameter ``settle_time``.
     """
 
@@ -370,7 +370,7 @@ class RaceTimes:
     nobody_there: float = 10.0
 
     def finish_delay(self, place: int) -> float:
-        """Return the delay for a finishing place (from 1), in seconds; 0 if none is configured."""
+        """Return the delay in seconds for a finishing place (from 1); 0 if none is configured."""
         if not self.finish_delays:
             return 0.0
         return self.finish_delays[min(place, len(self.finish_delays)) - 1]
@@ -447,17 +447,17 @@ class Kart:
 
     @property
     def may_be_moving(self) -> bool:
-        """Return whether officials must treat it as moving."""
+        """Return whether officials must treat the kart as moving."""
         return self.doubt is Doubt.MOVING
 
     @property
     def stopped(self) -> bool:
-        """Return whether it is sent a red state, and has acknowledged it on this connection."""
+        """Return whether the kart is sent a red state that it acknowledged on this connection."""
         return self.acknowledged and self.sent.is_red
 
     @property
     def stands(self) -> bool:
-        """Return whether it has reported its stop for long enough that humans may rely on it."""
+        """Return whether the kart has reported its stop long enough for humans to rely on it."""
         return self.stopped and self.doubt is Doubt.NONE and self.settles_at is None
 
     @property
@@ -467,7 +467,7 @@ class Kart:
 
     @property
     def bound(self) -> str:
-        """Return why the roster must keep the kart and its address; empty if it need not."""
+        """Return why the roster must keep the kart and its address; empty if it may drop them."""
         if self.connected:
             return 'is connected'
         if self.hold is not None or self.doubt:
@@ -519,7 +519,8 @@ class RaceMemory:
 
     :param karts: each kart in the roster, by its number.
     :param track_open: whether officials have opened the track.
-    :param unstated: whether no official has yet stated that no race is under way anywhere.
+    :param unstated: whether race control is still waiting for an official to state that no race is
+        under way anywhere.
     :param heat: the heat that was last put into the race; empty if there was none.
     """
 
@@ -538,7 +539,7 @@ class RaceMemory:
 
     @property
     def ends_as(self) -> LastRun:
-        """Return what the next run learns about this one if it ends normally in this condition."""
+        """Return what the next run learns if this run ends normally in its present condition."""
         if not self.at_rest:
             return LastRun.UNKNOWN
         if self.unstated:
@@ -551,8 +552,8 @@ class Start(NamedTuple):
     A GREEN_GREEN that would be accepted, but waits until the permission to move is saved on disk.
 
     :param number: number of the start, from 1.
-    :param came: when the command arrived, in seconds.
-    :param until: end of its wait, in seconds.
+    :param came: the time in seconds when the command arrived.
+    :param until: the time in seconds when its wait ends.
     :param memory: what must be on the disk before it takes effect.
     :param superseded: whether GRID_ACTIVE has been accepted during its wait.
     """
@@ -602,7 +603,7 @@ class Race:
         self.state = IN_GARAGE
         self.state_since = now
         self.state_cause = ''
-        """Why the race is in its state, as a phrase; empty until its state first changes."""
+        """A phrase that says why the race is in its state; empty until its state first changes."""
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
@@ -613,7 +614,7 @@ class Race:
         self.number = 0
         """Number of the race under way, from GRID_ACTIVE to IN_GARAGE; 0 if there is none."""
         self.race_since: float | None = None
-        """When the last race of this run began, in seconds; None if there was no race."""
+        """The time in seconds when the last race of this run began; None if there was no race."""
         racing = {each.number for each in self.racing()}
         alike = [heat.name for heat in self.heats if {*heat.karts} == racing]
         self._put_in = alike[0] if len(alike) == 1 else ''  # the heat that was last put in
@@ -629,17 +630,17 @@ class Race:
         """Whether an official must still state that no race is under way anywhere."""
         self.has_rival = False
         self.cut_off_by = ''
-        """Why race control is cut off from the karts' network, as a phrase; empty if it is not."""
+        """What cuts race control off from the karts' network, as a phrase; empty if nothing."""
         self.record_fails = ''
         self.there = Attendance()
         self.nobody_since: float | None = None
-        """When this race lost the last program that could stop it, in seconds. None while there is
-        such a program, or if this race never had one."""
+        """The time in seconds when this race lost the last program that could stop it. None while
+        there is such a program, or if this race has not lost one."""
         self.paused_until = now
-        """End of the current pause, or of the last one, in seconds."""
+        """The time in seconds when the current pause ends, or when the last pause ended."""
         self._paused_by = ''
         self.start: Start | None = None
-        """The GREEN_GREEN that is waiting for the record."""
+        """The GREEN_GREEN that is waiting for the record; None if none is waiting."""
         self.starts = 0
         self._reported_all_answered = False
         self._by: Command | None = None  # the command that is taking effect
@@ -681,8 +682,8 @@ class Race:
         Any other kart must report its stop, or be released individually.
 
         :param memory: what the record contains; None if it contains nothing.
-        :param why: a phrase that says why the proof of a normal end of the last run is rejected;
-            empty if it is not rejected.
+        :param why: a phrase that says why race control rejects the proof that the last run ended
+            normally; empty if race control does not reject it.
         """
         if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
             if last_run is LastRun.ENDED_OPEN:
@@ -748,7 +749,7 @@ class Race:
         command changes nothing, except that a stop begins a pause even if its kart is not in the
         roster.
 
-        :param came: when the command arrived, if earlier than now, in seconds.
+        :param came: the time in seconds when the command arrived; None if it arrived just now.
         :returns: an outcome with the answer, or with the start that waits.
         """
         came = now if came is None else came
@@ -788,12 +789,12 @@ class Race:
         refusal = self._refusal_of(start.command, start.came)
         if not refusal and start.superseded:
             refusal = (
-                'GRID_ACTIVE was sent again while this command waited; look at the race, then '
+                'GRID_ACTIVE was sent again while this command was waiting. Check the race, then '
                 'send GREEN_GREEN again'
             )
         if not (refusal or saved):
             refusal = (
-                'the record did not save the start in time; look at the race, then send '
+                'the record did not save the start in time. Check the race, then send '
                 'GREEN_GREEN again'
             )
         return self._decide(start.command, refusal, now)
@@ -813,7 +814,7 @@ class Race:
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
-        Record that race control has lost the karts' network, or has it back.
+        Record that race control has lost the karts' network, or has regained it.
 
         A loss is treated like a crash. Until the network is back, another race control may command
         the karts, so this one refuses commands that loosen.
@@ -865,7 +866,7 @@ class Race:
         return self._misnamed(command, came)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
-        """Put a command into effect or refuse it, and add its event."""
+        """Put a command into effect or refuse it, and add the command's event."""
         cause = len(self._events)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
@@ -959,8 +960,8 @@ class Race:
         old one, but then the acknowledgement may have been just as old.
 
         :param serial: serial of the order that had been sent when the frame began to arrive.
-        :param counts_in: if the report does not count yet, the longest time until a repetition of
-            it would count, in seconds; 0 if that is unknown, or if it never would.
+        :param counts_in: if the report does not count yet, the maximum time in seconds before a
+            repeat of it would count; 0 if unknown, or if no repeat would ever count.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1016,8 +1017,8 @@ class Race:
 
         The kart's program may not have read that order yet.
 
-        :param serial: serial of the order; if there is a newer order, nothing happens.
-        :param answered: latest time at which the kernel can have answered, in seconds.
+        :param serial: serial of the order. If there is a newer order, nothing happens.
+        :param answered: the latest time in seconds at which the kernel can have answered.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
@@ -1068,7 +1069,7 @@ class Race:
         return self._outcome()
 
     def record_trouble(self, text: str, now: float) -> Outcome:
-        """Note why the record is failing, in a sentence for officials; empty if it works."""
+        """Keep a sentence that says why the record is failing; empty if the record works."""
         self.record_fails = text
         self._report_alerts(now)
         return self._outcome()
@@ -1148,7 +1149,10 @@ class Race:
         allowed, reason, settled_by = self._humans_allowed()
         if allowed and self.unstated and not self.msr_used:
             allowed, settled_by = False, CommandKind.OPEN_TRACK
-            reason = f'no official has stated yet that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for it'
+            reason = (
+                f'no official has yet stated that {NO_RACE_ANYWHERE}; OPEN_TRACK asks for this '
+                'statement'
+            )
         return TrackAccess(
             self.track_open, allowed, reason, self.msr_used, self.opening, settled_by
         )
@@ -1160,7 +1164,7 @@ class Race:
         return own if kart.hold is None else stricter(own, kart.hold)
 
     def _redirect(self, kart: Kart, now: float, resend: bool = False) -> None:
-        """Send a kart what the race and its hold require, and void its old acknowledgement."""
+        """Send a kart the state that the race and its hold require; void its acknowledgement."""
         state = self._commanded(kart)
         changed = state is not kart.sent
         if not (changed or resend):
@@ -1277,8 +1281,8 @@ class Race:
             self.start = self.start._replace(superseded=True)
         if self.state is GRID_ACTIVE:
             return (
-                'GRID_ACTIVE is the last command again; karts that have acknowledged it need not '
-                'do so again'
+                'GRID_ACTIVE is the latest command again. Karts that have already acknowledged it '
+                'do not have to do so again'
             )
         self.grids += 1
         self.number = self.grids
@@ -1419,7 +1423,7 @@ class Race:
             self._redirect(each, now)
         self._put_in = heat.name
         chosen = list(self.racing())
-        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}); no other kart is'
+        text = f'"{heat.name}" is now in the race ({_numbers(heat.karts)}), with no other karts'
         absent = [each for each in chosen if not each.connected]
         if absent:
             text += f'; not connected: {_listed(absent)}'
@@ -1431,7 +1435,7 @@ class Race:
         self.reading, self._read = self._readings, command.roster
         return (
             f'The roster file was read (reading {self.reading}): {self._changes(command)}. '
-            f'Nothing has changed yet; TAKE_ROSTER {self.reading} puts it into effect'
+            f'Nothing has changed yet. TAKE_ROSTER {self.reading} puts it into effect'
         )
 
     def _take_roster(self, command: Command, now: float) -> str:
@@ -1458,9 +1462,9 @@ class Race:
         return COMMANDS[command.kind].refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
-        """Return why a pause blocks a command that arrived at `came`; empty if none does."""
+        """Return why a pause blocks a command that arrived at `came`; empty if no pause does."""
         if CATALOGUE[kind].loosens and came < self.paused_until:
-            return f'{self._paused_by}; look at the race, then send this command again'
+            return f'{self._paused_by}. Check the race, then send this command again'
         return ''
 
     def _no_grid_active(self, command: Command) -> str:
@@ -1485,7 +1489,7 @@ class Race:
         return f'release {numbers} first: {held}' if held else ''
 
     def _doubtful(self) -> str:
-        """Return which karts make it unsafe to start a race, and why; empty if none do."""
+        """Return which karts make it unsafe to start a race, and why; empty if no kart does."""
         return self._dangers(
             each
             for each in self.karts.values()
@@ -1646,7 +1650,7 @@ class Race:
         return self._no_read_roster(command._replace(roster=self._read))
 
     def _bound(self, roster: Roster) -> str:
-        """Return which karts and addresses a roster must keep but does not; empty if none."""
+        """Return which karts and addresses a roster must keep but lacks; empty if none."""
         addresses = {each.number: each.address for each in roster.karts}
         bound = [
             f'{kart} {kart.bound}'
@@ -1677,7 +1681,11 @@ class Race:
         )
 
     def _misnamed(self, command: Command, came: float) -> str:
-        """Return what is wrong with what a command names; empty if nothing is."""
+        """
+        Return what is wrong with the karts, hold, heat, roster or number that a command names.
+
+        The text is empty if they are all valid.
+        """
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
@@ -1709,13 +1717,13 @@ class Race:
             'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
         )
         return (
-            f'{kart} has changed since you looked: it is {now}, and you saw it {then}; look again'
+            f'{kart} has changed since you looked: it is {now}, and you saw it {then}. Look again'
         )
 
     def _read_otherwise(self, command: Command) -> str:
         if command.reading != self.reading:
             return (
-                f'the last reading is {self.reading}, and you named {command.reading}; look again'
+                f'the last reading is {self.reading}, and you named {command.reading}. Look again'
             )
         if command.roster != self._read:
             return 'the file has changed since it was read; read it again'
@@ -1733,7 +1741,7 @@ class Race:
             phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
             phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
-        return f'the race has changed since you looked: {"; ".join(phrases)}; look again'
+        return f'the race has changed since you looked: {"; ".join(phrases)}. Look again'
 
     # ----- what the official must state ---------------------------------------------------
 
@@ -1811,7 +1819,7 @@ class Race:
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why or why not, and which statement would suffice."""
+        """Return whether humans are allowed, why, and the command whose statement would do."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
@@ -1837,7 +1845,7 @@ class Race:
         return _cut([danger for danger in map(self._danger, first) if danger])
 
     def _danger(self, kart: Kart) -> str:
-        """Return why humans must not be near a kart now (§3.A); empty if they may be."""
+        """Return why humans must not be near a kart now (§3.A); empty if they may be near it."""
         if kart.stands:
             return ''
         if kart.connected and kart.sent.is_red:
@@ -1891,9 +1899,10 @@ class Race:
         """
         Return the karts that the race is waiting for, including lost ones unless the MSR was used.
 
-        The race does not wait for a kart that is away at rest and is to be sent a red state. If
-        race control does not know what happened, the race also waits for every connected kart that
-        is being sent a red state. It never waits for a kart that the official's statement covers.
+        The race does not wait for a red state to be acknowledged by a kart that is away at rest
+        (``Kart.away_at_rest``). If race control does not know what happened, the race also waits
+        for every connected kart that is being sent a red state. The race never waits for a kart
+        that the official's statement covers.
         """
         return [
             kart
@@ -1911,7 +1920,7 @@ class Race:
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
-        """Return when the race is due to end automatically (§3.C); None if it is not."""
+        """Return when the race is due to end automatically (§3.C); None if it is not due to."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
         if not self.starters:
@@ -2086,13 +2095,13 @@ class Race:
         return outcome
 
     def _place(self, number: int) -> int:
-        """Return the place of a kart; 0 if it has none, or is not in the roster."""
+        """Return the place of a kart; 0 if the kart has no place, or is not in the roster."""
         kart = self.karts.get(number)
         return 0 if kart is None else kart.place
 
 
 LOST_AT_ONCE = 2.0
-"""Maximum time between the losses of karts that count as lost together, in seconds. Each kart is
+"""Maximum time in seconds between the losses of karts that count as lost together. Each kart is
 lost `send_timeout` after its last answer."""
 
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
@@ -2161,8 +2170,8 @@ class Rule:
     One row of the table of commands (§4.B). ``CATALOGUE`` has what does not depend on the race.
 
     :param effect: puts the command into effect and returns the message to the official.
-    :param refusal: returns why the command is refused now; empty if it is allowed.
-    :param statement: returns what the official must state; empty if nothing.
+    :param refusal: returns why the command is refused now; empty if the command is allowed.
+    :param statement: returns what the official must state; empty if no statement is needed.
     :param karts: returns the karts that the command starts or releases.
     """
 

@@ -63,23 +63,23 @@ class KartSnapshot(NamedTuple):
 
     @property
     def in_doubt(self) -> bool:
-        """Return whether it may be moving while it must not move, or while it is not connected."""
+        """Return whether the kart may be moving while it must not move or is not connected."""
         return self.may_be_moving and not (self.connected and self.sent is RaceState.GREEN_GREEN)
 
     @property
     def says_no_more(self) -> bool:
-        """Return whether its last report has the right state but answered an earlier command."""
+        """Return whether the kart last reported the right state, but for an earlier command."""
         waits = self.connected and not self.acknowledged and self.sent is not RaceState.IN_GARAGE
         return waits and self.counts_at is None and self.reported is self.sent
 
     @property
     def settles(self) -> bool:
-        """Return whether it is reporting its stop, but has not done so for long enough yet."""
+        """Return whether the kart reports its stop, but must keep reporting it for longer."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent.is_red
 
     @property
     def flag_follows(self) -> bool:
-        """Return whether it has finished and is still driving, until it is sent its RED_FLAG."""
+        """Return whether the kart has finished, but drives on until it is sent its RED_FLAG."""
         drives = self.connected and self.sent is RaceState.GREEN_GREEN
         return drives and self.flag_at is not None
 
@@ -124,7 +124,7 @@ class Snapshot(NamedTuple):
 
     @property
     def heat_in_race(self) -> Heat | None:
-        """Return the heat in the race."""
+        """Return the heat in the race; None if there is none."""
         return next((heat for heat in self.heats if heat.name == self.heat), None)
 
     @property
@@ -150,7 +150,7 @@ class Snapshot(NamedTuple):
         return {'opening': self.track.opening, 'reading': self.reading}.get(what, 0)
 
     def kart(self, number: int) -> KartSnapshot | None:
-        """Return the kart with this number, if it is in the roster."""
+        """Return the kart with this number; None if the snapshot has no such kart."""
         return next((kart for kart in self.karts if kart.number == number), None)
 
     def offered(self, command: CommandKind) -> Availability:
@@ -178,7 +178,7 @@ NOTHING = Snapshot(
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
-    """Return what officials see of the race at this time, in seconds."""
+    """Return what officials see of the race at the time `now`, in seconds."""
     return Snapshot(
         stamp=now,
         state=race.state,
