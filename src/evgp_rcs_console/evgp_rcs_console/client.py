@@ -113,7 +113,7 @@ PRESENCE_PERIOD = 0.5
 """Time between two announcements of presence, in seconds. After 2 s without one, race control
 treats the program as gone."""
 
-PRESENCE_QOS = QoSProfile(
+ANNOUNCE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -213,7 +213,7 @@ class Client:
         if there:
             with contextlib.suppress(RCLError):  # a spectators' screen has no permission
                 publish = self.node.create_publisher
-                self._there = publish(msg.Presence, 'rcs/presence', PRESENCE_QOS)
+                self._there = publish(msg.Presence, 'rcs/presence', ANNOUNCE_QOS)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._began = RaceBegan()
