@@ -232,5 +232,6 @@ def _judge(
     assert [each.kart for each in fair] == truth
     for each in results.karts:
         lacks = each.laps < PLAN.laps and not stopped
-        assert lacks == any(f'Kart {each.kart} is marked as finished' in q for q in results.questions)
+        named = f'Kart {each.kart} is marked as finished'
+        assert lacks == any(named in question for question in results.questions)
     return results

@@ -66,6 +66,8 @@ def drawing(account: Account, part: Part, clock: Clock, title: str) -> Drawing:
 
 
 class _Timeline:
+    """A timeline that is being drawn."""
+
     def __init__(self, account: Account, part: Part, clock: Clock) -> None:
         self._account = account
         self._part = part
