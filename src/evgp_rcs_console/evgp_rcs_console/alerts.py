@@ -163,7 +163,7 @@ class AlertsArea(Panel):
 
     def _place(self, at: float) -> int:
         """
-        Show as many alerts as fit, and return how many they are.
+        Show as many alerts as fit, and return the number shown.
 
         If the sentences do not all fit, only the first alert and the alerts that are not about a
         kart keep their sentences.
@@ -243,7 +243,7 @@ class Alarm:
         self._sounded_at = 0.0
 
     def look(self, now: float, alarming: bool) -> None:
-        """Sound the alarm if there is a reason, and the last time was long enough ago."""
+        """Sound the alarm if there is a reason and it has not sounded too recently."""
         due = now - self._sounded_at >= SOUND_AGAIN
         if due and (alarming or self._book.unseen) and not self._muted:
             self._sounded_at = now

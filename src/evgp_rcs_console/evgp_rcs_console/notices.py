@@ -45,7 +45,7 @@ class Notice:
 
     @property
     def use_msr(self) -> bool:
-        """Return whether to use the Master Safety Remote; never for an alert that has ended."""
+        """Return whether to use the Master Safety Remote; False once the alert has ended."""
         return self.lasts and self.alert is not None and self.alert.use_msr
 
     @property

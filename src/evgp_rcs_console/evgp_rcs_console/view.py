@@ -566,7 +566,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return a note of the karts that are due FINISH, which the letters in their rows send."""
+    """Return a note of the karts whose letters send FINISH now."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return f'FINISH {", ".join(done)}: last lap done' if done else ''
@@ -582,8 +582,8 @@ def _places(buttons: _Buttons) -> str:
 
 
 SAYS_NO_MORE = 5.0
-"""Time that a kart has to report again, if its last report has the right state but answered an
-earlier order, in seconds. After that time, the kart's row says what to do."""
+"""How long a kart has to report again, in seconds, if its last report names the right state but
+answered an earlier order. After that time, the kart's row says what to do."""
 
 
 def _row(kart: KartSnapshot, place: int, now: float, buttons: _Buttons) -> Row:

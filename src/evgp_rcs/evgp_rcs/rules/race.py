@@ -34,10 +34,10 @@ disk. Until then, a GREEN_GREEN that would be accepted waits as a *start* (``Sta
 arrive in the meantime are judged first, and the start is judged again when its wait is over.
 
 Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
-if it was sent GREEN_GREEN, was seen to move, or has not answered a stop. A kart that was sent
-GRID_ACTIVE is *on the grid*. Either doubt ends when the kart acknowledges a red state and keeps
-reporting it for ``settle`` seconds on the same connection, or when an official states that the
-kart was made safe by hand. Losing the connection never ends a doubt.
+if it was sent GREEN_GREEN or a red state, or was seen to move. A kart that was sent GRID_ACTIVE is
+*on the grid*. Either doubt ends when the kart acknowledges a red state and keeps reporting it for
+``settle`` seconds on the same connection, or when an official states that the kart was made safe
+by hand. Losing the connection never ends a doubt.
 
 Race control assumes the worst about any period that it knows nothing about. One such period is the
 time while it is cut off from the karts (``cut_off``). Another is the time before it started,
@@ -136,7 +136,7 @@ class Doubt(enum.IntEnum):
     """
     What a kart may be doing, from least to most dangerous.
 
-    ``GRID``: the kart was sent GRID_ACTIVE, and has not been connected and sent IN_GARAGE since.
+    ``GRID``: the kart was sent GRID_ACTIVE, and has not since been sent IN_GARAGE while connected.
     ``MOVING``: the kart was sent GREEN_GREEN or a red state, or was seen to move: it withdrew its
     acknowledgement of a red state, or reported GREEN_GREEN without being sent it.
     """
@@ -395,7 +395,7 @@ class Kart:
         acknowledgement since.
     :param withdrawn: whether it has withdrawn an acknowledgement of its current order.
     :param lost_since: when it lost its connection in a race under way or while it may have been
-        moving. If it may have been moving, this time remains until its doubt ends.
+        moving. If it may have been moving, the time is kept until the doubt ends.
     :param finish_due: when its finish turns into a RED_FLAG (``flag_at`` in the message).
     :param held_alone: whether an official has held this kart individually and not released it.
     :param counts_in: time from its last report until ``counts_at``; 0 if unknown or over.
@@ -1819,7 +1819,7 @@ class Race:
         return (kart for kart in self.karts.values() if kart.in_race)
 
     def _humans_allowed(self) -> tuple[bool, str, CommandKind | None]:
-        """Return whether humans are allowed, why, and the command whose statement would do."""
+        """Return whether humans are allowed, why, and the command that would allow them."""
         if self.msr_used:
             return True, 'the Master Safety Remote was used', None
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
