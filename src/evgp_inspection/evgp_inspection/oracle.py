@@ -527,9 +527,9 @@ class Oracle:
         rolls = max(ROLLING * top, limits.standstill)
         turned = next(((at, v) for at, v in spell.speeds if at > said + lag and v > rolls), None)
         if turned is not None:
-            why = f'{turned[0] - said:.2f} s after reporting a standstill, it moved at '
-            why += f'{turned[1]:.2f} m/s.'
-            self._break(spell.true, why, turned[0])
+            at, speed = turned
+            why = f'{at - said:.2f} s after reporting a standstill, it moved at {speed:.2f} m/s.'
+            self._break(spell.true, why, at)
         elif spell.moved and said - self._freed < limits.fastest_stop:
             why = 'it reported a standstill sooner than a kart at speed can stop.'
             self._break(spell.true, why, said)

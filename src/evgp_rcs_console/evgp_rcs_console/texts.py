@@ -361,8 +361,8 @@ def no_answer(given: Given, waited: float, details: str = '', reason: str = '') 
     """
     within = f'no answer within {round(waited, 1):g} s{f" ({details})" if details else ""}'
     where = 'results' if isinstance(given.command, Act) else 'race'
-    advice = f'Check the {where} to see whether it took effect.'
-    advice = 'USE THE MSR.' if CATALOGUE[given.command].stop else advice
+    check = f'Check the {where} to see whether it took effect.'
+    advice = 'USE THE MSR.' if CATALOGUE[given.command].stop else check
     because = f' Race control has not accepted it: {reason}' if reason else ''
     return f'{full_name(given)}: {within}. {advice}{because}'
 
