@@ -306,6 +306,11 @@ def _looks(column: Column, row: Row) -> object:
     return column.cell(row), column.below(row), row.in_race, row.use_msr, row.waits, row.bars
 
 
+def _tiles(rows: tuple[Row, ...], stale: bool) -> object:
+    """Return what the tiles show of the rows."""
+    return stale, [(row.number, row.link.tone, row.sent, row.answer.tone) for row in rows]
+
+
 class KartList(Panel):
     """
     Lists all karts on the roster, in the order of their numbers.
@@ -367,9 +372,10 @@ class KartList(Panel):
         self._tiles.update()
 
     def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
-        count = len(self.table.rows)
+        count, before = len(self.table.rows), _tiles(self.table.rows, self.table.stale)
         self.table.show_rows(rows, stale)
-        self._tiles.update()
+        if before != _tiles(rows, stale):
+            self._tiles.update()
         for place in range(count, len(rows)):
             buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
             self._buttons.append(buttons)
