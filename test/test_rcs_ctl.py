@@ -153,6 +153,7 @@ def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_w
     line = asked.stderr.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
     assert line == [*words, '--closes', '1']
     accepted(control, official, *line)
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 1)
     official.bring_to(RaceState.IN_GARAGE, 1)
     accepted(control, official, 'open-track', '--no-race-anywhere')
     accepted(control, official, 'close-track')
