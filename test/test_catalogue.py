@@ -125,6 +125,8 @@ def test_the_oracle_knows_every_command_and_calls_it_what_the_catalogue_does() -
     assert set(race_oracle.STOPS) == {k.name for k, entry in CATALOGUE.items() if entry.stop}
     assert set(race_oracle.LOOSENING) == {k.name for k, each in CATALOGUE.items() if each.loosens}
     assert set(race_oracle.NAMING) == {k.name for k, each in CATALOGUE.items() if each.names_karts}
+    bookkeeping = {k.name for k, entry in CATALOGUE.items() if entry.bookkeeping}
+    assert set(race_oracle.NO_BUTTON) == bookkeeping
 
 
 def test_who_reads_the_catalogue_needs_no_ros() -> None:
