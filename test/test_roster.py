@@ -18,8 +18,9 @@ from evgp_node.roster import (
     RosterEntry,
     RosterError,
 )
-from evgp_rcs.files.roster_check import main as check_roster
-from hypothesis import given, settings
+from evgp_rcs.files.roster_check import main as roster_check
+from fuzz_targets import check_roster
+from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
@@ -67,40 +68,105 @@ def test_the_refusal_of_a_double_address_is_one_sentence_an_official_can_act_on(
     )
 
 
-def test_the_refusal_of_a_double_number_names_both_lines() -> None:
-    assert fault_of_two_karts_with('number: 2', 'number: 1') == (
-        'karts.yaml:6: kart 1: number 1 is already taken (line 2); give every kart its own number'
-    )
+ADDED = [
+    ('port: 1\n', "10: the roster has the unknown field 'port'"),
+    *(
+        (f'    inspected: {each}\n', '10: kart 2: inspected ')
+        for each in ('yes', '', '2026-02-31', '1.5.2026', '20260501', '[2026]')
+    ),
+    *(
+        (f'    transponders: {each}\n', '10: kart 2: transponder')
+        for each in ('4711', '[]', '[[1]]', '[""]', '{a: 1}', '["a\\tb"]')
+    ),
+    ('heats:\n  A: [1, 7]\n', "11: heat 'A': the roster has no kart 7"),
+    ('heats:\n  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already"),
+    ('heats:\n  A: []\n', "11: heat 'A' is empty"),
+    ('heats:\n  A: [1]\n  A: [2]\n', "12: heat 'A' is already there (line 11)"),
+    ('heats:\n  Heat 1: [1]\n  heat  1: [2]\n', "12: heat 'heat  1' is already there"),
+    ('heats:\n  A: 1\n', "11: heat 'A' is not a list of karts"),
+    ('heats:\n  A: [one]\n', "11: heat 'A': number one is not valid"),
+    (f'heats:\n  {"x" * 33}: [1]\n', '11: heat xxx'),
+    ('heats:\n  "a\\tb": [1]\n', "11: heat 'a\\tb' has no name"),
+    ('heats:\n  - A\n', "11: 'heats' is not a list of names"),
+    ('heats:\n  {}\n', "11: 'heats' is empty"),
+    *(
+        (f'heats:\n  A: {{karts: [1], grid_from: {each}}}\n  B: [1]\n', "11: heat 'A': grid_from")
+        for each in ('A', 'C', '""', '[practice]', 'Practice')
+    ),
+    *(
+        (f'heats:\n  A: {{{each}}}\n', "11: heat 'A'")
+        for each in (
+            'laps: 5',
+            *(f'karts: [1], {one}' for one in ('format: x', 'laps: 0', 'lap: 3')),
+        )
+    ),
+]
+"""What is added to TWO_KARTS, and how its refusal begins."""
 
-
-WRONG_FIELDS = {
-    'number: 2': (
+WRONG: list[tuple[str, str, str | list[str]]] = [
+    ('number: 2', '6: kart 1: number 1 is already taken (line 2)', 'number: 1'),
+    (
+        'number: 2',
         '6: kart entry 2: number ',
-        [*('0', '10000', '-1', '010', '1_0', '0x1', '1.0', '1:30'), "'2'", 'true', 'two', '', '~'],
-    ),
-    'team: Purdue': (
-        '7: kart 2: team ',
-        ['', "''", "'  '", '~', '42', 'yes', '[]', '"a\\nb"', '"\\ud800"', 'x' * 65],
-    ),
-    'address: 10.0.0.2': (
-        '8: kart 2: address ',
         [
-            *('kart2.local', '10.0.0', '10.0.0.256', '10.0.0.2/24', '10.2', '10.0.0.2:1', '"::1"'),
-            *('10.0.0.02', '010.0.0.2', '0.0.0.0', '255.255.255.255', '224.0.0.1', 'fe80::1'),
-            *('', '~', '167772162', 'true', '[10.0.0.2]'),
+            *(f'number: {each}' for each in ('0', '10000', '-1', '010', '1_0', '0x1', '1.0')),
+            *(f'number: {each}' for each in ('1:30', "'2'", 'true', 'two', '', '~')),
         ],
     ),
-    'in_race: false': ('9: kart 2: in_race ', ['1', "'true'", 'maybe', '', '[true]']),
-}
+    ('number: 2', '6: tags (!) ', ['number: !!int 2', 'number: ! 2', 'number: !!python/x:y 2']),
+    (
+        'team: Purdue',
+        '7: kart 2: team ',
+        [
+            *(f'team: {each}' for each in ('', "''", "'  '", '~', '42', 'yes', '[]', 'x' * 65)),
+            *('team: "a\\nb"', 'team: "\\ud800"'),
+        ],
+    ),
+    (
+        'address: 10.0.0.2',
+        '8: kart 2: address ',
+        [
+            f'address: {each}'
+            for each in (
+                *('kart2.local', '10.0.0', '10.0.0.256', '10.0.0.2/24', '10.2', '10.0.0.2:1'),
+                *('10.0.0.02', '010.0.0.2', '0.0.0.0', '255.255.255.255', '224.0.0.1', 'fe80::1'),
+                *('"::1"', '', '~', '167772162', 'true', '[10.0.0.2]'),
+            )
+        ],
+    ),
+    (
+        'in_race: false',
+        '9: kart 2: in_race ',
+        [f'in_race: {each}' for each in ('1', "'true'", 'maybe', '', '[true]')],
+    ),
+    ('    in_race', "5: kart 1 has the unknown field 'colour'", '    colour: red\n    in_race'),
+    ('    address: 10.0.0.2\n', "6: kart 2 has no 'address'", ''),
+    ('team: Purdue', "8: kart 2 has 'team' already (line 7)", 'team: A\n    team: B'),
+    # Slips of the keyboard.
+    ('    team: Purdue', '7: has a tab character', '\tteam: Purdue'),
+    ('team: Purdue', '7: ', 'team:\tPurdue: 1'),
+    ('team: Purdue', "7: has no space after the colon; write 'team: Purdue'", 'team:Purdue'),
+    ('in_race: false\n', '9: has no space after the colon', 'in_race:false\n'),
+    ('- number: 2', '6: has no space after the colon', '- number:2'),
+    ('    team: Purdue', "7: 'team' does not begin below 'number'", '   team: Purdue'),
+    ('    address: 10.0.0.2', "8: 'address' does not begin below", '      address: 10.0.0.2'),
+    ('  - number: 2', "6: begin the '-' of every kart in the same column", '   - number: 2'),
+    ('team: Purdue', '7: has a second colon', 'team: Purdue: B'),
+    *(('in_race: false\n', fault, f'in_race: false\n{added}') for added, fault in ADDED),
+]
+"""What is in TWO_KARTS, how its refusal begins, and what takes its place."""
 
 
 @pytest.mark.parametrize(
-    ('field', 'fault', 'word'),
-    [(field, fault, word) for field, (fault, words) in WRONG_FIELDS.items() for word in words],
+    ('old', 'fault', 'new'),
+    [
+        (old, fault, new)
+        for old, fault, wrong in WRONG
+        for new in ([wrong] if isinstance(wrong, str) else wrong)
+    ],
 )
-def test_a_field_that_is_wrong_is_refused_with_its_line(field: str, fault: str, word: str) -> None:
-    name, _, _ = field.partition(' ')
-    told = fault_of_two_karts_with(field, f'{name} {word}')
+def test_what_is_wrong_is_refused_with_its_line(old: str, fault: str, new: str) -> None:
+    told = fault_of_two_karts_with(old, new)
     assert told.startswith(f'karts.yaml:{fault}')
     assert '\n' not in told
 
@@ -123,86 +189,32 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
     assert parse_roster(text, 'karts.yaml').entries[0].in_race is False
 
 
-def test_an_unknown_field_is_refused_with_those_there_are() -> None:
-    assert fault_of_two_karts_with('    in_race', '    colour: red\n    in_race') == (
-        "karts.yaml:5: kart 1 has the unknown field 'colour'; "
-        "it has 'number', 'team', 'address', 'in_race', 'inspected', 'transponders'"
-    )
-
-
-def test_a_missing_field_is_refused_at_the_kart_that_lacks_it() -> None:
-    assert fault_of_two_karts_with('    address: 10.0.0.2\n', '') == (
-        "karts.yaml:6: kart 2 has no 'address'; add it"
-    )
-    assert fault_of('karts:\n  - {team: A, address: 10.0.0.1}\n') == (
-        "karts.yaml:2: kart entry 1 has no 'number', 'in_race'; add them"
-    )
-
-
-def test_a_field_given_twice_is_refused() -> None:
-    assert fault_of_two_karts_with('    team: Purdue\n', '    team: A\n    team: B\n') == (
-        "karts.yaml:8: kart 2 has 'team' already (line 7); give it once"
-    )
-
-
-def test_an_unknown_field_of_the_file_is_refused() -> None:
-    assert fault_of(TWO_KARTS + 'port: 12017\n') == (
-        "karts.yaml:10: the roster has the unknown field 'port'; it has 'karts', 'heats'"
-    )
-
-
 @pytest.mark.parametrize(
     ('text', 'fault'),
     [
-        ('', "karts.yaml: is empty; list the karts under 'karts:'"),
-        ('# nothing yet\n', "karts.yaml: is empty; list the karts under 'karts:'"),
-        ('\nkarts: []\n', "karts.yaml:2: 'karts' is empty; list at least one kart"),
-        ('{}\n', "karts.yaml:1: the roster has no 'karts'; add it"),
-        ('- 1\n', "karts.yaml:1: the roster has no fields; give it 'karts'"),
+        ('', ' is empty'),
+        ('# nothing yet\n', ' is empty'),
+        ('\nkarts: []\n', "2: 'karts' is empty"),
+        ('{}\n', "1: the roster has no 'karts'"),
+        ('- 1\n', '1: the roster has no fields'),
+        ('karts: 3\n', "1: 'karts' is not a list"),
+        ('karts:\n  - 3\n', '2: kart entry 1 has no fields'),
         (
-            'karts: 3\n',
-            "karts.yaml:1: 'karts' is not a list; begin each kart with '- number: ...'",
+            'karts:\n  - {team: A, address: 10.0.0.1}\n',
+            "2: kart entry 1 has no 'number', 'in_race'",
         ),
-        (
-            'karts:\n  - 3\n',
-            'karts.yaml:2: kart entry 1 has no fields; '
-            "give it 'number', 'team', 'address', 'in_race'",
-        ),
+        ('karts:\n  - &one {}\n', '2: anchors (&, *)'),
+        ('karts:\n  - *one\n', '2: anchors (&, *)'),
+        ('karts:\n  - number: [1\n', '2: is not YAML ('),
+        ('karts:\n  - team: a\x00b\n', '2: is not YAML (the character #x0000'),
+        ('karts:\n  - "\\UFFFFFFFF"\n', ' is not YAML ('),
+        (TWO_KARTS + '---\n' + TWO_KARTS, '10: is not YAML ('),
+        (TWO_KARTS + 'heats:\n  Heat #1: [1]\n', "11: ' #' begins a comment"),
+        ('[' * 100_000, '1: is nested too deep'),
     ],
 )
 def test_a_file_that_is_no_list_of_karts_is_refused(text: str, fault: str) -> None:
-    assert fault_of(text) == fault
-
-
-@pytest.mark.parametrize(
-    ('text', 'beginning'),
-    [
-        ('karts:\n  - number: [1\n', 'karts.yaml:2: is not YAML ('),
-        ('karts:\n  - team: a\x00b\n', 'karts.yaml:2: is not YAML (the character #x0000'),
-        ('karts:\n  - "\\UFFFFFFFF"\n', 'karts.yaml: is not YAML ('),
-        (TWO_KARTS + '---\n' + TWO_KARTS, 'karts.yaml:10: is not YAML ('),
-    ],
-)
-def test_what_is_not_yaml_is_refused(text: str, beginning: str) -> None:
-    assert fault_of(text).startswith(beginning)
-
-
-@pytest.mark.parametrize(
-    ('old', 'new', 'fault'),
-    [
-        ('    team: Purdue', '\tteam: Purdue', '7: has a tab character'),
-        ('team: Purdue', 'team:\tPurdue: 1', '7: '),
-        ('team: Purdue', 'team:Purdue', "7: has no space after the colon; write 'team: Purdue'"),
-        ('in_race: false\n', 'in_race:false\n', '9: has no space after the colon'),
-        ('- number: 2', '- number:2', '6: has no space after the colon'),
-        ('    team: Purdue', '   team: Purdue', "7: 'team' does not begin below 'number'"),
-        ('    address: 10.0.0.2', '      address: 10.0.0.2', "8: 'address' does not begin below"),
-        ('  - number: 2', '   - number: 2', "6: begin the '-' of every kart in the same column"),
-        ('team: Purdue', 'team: Purdue: B', '7: has a second colon'),
-    ],
-)
-def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, fault: str) -> None:
-    assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
+    assert fault_of(text).startswith(f'karts.yaml:{fault}')
 
 
 CUT = "' #' begins a comment and cuts off the rest; "
@@ -288,7 +300,7 @@ def test_a_foreign_list_is_shown_as_a_roster_that_lacks_only_what_the_list_does_
 ) -> None:
     path = tmp_path / 'list.csv'
     path.write_text(text, encoding='utf-8', newline='')
-    assert check_roster(['check', str(path)]) == 2
+    assert roster_check(['check', str(path)]) == 2
     shown = capsys.readouterr()
     assert f'fill in each {missing}' in shown.err
     assert len(shown.err.splitlines()) == 1
@@ -311,21 +323,6 @@ def test_a_race_control_that_is_given_a_foreign_list_says_what_makes_a_roster_of
 
 def test_a_hint_shows_what_cannot_be_printed_as_python_writes_it() -> None:
     assert fault_of('karts:1\ufeff: "\n  team: A\n').endswith(r"""write 'karts: 1\ufeff: "'""")
-
-
-@pytest.mark.parametrize('text', ['karts:\n  - &one {}\n', 'karts:\n  - *one\n'])
-def test_anchors_and_aliases_are_refused(text: str) -> None:
-    assert fault_of(text) == 'karts.yaml:2: anchors (&, *) are not used here; write it out'
-
-
-@pytest.mark.parametrize('tag', ['!!int', '!', '!!python/object/apply:os.getcwd'])
-def test_tags_are_refused(tag: str) -> None:
-    fault = fault_of_two_karts_with('number: 2', f'number: {tag} 2')
-    assert fault == 'karts.yaml:6: tags (!) are not used here; leave it out'
-
-
-def test_a_deep_nest_is_refused_without_being_followed() -> None:
-    assert fault_of('[' * 100_000).startswith('karts.yaml:1: is nested too deep')
 
 
 def test_more_karts_than_race_control_is_built_for_are_refused_in_one_sentence() -> None:
@@ -377,17 +374,6 @@ def test_a_file_of_any_editor_is_read(tmp_path: pathlib.Path, end: str, mark: st
     assert load_roster(path) == parse_roster(TWO_KARTS, 'karts.yaml')
 
 
-def refusal_of_anything(text: str) -> str:
-    """Parse a text that may be anything; return what the refusal says, '' if there is none."""
-    try:
-        assert parse_roster(text, 'karts.yaml').entries
-    except RosterError as error:
-        return str(error)
-    return ''
-
-
-ONE_LINE = re.compile(r'(karts\.yaml(:\d+)?: .+)?')
-
 TEXTS_YAML_GIVES_A_MEANING_TO = st.text(
     alphabet='kartsnumbe: -[]{}&*!|>%@`"\'\\\n\t#~?,<=.0123456789xUu'
 )
@@ -405,11 +391,9 @@ ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
 )
 
 
-@settings(deadline=None)
 @given(st.one_of(st.text(), TEXTS_YAML_GIVES_A_MEANING_TO, ROSTERS_WITH_A_STRETCH_REPLACED))
-def test_any_text_is_a_roster_or_refused_in_lines_that_name_the_file(text: str) -> None:
-    for line in refusal_of_anything(text).split('\n'):
-        assert ONE_LINE.fullmatch(line)
+def test_any_text_is_a_right_roster_or_refused_in_lines_that_name_the_file(text: str) -> None:
+    check_roster(text.encode())
 
 
 # ----- every fault at once -----------------------------------------------------------------
@@ -448,11 +432,6 @@ def test_a_file_with_more_faults_than_anybody_reads_is_told_with_their_number() 
 # ----- heats -------------------------------------------------------------------------------
 
 
-def fault_of_heats(heats: str) -> str:
-    """Return what the refusal says of TWO_KARTS with these heats, which begin in line 11."""
-    return fault_of(f'{TWO_KARTS}heats:\n{heats}')
-
-
 def test_heats_are_read_in_the_order_of_the_file_with_their_karts_ascending() -> None:
     text = TWO_KARTS + 'heats:\n  Heat 2: [2, 1]\n  1: [1]\n  "yes":\n    - 2\n'
     assert parse_roster(text, 'karts.yaml').heats == (
@@ -460,31 +439,6 @@ def test_heats_are_read_in_the_order_of_the_file_with_their_karts_ascending() ->
         Heat('1', (1,)),
         Heat('yes', (2,)),
     )
-
-
-@pytest.mark.parametrize(
-    ('heats', 'fault'),
-    [
-        ('  A: [1, 7]\n', "11: heat 'A': the roster has no kart 7"),
-        ('  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already"),
-        ('  A: []\n', "11: heat 'A' is empty"),
-        ('  A: [1]\n  A: [2]\n', "12: heat 'A' is already there (line 11)"),
-        ('  Heat 1: [1]\n  heat  1: [2]\n', "12: heat 'heat  1' is already there (line 11)"),
-        ('  Heat #1: [1]\n', "11: ' #' begins a comment"),
-        ('  A: 1\n', "11: heat 'A' is not a list of karts"),
-        ('  A: [one]\n', "11: heat 'A': number one is not valid"),
-        (f'  {"x" * 33}: [1]\n', f'11: heat {"x" * 33} has no name that can be displayed'),
-        ('  "a\\tb": [1]\n', "11: heat 'a\\tb' has no name that can be displayed"),
-        ('  - A\n', "11: 'heats' is not a list of names"),
-        ('  {}\n', "11: 'heats' is empty"),
-    ],
-)
-def test_a_wrong_heat_is_refused_with_its_line_and_what_would_be_right(
-    heats: str, fault: str
-) -> None:
-    told = fault_of_heats(heats)
-    assert told.startswith(f'karts.yaml:{fault}')
-    assert '; ' in told
 
 
 def test_a_number_that_cannot_be_read_makes_no_kart_of_a_heat_unknown() -> None:
@@ -506,7 +460,7 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
     path = tmp_path / 'karts.yaml'
     text = TWO_KARTS + "    inspected: 2026-05-01\n    transponders: [4711, 'FL-9']\n"
     path.write_text(text + 'heats:\n  Final: {karts: [2, 1], laps: 6, grid_from: practice}\n')
-    assert check_roster(['check', str(path)]) == 0
+    assert roster_check(['check', str(path)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert [' '.join(line.split()) for line in out[1:]] == [
         'kart 1 Georgia Tech 10.0.0.1 in the first race',
@@ -521,7 +475,7 @@ def test_every_fault_of_a_wrong_roster_is_printed_with_its_line(
 ) -> None:
     path = tmp_path / 'karts.yaml'
     path.write_text(TWO_KARTS.replace('number: 2', 'number: x').replace('team: Purdue', 'team: 3'))
-    assert check_roster(['check', str(path)]) == 2
+    assert roster_check(['check', str(path)]) == 2
     captured = capsys.readouterr()
     assert captured.out == ''
     first, second = captured.err.splitlines()
@@ -546,22 +500,10 @@ def test_the_day_of_an_inspection_may_be_there_or_not() -> None:
         assert kart.inspected == '2026-05-01'
 
 
-@pytest.mark.parametrize('written', ['yes', '', '2026-02-31', '1.5.2026', '20260501', '[2026]'])
-def test_an_inspection_that_is_no_day_is_refused_with_its_line(written: str) -> None:
-    with pytest.raises(RosterError, match=r'karts\.yaml:6: kart 1: inspected'):
-        parse_roster(f'{ONE_KART}    inspected: {written}\n', 'karts.yaml')
-
-
 def test_a_kart_may_have_transponders_as_the_device_names_them() -> None:
     text = f'{ONE_KART}    transponders: [4711, "0815", AB-1]\n'
     (kart,) = parse_roster(text, 'karts.yaml').entries
     assert kart.transponders == ('4711', '0815', 'AB-1')
-
-
-@pytest.mark.parametrize('written', ['4711', '[]', '[[1]]', '[""]', '{a: 1}', '["a\\tb"]'])
-def test_transponders_that_are_no_list_of_names_are_refused(written: str) -> None:
-    with pytest.raises(RosterError, match=r'karts\.yaml:6: kart 1: transponder'):
-        parse_roster(f'{ONE_KART}    transponders: {written}\n', 'karts.yaml')
 
 
 def test_a_transponder_of_two_karts_is_refused_and_both_are_named() -> None:
@@ -583,19 +525,3 @@ def test_a_heat_may_start_in_the_order_of_another_heat_or_of_a_format() -> None:
     heats = 'heats:\n  A: {karts: [1], grid_from: "B "}\n  B: {karts: [1], grid_from: practice}\n'
     first, second = parse_roster(f'{ONE_KART}{heats}', 'karts.yaml').heats
     assert (first.grid_from, second.grid_from) == ('B', 'practice')
-
-
-@pytest.mark.parametrize('source', ['A', 'C', '""', '[practice]', 'Practice'])
-def test_an_order_from_no_other_heat_and_no_format_is_refused(source: str) -> None:
-    heats = f'heats:\n  A: {{karts: [1], grid_from: {source}}}\n  B: [1]\n'
-    with pytest.raises(RosterError, match=r"karts\.yaml:7: heat 'A': grid_from"):
-        parse_roster(f'{ONE_KART}{heats}', 'karts.yaml')
-
-
-@pytest.mark.parametrize(
-    'written',
-    ['{laps: 5}', '{karts: [1], format: rally}', '{karts: [1], laps: 0}', '{karts: [1], lap: 3}'],
-)
-def test_a_heat_with_a_wrong_field_is_refused(written: str) -> None:
-    with pytest.raises(RosterError, match=r"karts\.yaml:7: heat 'A'"):
-        parse_roster(f'{ONE_KART}heats:\n  A: {written}\n', 'karts.yaml')
