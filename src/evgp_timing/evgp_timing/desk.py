@@ -109,7 +109,6 @@ class Missed(NamedTuple):
 
     at: float
     run: str
-    race: int
     events: int
 
 
@@ -206,7 +205,7 @@ class Desk:
         match given:
             case Told():
                 self._told(given)
-            case Missed(_, run, _, events):
+            case Missed(_, run, events):
                 if self.races and self.races[-1].run == run:
                     self.races[-1].missed += events
             case Passed():

@@ -257,7 +257,7 @@ class Timekeeper(StrictNode):
                 continue
             missed = event.sequence - 1 - (last or 0)
             if missed:
-                self._take(Missed(clock.now(), message.run, event.race, missed))
+                self._take(Missed(clock.now(), message.run, missed))
             self._last[message.run] = event.sequence
             told = told_of(event, message.run)
             if told is not None:

@@ -53,7 +53,7 @@ CORRECTIONS = st.builds(
 INPUTS: st.SearchStrategy[Input] = st.one_of(
     st.builds(Told, TIMES, st.sampled_from(What), NAMES, NUMBERS, NAMES, KARTS, NUMBERS),
     st.builds(Heard, TIMES, NAMES, NUMBERS),
-    st.builds(Missed, TIMES, NAMES, NUMBERS, NUMBERS),
+    st.builds(Missed, TIMES, NAMES, NUMBERS),
     st.builds(Passed, TIMES, st.lists(PASSINGS, max_size=3).map(tuple), NUMBERS, TIMES),
     st.builds(Corrected, TIMES, CORRECTIONS, NAMES, NUMBERS),
 )
