@@ -1294,6 +1294,8 @@ def _check_safety(
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
     changed = after._replace(paused=before.paused) != before or bool(outcome.orders)
+    if after.track_open and after.state in IN_MOTION:
+        raise RuleBrokenError('track-open-in-motion', f'{given}: {before} became {after}')
     if kind in STOPS and changed and _in_force(before, kind, number):
         raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
     ordered: dict[int, Any] = {}
@@ -1624,8 +1626,6 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
             raise RuleBrokenError('sent-wrong', f'{kart} while the race is in {view.state}')
         if kart.acked and not kart.connected:
             raise RuleBrokenError('ack-survives', f'{kart}')
-    if view.track_open and view.state in (GRID_ACTIVE, GREEN_GREEN):
-        raise RuleBrokenError('track-open-in-motion', f'{view}')
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
     allowed = allowed and (view.msr_used or not view.unstated)

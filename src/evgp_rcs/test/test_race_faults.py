@@ -181,8 +181,7 @@ the race goes over when the first kart has finished: sent-wrong, effect [two in 
     _race_over_due: instead of place: if not kart.place or kart.finish_due is not None: ¶> continue
 humans may be on the track while the race drives: track-access, availability _humans_allowed: state
     GREEN_GREEN => self.state is GRID_ACTIVE
-the track stays open when the grid forms: track-open-in-motion, effect _grid_active: without
-    track_open
+the track stays open when the grid forms: track-open-in-motion _grid_active: without track_open
 the track closes for the grid whoever has been let onto it since: as-seen _misnamed: opening != =>
     command.opening > self.opening
 an opening of the track is not counted: as-seen, effect _open_track: instead of official:
@@ -573,6 +572,27 @@ that nobody is there raises no alert: alerts [people in green] _current_alerts: 
 a button at fault raises no alert: alerts [people in green] _current_alerts: skips BUTTON_FAULT
 a button at fault stops the race: there-acts, effect [people in green] attended: before
     _report_alerts: if there.button_fault: ¶> self._go(RED_RED, now, 'button')
+RED_FLAG to a kart outside the race takes the place of the hold of ALL_KILL: stop-loosens
+    _stop_kart: before _hold: if hold is RED_FLAG and not kart.in_race: ¶> kart.hold = None
+the race starts by itself when every kart is on the grid: green-only-by-command [grid]
+    _report_all_answered: before waited_for #1: if all(each.acknowledged for each in self.racing())
+    and self.state is GRID_ACTIVE: ¶> self._go(GREEN_GREEN, self.state_since, 'all are ready')
+a start goes out though a kart took its acknowledgement back while it waited: green-needs-acks
+    [waits] _end_of_start: instead of came: refusal = self._refusal_of(start.command, start.came) ¶
+    if refusal.startswith('waiting for'): ¶> refusal = ''
+GREEN_GREEN starts the karts outside the race as well: red-to-green [grid] _green_green: first: for
+    each in self.karts.values(): ¶> each.in_race = True
+a connection that comes back ends the alarm of its loss: alarm-cleared connected: first: if not
+    self.karts[number].connected: ¶> self.karts[number].lost_since = None
+IN_GARAGE releases every kart that stands, whatever it announced: alone-released [grid]
+    _race_in_garage: _released_by_garage command => [*it, *(each for each in self.karts.values() if
+    each.stands)]
+the grid forms again when another race control has ended: rival [around] rival: first: if not
+    present and self.has_rival and self.state is IN_GARAGE: ¶> self._go(GRID_ACTIVE, now, 'it has
+    ended')
+a start goes out with a kart as which two programs connected while it waited: contested [network
+    and pauses] _end_of_start: instead of came: refusal = self._refusal_of(start.command,
+    start.came) ¶ if 'two programs' in refusal: ¶> refusal = ''
 """
 )
 """Each fault under what it would mean on the track."""
