@@ -450,12 +450,12 @@ def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> 
 def test_a_connection_that_ends_with_race_control_was_not_lost(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(1.0)
-    paper.command(CommandKind.ALL_KILL)
+    paper.command(CommandKind.RED_FLAG)
     paper.wait(1.0)
     paper.end()
     account = paper.account()
     assert account.outside.incidents == []
-    assert list(map(named, account.races[0].incidents)) == ['ALL_KILL']
+    assert list(map(named, account.races[0].incidents)) == ['RED_FLAG']
     (stop,) = stops(account)
     assert {(each.then, each.is_silent) for each in stop.told} == {('', True)}
     looks = {shape.look for shape in drawing(account, Part(), Clock(0), '').shapes}
