@@ -865,12 +865,16 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
     race = race_of(8, RaceState.IN_GARAGE)
     console.tell(race)
     console.click('set_heat')
-    point = console.place('heat_1')
+    points = [console.place(name) for name in ('heat_1', 'heat_2', 'take_roster')]
 
     console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
-    console.click_at(point)
 
     assert not console.find('heats').isVisible()
+    assert texts.HEATS_CHANGED in console.text('status')
+    # A click or key that was meant for the sheet meets no command: there is none below it.
+    assert not any(isinstance(console.window.childAt(each), CommandButton) for each in points)
+    console.click_at(points[0])
+    console.strike('Return')
     assert not console.sent
 
 
