@@ -22,13 +22,11 @@ from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 from builtin_interfaces.msg import Time
 from evgp_node.results import Mark, Status
-from evgp_node.stamps import stamp_of
+from evgp_node.stamps import NS, stamp_of
 from evgp_node.states import state_message, state_of
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-
-NS = 1_000_000_000
 
 CONSTANTS: dict[type[enum.Enum], Any] = {
     Grade: msg.LinkQuality,

@@ -8,8 +8,8 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 from rclpy.clock import Clock
 
-_NS = 1_000_000_000
-_LAST = 2**31 * _NS - 1
+NS = 1_000_000_000
+_LAST = 2**31 * NS - 1
 
 
 def stamp_of(nanoseconds: int) -> Time:
@@ -19,7 +19,7 @@ def stamp_of(nanoseconds: int) -> Time:
     A message's seconds have 32 bits, which end in January 2038. A later time becomes the last one
     that fits, and a time before 1970 becomes 1970, so that a wrong clock never prevents a message.
     """
-    seconds, rest = divmod(min(max(nanoseconds, 0), _LAST), _NS)
+    seconds, rest = divmod(min(max(nanoseconds, 0), _LAST), NS)
     return Time(sec=seconds, nanosec=rest)
 
 

@@ -9,13 +9,7 @@ from collections import OrderedDict
 import enum
 import secrets
 
-from evgp_timing.passings import Event, Passing, Refused
-
-MAX_RATE = 200
-"""Maximum number of passings accepted per second. The rest are counted as faults and dropped."""
-
-CLOCK_TOLERANCE = 0.5
-"""Maximum drift of the device's clock against this computer's between two passings, in seconds."""
+from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Passing, Refused
 
 RECENT = 60.0
 """Time for which a fault is reported, in seconds."""

@@ -56,9 +56,7 @@ from evgp_node.results import (
     Status,
 )
 from evgp_node.roster import Format
-
-MOST_A_SECOND = 200
-"""Maximum number of passings accepted from one source per second."""
+from evgp_timing.passings import CLOCK_TOLERANCE, MAX_RATE
 
 MOST_A_RACE = 4_000
 """Maximum number of passings accepted from one source per race."""
@@ -109,7 +107,7 @@ class LapSettings:
 
     min_lap_time: float = 5.0
     first_crossing: str = 'starts'
-    clock_tolerance: float = 0.5
+    clock_tolerance: float = CLOCK_TOLERANCE
 
 
 class _Rate(NamedTuple):
@@ -206,7 +204,7 @@ class Laps:
             rate = rates.get(source, _Rate() if is_taken else _FULL)
             if came - rate.since >= 1.0:
                 rate = rate._replace(since=came, lately=0)
-            if rate.lately >= MOST_A_SECOND or rate.taken >= MOST_A_RACE:
+            if rate.lately >= MAX_RATE or rate.taken >= MOST_A_RACE:
                 name = source if source in rates else FURTHER_SOURCES
                 over[name] = over.get(name, 0) + 1
                 continue

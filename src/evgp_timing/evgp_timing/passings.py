@@ -8,6 +8,14 @@ from __future__ import annotations
 import dataclasses
 from typing import Protocol, TypeAlias
 
+MAX_RATE = 200
+"""Maximum number of passings accepted from one source per second. The source's node drops the rest,
+and so does the timekeeper."""
+
+CLOCK_TOLERANCE = 0.5
+"""Maximum difference between a device's clock and the times at which its passings arrive, in
+seconds. It is the default of the timekeeper's parameter `clock_tolerance`."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Passing:

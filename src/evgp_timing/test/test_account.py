@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 import dataclasses
 
-from evgp_timing.account import Account, CLOCK_TOLERANCE, MAX_RATE, RECENT, REMEMBERED, Trouble
+from evgp_timing.account import Account, RECENT, REMEMBERED, Trouble
 from evgp_timing.passings import Event, Passing, Refused, Sign
 from hypothesis import given
 from hypothesis import strategies as st

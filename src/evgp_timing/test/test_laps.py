@@ -12,7 +12,8 @@ from typing import Any
 
 from evgp_node.results import BY_HAND, KartResult, Mark, Passing, Penalty, Status
 from evgp_node.roster import Format
-from evgp_timing.laps import Laps, LapSettings, MOST_A_RACE, MOST_A_SECOND, MOST_SOURCES, ranked
+from evgp_timing.laps import Laps, LapSettings, MOST_A_RACE, MOST_SOURCES, ranked
+from evgp_timing.passings import MAX_RATE
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -373,21 +374,21 @@ def test_what_is_too_many_in_a_second_is_counted_told_and_not_kept() -> None:
     laps, taken = race().take(flood, GREEN + 1.0)
     laps, more = laps.take([Passing('line', 's', 2000, 2)], GREEN + 2.0)
 
-    assert len(taken) == MOST_A_SECOND
-    assert laps.over == {'line': 1000 - MOST_A_SECOND}
-    assert str(1000 - MOST_A_SECOND) in laps.trouble(GREEN)
+    assert len(taken) == MAX_RATE
+    assert laps.over == {'line': 1000 - MAX_RATE}
+    assert str(1000 - MAX_RATE) in laps.trouble(GREEN)
     assert [each.mark for each in more] == [Mark.COUNTED]
 
 
 def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> None:
     laps = race()
-    for second in range(MOST_A_RACE // MOST_A_SECOND + 1):
-        numbers = range(second * MOST_A_SECOND, (second + 1) * MOST_A_SECOND)
+    for second in range(MOST_A_RACE // MAX_RATE + 1):
+        numbers = range(second * MAX_RATE, (second + 1) * MAX_RATE)
         flood = [Passing('line', 's', number, 9) for number in numbers]
         laps, _ = laps.take(flood, GREEN + second + 1.0)
     laps, taken = laps.take([Passing('beam', 's', 1, 1)], GREEN + 2000.0)
 
-    assert laps.over == {'line': MOST_A_SECOND}
+    assert laps.over == {'line': MAX_RATE}
     assert [each.mark for each in taken] == [Mark.COUNTED]
 
 

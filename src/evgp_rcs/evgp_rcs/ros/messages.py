@@ -13,8 +13,8 @@ from collections.abc import Callable, Iterable
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.codec import CONSTANTS, message_of, NS, value_of
-from evgp_node.stamps import stamp_of
+from evgp_node.codec import CONSTANTS, message_of, value_of
+from evgp_node.stamps import NS, stamp_of
 from evgp_protocol.link import Grade
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import AlertKind, Event, EventKind, StampedEvent
