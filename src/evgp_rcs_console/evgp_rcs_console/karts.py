@@ -9,9 +9,8 @@ If the rows do not all fit, a line of tiles above them keeps all karts in sight.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from typing import NamedTuple
 
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
@@ -21,7 +20,6 @@ from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
     draw,
-    fits,
     fixed,
     font,
     lay,
@@ -44,15 +42,6 @@ HEADING, TILES = 22, 36
 
 LOWEST, HIGHEST, SCROLLED = 28, 60, 34
 """Minimum and maximum height of a row if all rows fit, and its height if not, in pixels."""
-
-
-class Words(NamedTuple):
-    room: QtCore.QRect
-    text: str
-    of: QtGui.QFont
-    colour: str
-    align: QtCore.Qt.AlignmentFlag = LEFT
-    wrap: bool = False
 
 
 class KartDelegate(QtWidgets.QStyledItemDelegate):
@@ -80,18 +69,13 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             edge = FILLS[Tone.BAD][1] if row.use_msr else colours.chosen
             painter.fillRect(room.adjusted(0, 0, look.px(5) - room.width(), 0), QtGui.QColor(edge))
         if index.column() < len(COLUMNS):
-            for each in self.words(row, index.column(), room, painter):
-                draw(painter, *each)
+            self.draw_cell(painter, row, index.column(), room)
         painter.restore()
 
-    def words(
-        self,
-        row: Row,
-        column: int,
-        cell: QtCore.QRect,
-        painter: QtGui.QPainter | None = None,
-    ) -> Iterator[Words]:
-        """Yield the texts of a cell; with a painter, also draw everything else in the cell."""
+    def draw_cell(
+        self, painter: QtGui.QPainter, row: Row, column: int, cell: QtCore.QRect
+    ) -> bool:
+        """Draw the content of a cell, and return whether all of its text fits."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
         said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
         if self._table.stale:
@@ -103,14 +87,13 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             _box(painter, plate, ink if strong else '', '' if strong else look.palette.line)
             fitting = plate.width() * 3 // (2 * len(said.text))
             of = font(min(look.px(LARGE - 2), high * 6 // 10, fitting), True)
-            yield Words(plate, said.text, of, look.palette.card if strong else ink, CENTER)
-            return
+            colour = look.palette.card if strong else ink
+            return draw(painter, plate, said.text, of, colour, CENTER)
         small = font(
             min(look.px(SMALL - (column != TEAM)), high * 10 // 27), below.tone is Tone.BAD
         )
         if column == SENT:
-            yield from self._sent(row, room, small, said, below, painter)
-            return
+            return self._draw_sent(painter, row, room, small, said, below)
         large = font(min(look.px(TEXT), high * 13 // 28), said.tone is not Tone.FAINT)
         if column == LINK:
             large = font(small.pixelSize() + look.px(1), said.tone is Tone.BAD)
@@ -121,7 +104,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             faint = ink
             _box(painter, _centred(room, 40), fill, radius=3)
         if column == LINK and row.bars:
-            room = self._bars(row, room, ink, painter)
+            room = self._draw_bars(painter, row, room, ink)
         is_team = column == TEAM
         wide = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(6)
         is_long = is_team and wide > room.width()
@@ -132,36 +115,36 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
             _box(painter, ground, fill, radius=3)
             lower = lower.adjusted(look.px(4), 0, 0, 0)
         upper, lower = upper if below.text else room, lower if said.text else room
-        yield Words(upper, said.text, large, ink, LEFT, is_team and high > 40)
-        yield Words(lower, below.text, small, faint, LEFT, is_long)
+        fits = draw(painter, upper, said.text, large, ink, LEFT, is_team and high > 40)
+        return draw(painter, lower, below.text, small, faint, LEFT, is_long) and fits
 
     @staticmethod
-    def _sent(
+    def _draw_sent(
+        painter: QtGui.QPainter,
         row: Row,
         room: QtCore.QRect,
         small: QtGui.QFont,
         said: Cell,
         below: Cell,
-        painter: QtGui.QPainter | None,
-    ) -> Iterator[Words]:
-        """Yield the state that a kart is sent, and for how long, on stripes until it obeys."""
+    ) -> bool:
+        """Draw the state that a kart is sent, and for how long, on stripes until it obeys."""
         chip, faint = _centred(room, 30), (look.palette.faint, look.palette.raised)
         ink, fill = faint if said.tone is Tone.FAINT else look.fill(said.tone)
         _box(painter, chip, fill)
-        if painter is not None and row.waits and said.tone is not Tone.FAINT:
+        if row.waits and said.tone is not Tone.FAINT:
             stripes = QtGui.QColor(255, 255, 255, 70)
             painter.fillRect(chip, QtGui.QBrush(stripes, QtCore.Qt.BrushStyle.BDiagPattern))
         inside = chip.adjusted(look.px(6), 0, -look.px(6), 0)
         since = QtGui.QFontMetrics(small).horizontalAdvance(below.text) + look.px(2)
         bold = font(small.pixelSize(), True)
-        yield Words(inside.adjusted(0, 0, -since - look.px(4), 0), said.text, bold, ink)
-        yield Words(
-            inside.adjusted(inside.width() - since, 0, 0, 0), below.text, small, ink, RIGHT
-        )
+        left = inside.adjusted(0, 0, -since - look.px(4), 0)
+        right = inside.adjusted(inside.width() - since, 0, 0, 0)
+        fits = draw(painter, left, said.text, bold, ink)
+        return draw(painter, right, below.text, small, ink, RIGHT) and fits
 
     @staticmethod
-    def _bars(
-        row: Row, room: QtCore.QRect, ink: str, painter: QtGui.QPainter | None
+    def _draw_bars(
+        painter: QtGui.QPainter, row: Row, room: QtCore.QRect, ink: str
     ) -> QtCore.QRect:
         """Draw the bars of a link, and return the room to the right of them."""
         high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
@@ -175,14 +158,12 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
 
 
 def _box(
-    painter: QtGui.QPainter | None,
+    painter: QtGui.QPainter,
     room: QtCore.QRect,
     fill: str,
     frame: str = '',
     radius: float = RADIUS,
 ) -> None:
-    if painter is None:
-        return
     pen = QtGui.QPen(QtGui.QColor(frame), look.px(1.5)) if frame else QtCore.Qt.PenStyle.NoPen
     painter.setPen(pen)
     painter.setBrush(QtGui.QColor(fill) if fill else QtCore.Qt.BrushStyle.NoBrush)
@@ -355,15 +336,15 @@ class KartList(Panel):
 
     def cut(self, place: int, columns: Sequence[int] = range(len(COLUMNS))) -> str:
         """Return the full text of some columns of a row; empty if none of the text is cut off."""
-        said = [self.table.model().index(place, column) for column in columns]
-        shows_all = all(
-            fits(each.text, each.room, each.of, each.wrap)
-            for index in said
-            for each in self._delegate.words(
-                self.table.rows[place], index.column(), self.table.visualRect(index)
-            )
-        )
-        return '' if shows_all else ', '.join(filter(None, (each.data() for each in said)))
+        cells = [self.table.model().index(place, column) for column in columns]
+        row, nowhere = self.table.rows[place], QtGui.QPicture()
+        painter = QtGui.QPainter(nowhere)
+        shown = [
+            self._delegate.draw_cell(painter, row, each.column(), self.table.visualRect(each))
+            for each in cells
+        ]
+        painter.end()
+        return '' if all(shown) else ', '.join(filter(None, (each.data() for each in cells)))
 
     def mark(self, number: int) -> None:
         """Mark the kart that commands by key act on; 0 marks no kart."""

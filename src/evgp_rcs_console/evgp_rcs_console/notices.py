@@ -209,9 +209,10 @@ class Officials:
         """Return a snapshot with each official named as on the screen."""
 
         def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
+            said = [self.in_text(each.reason) for each in commands]
             return tuple(
-                each._replace(reason=self.in_text(each.reason)) if each.reason else each
-                for each in commands
+                each if each.reason == reason else each._replace(reason=reason)
+                for each, reason in zip(commands, said, strict=True)
             )
 
         return race._replace(

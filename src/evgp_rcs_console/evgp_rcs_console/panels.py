@@ -25,6 +25,7 @@ from evgp_rcs_console.widgets import (
     lay,
     mark,
     Panel,
+    Policy,
     Pressed,
     Push,
     RIGHT,
@@ -142,6 +143,9 @@ class Strip(Panel):
         self._tally, self._rest = Text('tally', 'bold', flows=True), Text('rest')
         self._reminder = Text('reminder', 'bold', fills=True, flows=True)
         self._msr = Text('msr', 'bold', fills=True, flows=True)
+        for part in (self._msr, self._reminder):  # as wide as its text, which is never cut off
+            part.setMinimumWidth(0)
+            part.setSizePolicy(Policy.Fixed, Policy.Ignored)
         self._officials = Text('officials', 'faint', RIGHT, flows=True)
         self.heat = CommandButton(pressed, kind='quiet')
         fixed(self.heat, 128)
@@ -162,8 +166,6 @@ class Strip(Panel):
         ):
             part.show_cell(cell)
             part.setVisible(bool(cell.text))
-            part.setMinimumWidth(1)  # otherwise the size hint never shrinks
-            part.setMinimumWidth(part.sizeHint().width())  # so that the text is never cut off
         self.heat.show_button(screen.heat_button)
 
 

@@ -27,7 +27,7 @@ TOP = _FLAGS.AlignLeft | _FLAGS.AlignTop
 BOTTOM = _FLAGS.AlignLeft | _FLAGS.AlignBottom
 _WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
-_Policy = QtWidgets.QSizePolicy.Policy
+Policy = QtWidgets.QSizePolicy.Policy
 
 
 @functools.lru_cache(maxsize=200)
@@ -61,14 +61,18 @@ def draw(
     colour: QtGui.QColor | str,
     align: QtCore.Qt.AlignmentFlag = LEFT,
     wrap: bool = False,
-) -> None:
-    """Draw a text. If it does not fit, draw only the lines that do, and end the last with dots."""
+) -> bool:
+    """
+    Draw a text, and return whether it fits.
+
+    If it does not fit, draw only the lines that do, and end the last with dots.
+    """
     metrics = QtGui.QFontMetrics(of)
     if fits(text, room, of, wrap):
         painter.setFont(of)
         painter.setPen(QtGui.QColor(colour))
         painter.drawText(room, align.value | (_WRAP if wrap else 0), text)
-        return
+        return True
     if wrap and room.height() > metrics.height():
         over = room.height() % metrics.lineSpacing()
         room = room.adjusted(0, 0 if align & _FLAGS.AlignTop else over // 2, 0, 0)
@@ -87,6 +91,7 @@ def draw(
     feature = QtWidgets.QStyleOptionViewItem.ViewItemFeature
     item.features = feature.HasDisplay | (feature.WrapText if wrap else feature.HasDisplay)
     style.drawControl(QtWidgets.QStyle.ControlElement.CE_ItemViewItem, item, painter, None)
+    return False
 
 
 def mark(widget: QtWidgets.QWidget, **marks: str) -> None:
@@ -134,9 +139,9 @@ def fixed(part: QtWidgets.QWidget, width: int = 0, height: int = 0) -> None:
     part.setProperty('design', [width, height])
     policy = part.sizePolicy()
     if width:
-        policy.setHorizontalPolicy(_Policy.Fixed)
+        policy.setHorizontalPolicy(Policy.Fixed)
     if height:
-        policy.setVerticalPolicy(_Policy.Fixed)
+        policy.setVerticalPolicy(Policy.Fixed)
     part.setSizePolicy(policy)
 
 
@@ -186,8 +191,8 @@ class Text(QtWidgets.QLabel):
         self.setWordWrap(wrap)
         self.setMinimumSize(1, 1)
         policy = self.sizePolicy()
-        policy.setHorizontalPolicy(_Policy.Maximum if flows and not wrap else _Policy.Ignored)
-        policy.setVerticalPolicy(_Policy.Minimum if flows and wrap else _Policy.Ignored)
+        policy.setHorizontalPolicy(Policy.Maximum if flows and not wrap else Policy.Ignored)
+        policy.setVerticalPolicy(Policy.Minimum if flows and wrap else Policy.Ignored)
         self.setSizePolicy(policy)
         self._fills = fills
         self._shown: tuple[Cell, bool] | None = None
@@ -229,7 +234,7 @@ class Panel(QtWidgets.QFrame):
         super().__init__()
         self.setObjectName(name)
         self.setProperty('kind', kind)
-        self.setSizePolicy(_Policy.Ignored, _Policy.Ignored)
+        self.setSizePolicy(Policy.Ignored, Policy.Ignored)
 
 
 class Push(QtWidgets.QPushButton):
@@ -245,7 +250,7 @@ class Push(QtWidgets.QPushButton):
         super().__init__()
         self.setObjectName(name)
         self.setProperty('kind', kind)
-        self.setSizePolicy(_Policy.Ignored, _Policy.Ignored)
+        self.setSizePolicy(Policy.Ignored, Policy.Ignored)
         self.setMinimumSize(1, 1)
         self._labels: tuple[Text, ...] = ()
         self.words = self.key = ''
