@@ -158,7 +158,7 @@ class Outcome:
     """Compares the answer to an accepted command with the snapshots that follow."""
 
     def __init__(self, given: Given, at: float) -> None:
-        self.given = given
+        self._given = given
         self._at = at
         self._seen: object = None
 
@@ -173,18 +173,18 @@ class Outcome:
 
     def _shown(self, race: Snapshot) -> object:
         """Return what the command can change, as the snapshot shows it."""
-        entry = CATALOGUE[self.given.command]
+        entry = CATALOGUE[self._given.command]
         if entry.result.track_open is not None:
             return race.track.open
         if entry.names_heat:
             return race.state, _racing(race)
-        kart = race.kart(self.given.kart)
+        kart = race.kart(self._given.kart)
         if kart is None:
             return (race.state,)
         return kart.sent, kart.hold, kart.in_race, kart.place
 
     def _is_done(self, race: Snapshot) -> bool:
-        given = self.given
+        given = self._given
         entry = CATALOGUE[given.command]
         if entry.names_heat:
             return any(

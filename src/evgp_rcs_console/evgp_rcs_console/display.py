@@ -333,7 +333,6 @@ class BottomLine:
         # The command and kart of the last refusal, and whether the kart's letter was pressed.
         self._refused: tuple[Kind, int, bool] | None = None
         self._holds = False  # whether the screen has shown that refusal
-        self._changed: tuple[Given, str] | None = None
         self._pointed: object = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
@@ -342,7 +341,6 @@ class BottomLine:
         self._message = Cell(f'{at}  {text}' if text else '', tone)
         self._outcome = None
         self._refused = None
-        self._changed = None
         self._pointed = None
         self.show()
 
@@ -374,17 +372,12 @@ class BottomLine:
 
     def take_race(self, race: Snapshot, at: float) -> None:
         """
-        Replace the answer in the line if this snapshot contradicts it.
+        Remove an answer from the line if this snapshot contradicts it.
 
         :param at: when the snapshot arrived, in seconds.
         """
         if self._outcome is not None and not self._outcome.agrees_with(race, at):
-            self._say_changed(self._outcome.given, texts.present_state(self._outcome.given, race))
-        elif self._changed is not None:
-            given, said = self._changed
-            what = texts.present_state(given, race)
-            if what != said:
-                self._say_changed(given, what)
+            self.say('')
 
     def point_at(self, widget: object) -> None:
         """Explain a widget, or show a text, that the pointer or the focus has reached."""
@@ -399,10 +392,6 @@ class BottomLine:
 
     def show(self) -> None:
         self._label.show_cell(self._cell(clock.now()))
-
-    def _say_changed(self, given: Given, what: str) -> None:
-        self.say(f'Changed: {what}')
-        self._changed = given, what
 
     def _cell(self, now: float) -> Cell:
         stops = self._unanswered.other_stops(now)

@@ -475,22 +475,3 @@ def held(kart: KartSnapshot) -> str:
     hold = STATES[kart.hold]
     said = kart.hold_reason.startswith(f'{hold} by ')
     return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
-
-
-def present_state(given: Given, race: Snapshot) -> str:
-    """Return the present state of what a command has changed, to show instead of its answer."""
-    if CATALOGUE[given.command].result.track_open is not None:
-        return 'the track is open' if race.track.open else 'the track is closed'
-    kart = race.kart(given.kart)
-    cause = race.state_cause
-    by = f' ({cause})' if cause else ''
-    if kart is None:
-        return f'the race is in {STATES[race.state]}{by}'
-    sent = f'the state for {kart} is {STATES[kart.sent]}'
-    if kart.hold is not None:
-        reason = kart.hold_reason
-        sent += f', held: {cause if cause.startswith(f"{reason} by ") else reason}'
-    elif kart.in_race and kart.sent is race.state:
-        sent += by
-    sent += f', place {kart.place}' if kart.place else ''
-    return f'{sent}, in the race' if kart.in_race else f'{sent}, not in the race'

@@ -18,7 +18,6 @@ from evgp_rcs.rules.race import Alert, AlertKind, TrackAccess
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import Given
 from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table
 from example_race import EVERYTHING, KART, RACE, replace
@@ -267,17 +266,3 @@ def test_no_two_statements_of_one_screen_contradict_each_other(race: Snapshot) -
     screen = show(race, 0.0, {})
     for holds in SENTENCES:  # drawing a race takes longer than checking its screen
         holds(race, screen)
-
-
-def test_a_change_names_who_brought_it_about() -> None:
-    given = Given(CommandKind.GREEN_GREEN)
-    by = 'ALL_KILL by Anna'
-    race = replace(RACE, state=RaceState.RED_RED, state_cause=by)
-    flagged = replace(RACE, state=RaceState.RED_FLAG, state_cause='RED_FLAG by Bob')
-    kart = replace(KART, sent=RaceState.RED_FLAG)
-
-    assert by in texts.present_state(given, race)
-    to_kart = replace(given, command=CommandKind.KART_FINISH, kart=7)
-    assert 'RED_FLAG by Bob' in texts.present_state(to_kart, replace(flagged, karts=(kart,)))
-    held = replace(kart, hold=RaceState.RED_RED, sent=RaceState.RED_RED, hold_reason=by)
-    assert texts.present_state(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1

@@ -1289,6 +1289,18 @@ def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: An
     assert 'it counts' in console.text('status')
 
 
+def test_an_answer_leaves_the_bottom_line_once_the_race_is_otherwise(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    console.window.display.take_answer(Given(CommandKind.GREEN_GREEN), Answer(True, 'it is green'))
+    console.tell(race_of(1))
+    assert 'it is green' in console.text('status')
+
+    console.tell(race_of(1, RaceState.RED_RED))
+
+    assert not console.text('status')
+
+
 def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pressed(
     opened: Any,
 ) -> None:
