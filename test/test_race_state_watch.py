@@ -447,20 +447,6 @@ def test_a_bridge_that_was_away_for_long_is_back_without_its_start(
 
 
 @pytest.mark.parametrize('forgiven', [LONG])
-def test_a_grid_active_that_is_overtaken_while_the_stack_is_busy_is_heard(
-    stack: Stack, idle_stack: Stack, start_bare: StartBare
-) -> None:
-    with stack.busy_in(RaceState.IN_GARAGE):
-        bridge = start_bare(says=RaceState.IN_GARAGE)
-        stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
-        bridge.say(GRID_ACTIVE)
-        idle_stack.wait_for_state(GRID_ACTIVE)
-        bridge.say(GREEN_GREEN)
-        idle_stack.wait_for_state(GREEN_GREEN)
-    stack.wait_for_state(GREEN_GREEN)
-
-
-@pytest.mark.parametrize('forgiven', [LONG])
 def test_a_red_that_is_overtaken_while_the_stack_is_busy_is_heard(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:

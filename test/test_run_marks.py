@@ -11,7 +11,6 @@ import os
 import pathlib
 import random
 import signal
-import subprocess
 import tempfile
 import time
 
@@ -22,13 +21,12 @@ from evgp_rcs.rules.race import LastRun
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
-from evgp_testing.process import executable, Process
+from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, new_port, RaceControl, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, kart_socket, WireKart
 import pytest
 from rig.memory import wait_for_memory
-import yaml
 
 IN_GARAGE = RaceState.IN_GARAGE
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -308,34 +306,3 @@ def test_whenever_an_end_is_cut_off_a_kart_that_is_held_is_not_forgotten(
             time.sleep(chance.uniform(0.0, 0.5))  # what is tested is when it is cut off
             cut_off(control)
         assert machine.mark.read_text(encoding='ascii').strip() == RUN_BEGAN
-
-
-def test_a_rehearsal_at_a_loopback_address_has_another_mark_than_a_race_at_that_port(
-    machine: Machine,
-) -> None:
-    real = place('0.0.0.0', machine.port)
-    leave(real, LastRun.ENDED)
-    machine.die_in_green()
-    assert real.read_text(encoding='ascii').strip() == LastRun.ENDED.value
-    real.unlink()
-
-
-# ----- a spare -------------------------------------------------------------------------------
-
-
-def test_once_a_copy_was_made_a_start_on_the_spare_proves_nothing_with_whatever_record(
-    machine: Machine,
-) -> None:
-    """Here the spare is the same machine: the first ended well, and its copy could loosen."""
-    machine.end_well()
-    folder = machine.folder / 'a'
-    given = {'/**': {'ros__parameters': {'address': '127.0.0.1', 'port': machine.port}}}
-    (folder / 'rcs.yaml').write_text(yaml.safe_dump(given), encoding='utf-8')
-    words = [executable('evgp_rcs', 'rcs_spare'), str(folder), '--once']
-    words += ['--record', str(folder / 'record.sqlite3')]
-    words += ['--roster', 'karts.yaml', '--params', 'rcs.yaml']
-    home = {**os.environ, 'ROS_HOME': str(machine.folder / 'ros')}
-    subprocess.run(words, env=home, check=True)
-    copy = machine.folder / 'ros/evgp_rcs/spare/record.sqlite3'
-    assert machine.look('b').proves_nothing
-    assert machine.look('c', record=copy).proves_nothing

@@ -268,31 +268,6 @@ def _count(status: DiagnosticStatus, key: str) -> int:
     return int(next(each.value for each in status.values if each.key == key))
 
 
-def test_the_emulator_is_heard_like_a_decoder(
-    start: Start, listener: Listener, parts: contextlib.ExitStack
-) -> None:
-    emulator = parts.enter_context(
-        Program(
-            'p3_emulator',
-            [
-                executable('evgp_timing', 'p3_emulator'),
-                *('--port', '0', '--lap', '0.5', '--status', '0.2'),
-                *('--transponders', '1001', '1002'),
-            ],
-            end='INT',
-        )
-    )
-    port = emulator.wait_for_line(r'listens at 127\.0\.0\.1:(\d+)')[1]
-    start(kind='p3', device=f'127.0.0.1:{port}')
-    heard = listener.wait_for_passings(6)
-    assert {each.transponder for each in heard} == {'1001', '1002'}
-    numbers = [each.number for each in heard]
-    assert numbers == list(range(numbers[0], numbers[0] + 6))
-    listener.wait_for_status(DiagnosticStatus.OK)
-    emulator.signal(signal.SIGINT)
-    assert emulator.wait() == 0
-
-
 @pytest.mark.own_process
 def test_a_bad_line_to_a_decoder_loses_no_passing_that_is_not_told_and_brings_none_twice(
     start: Start, domain: int, parts: contextlib.ExitStack
