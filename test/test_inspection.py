@@ -7,18 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import itertools
 import json
 import os
 import pathlib
-import pty
 import re
 import shlex
 import shutil
 import socket
 import subprocess
 import sys
-import threading
 import time
 from typing import Any
 
@@ -33,6 +30,7 @@ from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
 import pytest
 from rig.needs import cannot_run
+from rig.terminal import Terminal
 
 ROOT = pathlib.Path(__file__).parents[1]
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
@@ -273,53 +271,24 @@ def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(
     assert (report['verdict'], code) == ('not judged', 2)
 
 
-class Terminal:
-    """An inspector at a terminal, who answers what is asked by what the wheels do."""
+class Inspector(Terminal):
+    """An inspector at a terminal, who gives one answer to all that is asked."""
 
     def __init__(self, command: list[str]) -> None:
-        self.text = ''
-        self._answered = 0
-        self._news = threading.Condition()
-        self._fd, child = pty.openpty()
-        self.process = subprocess.Popen(command, stdin=child, stdout=child, stderr=child)
-        os.close(child)
-        self.answer: Callable[[str], str] = lambda question: 'y'
-        self._thread = threading.Thread(target=self._read, daemon=True)
-        self._thread.start()
+        super().__init__(command)
+        self.answer, self._answered = 'y', 0
+        self.on_read = self._reply
 
-    def press(self, text: str) -> None:
-        os.write(self._fd, text.encode())
-
-    def wait_for(self, pattern: str) -> re.Match[str]:
-        with self._news:
-            self._news.wait_for(lambda: re.search(pattern, self.text), PATIENCE)
-            found = re.search(pattern, self.text)
-        assert found, self.text
-        return found
-
-    def close(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-        self.process.wait()
-        self._thread.join(PATIENCE)
-        os.close(self._fd)
-
-    def _read(self) -> None:
-        with contextlib.suppress(OSError):
-            while data := os.read(self._fd, 4096):
-                with self._news:
-                    self.text += data.decode()
-                    asked = re.findall(r'\?  (.*?\?)  y/n ', self.text)
-                    self._news.notify_all()
-                for question in itertools.islice(asked, self._answered, None):
-                    self.press(self.answer(question))
-                self._answered = len(asked)
+    def _reply(self) -> None:
+        asked = len(re.findall(r'\?  .*?\?  y/n ', self.shown))
+        self.press(self.answer * (asked - self._answered))
+        self._answered = asked
 
 
 @pytest.fixture
-def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Terminal]:
-    def start(*words: str) -> Terminal:
-        terminal = Terminal([*INSPECT, *SHORT, '--report', str(tmp_path), *words])
+def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Inspector]:
+    def start(*words: str) -> Inspector:
+        terminal = Inspector([*INSPECT, *SHORT, '--report', str(tmp_path), *words])
         parts.callback(terminal.close)
         return terminal
 
@@ -334,23 +303,23 @@ def start_client(parts: contextlib.ExitStack, terminal: Terminal) -> None:
 
 
 def test_nothing_listens_before_the_inspector_has_typed_the_word(
-    at_terminal: Callable[..., Terminal],
+    at_terminal: Callable[..., Inspector],
 ) -> None:
     terminal = at_terminal()
     terminal.wait_for('OFF THE GROUND')
     terminal.press('yes\n')
-    assert terminal.process.wait(PATIENCE) == 2
-    assert 'on port' not in terminal.text
+    assert terminal.end() == 2
+    assert 'on port' not in terminal.shown
 
 
 def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
-    at_terminal: Callable[..., Terminal], parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
     terminal = at_terminal('--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7')
     terminal.press('ready\n')
     start_client(parts, terminal)
-    terminal.answer = lambda question: 'n'
-    assert terminal.process.wait(PATIENCE) == 2
+    terminal.answer = 'n'
+    assert terminal.end() == 2
     report = report_in(tmp_path)
     assert set(those(report, 'fail')) == {'K-3A-10'}
     assert report['inspector'] == 'Ada <&>'
@@ -379,7 +348,7 @@ def test_a_kart_without_an_inspection_stays_out_of_the_race(
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
-    at_terminal: Callable[..., Terminal], parts: contextlib.ExitStack
+    at_terminal: Callable[..., Inspector], parts: contextlib.ExitStack
 ) -> None:
     terminal = at_terminal('--only', 'K-3A-05', '--drive', '60')
     terminal.press('ready\n')
@@ -388,7 +357,7 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
     began = time.monotonic()
     terminal.press(' ')
     terminal.wait_for('the kart reports a standstill')
-    assert terminal.process.wait(PATIENCE) == 2
+    assert terminal.end() == 2
     assert time.monotonic() - began < PATIENCE
 
 

@@ -7,17 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
-import fcntl
 import os
 import pathlib
 import platform
 import re
-import select
 import shlex
 import signal
 import subprocess
 import sys
-import termios
 import threading
 import time
 
@@ -46,6 +43,7 @@ from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
 from rclpy.context import Context
+from rig.terminal import Terminal
 from test_timekeeper import Event
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
@@ -84,6 +82,11 @@ def run(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
             process.kill()
             raise
         return subprocess.CompletedProcess(words, process.returncode, stdout, stderr)
+
+
+def at_terminal(domain: int, *words: str) -> Terminal:
+    """Start `rcs_ctl` as an official does, at a terminal."""
+    return Terminal([*executable(), *words], {'ROS_DOMAIN_ID': str(domain)})
 
 
 def accepted(control: RaceControl, official: Official, *words: str) -> str:
@@ -197,49 +200,6 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
 # ----- the official's name ----------------------------------------------------------------
 
 
-class AtTerminal:
-    """`rcs_ctl` as an official starts it, at a terminal of its own."""
-
-    def __init__(self, domain: int, *words: str) -> None:
-        self._terminal, its_end = os.openpty()
-        self.shown = b''
-        self._process = subprocess.Popen(
-            [*executable(), *words],
-            stdin=its_end,
-            stdout=its_end,
-            stderr=its_end,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-            start_new_session=True,
-            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
-        )
-        os.close(its_end)
-
-    def type_line(self, text: bytes) -> None:
-        """Type a line once it asks for one."""
-        while not self.shown.endswith(b': '):
-            assert self._read(), f'it asks for nothing: {self.shown!r}'
-        os.write(self._terminal, text)
-
-    def interrupt(self) -> None:
-        self._process.send_signal(signal.SIGINT)
-
-    def end(self) -> int:
-        """Return its exit code, once it has ended."""
-        while self._read():
-            pass
-        os.close(self._terminal)
-        return self._process.wait(2 * PATIENCE)
-
-    def _read(self) -> bytes:
-        assert select.select([self._terminal], [], [], 2 * PATIENCE)[0], self.shown
-        try:
-            read = os.read(self._terminal, 4096)
-        except OSError:  # it has ended
-            read = b''
-        self.shown += read
-        return read
-
-
 @pytest.fixture
 def kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
     """Return the file in which the official's name is kept; it does not exist yet."""
@@ -263,16 +223,18 @@ def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_s
     official = join_official(control)
     machine = platform.node()
 
-    stop = AtTerminal(control.domain, 'all-kill')
+    stop = at_terminal(control.domain, 'all-kill')
     assert stop.end() == ACCEPTED
-    broken_off = AtTerminal(control.domain, 'close-track')
-    broken_off.type_line(b'\x03')
+    broken_off = at_terminal(control.domain, 'close-track')
+    broken_off.wait_for(': $')
+    broken_off.press('\x03')
     assert broken_off.end() == NOT_THERE  # and sends nothing
     assert not kept.exists()
-    first = AtTerminal(control.domain, 'close-track')
-    first.type_line(b'Anna\n')
+    first = at_terminal(control.domain, 'close-track')
+    first.wait_for(': $')
+    first.press('Anna\n')
     assert first.end() == ACCEPTED
-    second = AtTerminal(control.domain, 'close-track')
+    second = at_terminal(control.domain, 'close-track')
     assert second.end() == ACCEPTED
 
     assert senders(official, 3) == [
@@ -711,12 +673,12 @@ def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pip
         assert official.node.count_publishers('/rcs/presence') == 0
         piped.send_signal(signal.SIGINT)
 
-    watch = AtTerminal(lasting.domain, 'watch')
+    watch = at_terminal(lasting.domain, 'watch')
     reading = threading.Thread(target=watch.end)
     reading.start()
     seen = official.wait_for_race(lambda race: race.able_to_stop, 'somebody')
     assert seen.able_to_stop == 1
-    watch.interrupt()
+    watch.process.send_signal(signal.SIGINT)
     reading.join(2 * PATIENCE)
     assert not reading.is_alive()
 

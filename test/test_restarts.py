@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import os
 import pathlib
-import pty
-import select
+import re
 import signal
 import subprocess
 import sys
@@ -25,6 +24,7 @@ from evgp_testing.race_control import address_of, new_port, settings, write_rost
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from rig.terminal import Terminal
 import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -137,33 +137,18 @@ def test_a_kart_server_that_is_frozen_does_not_keep_race_control_from_coming_bac
         kart.wait_for_state(RED_RED)
 
 
-def test_a_signal_to_the_one_that_keeps_it_running_ends_race_control_in_order_and_for_good(
-    start_kept: Callable[..., Kept],
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGKILL], ids=lambda each: each.name)
+def test_race_control_ends_in_red_red_for_good_with_the_one_that_keeps_it_running(
+    start_kept: Callable[..., Kept], number: signal.Signals
 ) -> None:
     kept = start_kept()
     halves = kept.halves
     kart = kept.connect()
     kart.wait_for_state(IN_GARAGE)
 
-    kept.signal(signal.SIGTERM)
+    kept.signal(number)
 
-    assert kept.wait() == 0
-    kart.wait_for_end()
-    assert kart.state is RED_RED
-    assert not any(map(is_there, halves))
-    kart.close()
-
-
-def test_race_control_ends_when_the_one_that_keeps_it_running_is_killed(
-    start_kept: Callable[..., Kept],
-) -> None:
-    kept = start_kept()
-    halves = kept.halves
-    kart = kept.connect()
-    kart.wait_for_state(IN_GARAGE)
-
-    kept.kill()
-
+    assert kept.wait() == (0 if number is signal.SIGTERM else -number)
     for pid in halves:
         wait_until_ended(pid)
     kart.wait_for_end()
@@ -174,56 +159,38 @@ def test_race_control_ends_when_the_one_that_keeps_it_running_is_killed(
 # ----- as an official starts it -------------------------------------------------------------
 
 
-class Terminal:
-    """`make run` in a terminal of its own."""
+class MakeRun(Terminal):
+    """`make run` in a terminal of its own. ``inside`` are the processes that were seen there."""
 
     def __init__(self, folder: pathlib.Path, domain: int, *settings: str) -> None:
         """Start it, with settings of make beside its own."""
-        self.port = new_port()
         roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
-        own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
+        record = str(folder / 'record.sqlite3')
+        own = {'record': record, 'port': new_port(), 'address': '127.0.0.1'}
         parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
-        self.screen, inside = pty.openpty()
-        self.process = subprocess.Popen(
-            # It is the terminal's, and in its foreground, as from a shell.
-            [
-                *('setsid', '--ctty', 'make', 'run'),
-                *(f'ROSTER={roster}', f'PARAMS={parameters}', *settings),
-            ],
-            stdin=inside,
-            stdout=inside,
-            stderr=inside,
-            cwd=ROOT,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)},
-        )
-        os.close(inside)
-        self.shown = ''
         self.inside: set[int] = set()
+        super().__init__(
+            ['make', 'run', f'ROSTER={roster}', f'PARAMS={parameters}', *settings],
+            {'ROS_DOMAIN_ID': str(domain), 'ROS_HOME': str(folder)},
+            ROOT,
+        )
 
-    def wait_for(self, text: str) -> None:
-        """Return once the terminal shows a text."""
-        ends = time.monotonic() + PATIENCE
-        while text not in self.shown:
-            left = ends - time.monotonic()
-            ready = left > 0 and select.select([self.screen], [], [], left)[0]
-            assert ready, f'{text!r} is not shown:\n{self.shown}'
-            self.shown += os.read(self.screen, 65536).decode(errors='replace')
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        found = super().wait_for(pattern)
         self.inside |= {*family(self.process.pid)}
+        return found
 
     def close(self) -> None:
         """Close the terminal, as by its window."""
-        with contextlib.suppress(OSError):
-            os.close(self.screen)
+        self.hang_up()
         for pid in self.inside:
             wait_until_ended(pid)
         self.process.wait(PATIENCE)
 
 
 @pytest.fixture
-def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[Terminal]:
-    opened = Terminal(tmp_path, parts.enter_context(Domain()).number)
-    yield opened
-    opened.close()
+def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> MakeRun:
+    return parts.enter_context(MakeRun(tmp_path, parts.enter_context(Domain()).number))
 
 
 STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
@@ -232,7 +199,7 @@ STARTED = {'rcs_node': 'listens for 1 kart', 'timekeeper': 'keeps its book in'}
 
 @pytest.mark.parametrize('program', STARTED)
 def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(
-    program: str, terminal: Terminal
+    program: str, terminal: MakeRun
 ) -> None:
     for said in STARTED.values():
         terminal.wait_for(said)
@@ -246,13 +213,13 @@ def test_under_make_run_each_program_comes_back_and_ctrl_c_ends_all(
     terminal.wait_for('Starting it again')
     terminal.shown = ''
     terminal.wait_for(STARTED[program])
-    os.write(terminal.screen, b'\x03')
+    terminal.press('\x03')
 
     for pid in terminal.inside:
         wait_until_ended(pid)
 
 
-def test_the_timekeeper_ends_with_race_control_under_make_run(terminal: Terminal) -> None:
+def test_the_timekeeper_ends_with_race_control_under_make_run(terminal: MakeRun) -> None:
     for said in STARTED.values():
         terminal.wait_for(said)
     loop = next(
@@ -272,8 +239,7 @@ def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
     wrong = tmp_path / 'timekeeper.yaml'
     wrong.write_text('/**:\n  ros__parameters: {min_lap_time: 0.0}\n', encoding='utf-8')
     domain = parts.enter_context(Domain()).number
-    terminal = Terminal(tmp_path, domain, f'TIMING={wrong}')
-    parts.callback(terminal.close)
+    terminal = parts.enter_context(MakeRun(tmp_path, domain, f'TIMING={wrong}'))
     terminal.wait_for('parameter min_lap_time')
     terminal.wait_for('listens for 1 kart')
     (first, *_) = (pid for pid in terminal.inside if 'rcs_node' in ' '.join(command_of(pid)))
@@ -287,7 +253,7 @@ def command_of(pid: int) -> list[str]:
     return []
 
 
-def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
+def test_closing_the_terminal_ends_all(terminal: MakeRun) -> None:
     for said in STARTED.values():
         terminal.wait_for(said)
 

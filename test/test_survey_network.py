@@ -13,11 +13,11 @@ import subprocess
 import sys
 from typing import Any
 
-from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
 import pytest
 from rig.networks import kart_address, need_networks, RACE_CONTROL, Track
-from test_inspection import report_in, Terminal
+from rig.terminal import Terminal
+from test_inspection import report_in
 
 ROOT = pathlib.Path(__file__).parents[1]
 SURVEY = [sys.executable, '-I', '-S', str(ROOT / 'src/evgp_inspection'), 'survey']
@@ -48,11 +48,11 @@ def test_somebody_at_a_terminal_marks_places_and_ends_the_survey(
     terminal.press('\n')
     terminal.wait_for('Marked: mark 2')
     terminal.process.send_signal(signal.SIGINT)
-    assert terminal.process.wait(PATIENCE) == 2  # it was too short for a verdict
+    assert terminal.end() == 2  # it was too short for a verdict
     report = report_in(tmp_path)
     assert [each['name'] for each in report['marks']] == ['turn 3', 'mark 2']
     assert verdicts(report)['time on the network'] == 'not judged'
-    assert report['verdict'] in terminal.text.lower()
+    assert report['verdict'] in terminal.shown.lower()
 
 
 def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
@@ -69,8 +69,8 @@ def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
         parts.callback(terminal.close)
         terminal.wait_for('NO STOP IS IN FORCE')
         terminal.press(keys)
-        assert terminal.process.wait(PATIENCE) == 2
-        assert 'on port' not in terminal.text
+        assert terminal.end() == 2
+        assert 'on port' not in terminal.shown
     assert not list(tmp_path.iterdir())
 
 
