@@ -5,18 +5,17 @@
 One connection from one kart: it reads the kart's bytes and sends it frames (§4.C, §4.D).
 
 The link also watches whether the kart still answers. Everything here runs in the loop of the kart
-server, which owns the links. `LinkOwner` lists what a link needs from its owner. ``hearing``
-decides which reports from a kart count.
+server, which owns the links. ``hearing`` decides which reports from a kart count.
 """
 
 from __future__ import annotations
 
 import asyncio
 import socket
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from evgp_protocol.frames import encode
-from evgp_protocol.hearing import FLOOD_BYTES, Heard, Hearing
+from evgp_protocol.hearing import FLOOD_BYTES, Hearing
 from evgp_protocol.link import (
     Answers,
     Grade,
@@ -30,44 +29,15 @@ from evgp_protocol.link import (
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import in_words
 from evgp_rcs.rules.inputs import CLOSED_BY_KART
-from evgp_rcs.rules.link_quality import LinkMeter, LinkQuality
+from evgp_rcs.rules.link_quality import LinkMeter
+
+if TYPE_CHECKING:
+    from evgp_rcs.karts.server import KartServer
 
 TICK = 0.01
 """Maximum tick of a kernel's clock, in seconds. The kernel's times may be one tick late."""
 
 FRAMES = {state: encode(state) for state in RaceState}
-
-
-class LinkOwner(Protocol):
-    """The methods of the kart server that a link calls."""
-
-    def now(self) -> float:
-        """Return the time, in seconds by the rules' clock."""
-
-    def take_commands(self) -> None:
-        """Process the officials' commands, before the link reports what a kart sent."""
-
-    def link_made(self, link: KartLink, address: str) -> None:
-        """Accept a new connection from this IPv4 address, or drop it."""
-
-    def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
-        """
-        Handle a report from a kart.
-
-        :param link: the kart's link.
-        :param heard: the report, or bytes that are not a frame.
-        :param serial: serial of the order that the report can answer.
-        :param counts_in: see `Hearing.counts_in`.
-        """
-
-    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Record that the kart's kernel answered an order by this time, in seconds."""
-
-    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
-        """Record the quality of the link."""
-
-    def link_lost(self, link: KartLink) -> None:
-        """Record that a connection has ended. `KartLink.reason` says why."""
 
 
 class KartLink(asyncio.BufferedProtocol):
@@ -83,7 +53,7 @@ class KartLink(asyncio.BufferedProtocol):
     :ivar silent: whether the connection ended because the kart stopped answering.
     """
 
-    def __init__(self, owner: LinkOwner, beat_rate: float, send_timeout: float) -> None:
+    def __init__(self, owner: KartServer, beat_rate: float, send_timeout: float) -> None:
         self._owner = owner
         self._send_timeout = send_timeout
         self._buffer = bytearray(FLOOD_BYTES)
@@ -152,7 +122,7 @@ class KartLink(asyncio.BufferedProtocol):
         Send a new state at once. Frames that have arrived by now cannot answer it.
 
         :param state: the state.
-        :param serial: serial of the order, which `LinkOwner.link_heard` gets with each report.
+        :param serial: serial of the order, which `KartServer.link_heard` gets with each report.
         """
         self._frame = FRAMES[state]
         self._ordered = serial

@@ -88,8 +88,8 @@ SHOW_AFTER = 0.01
 covers many events."""
 
 MOST_GATHERED = 100
-"""Maximum number of gathered events. The server forwards them before it gathers more. Forwarding
-takes about 0.4 ms and can delay a stop by that much."""
+"""Number of gathered events that the server forwards at once. This takes about 0.4 ms and can
+delay a stop by that much."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it checks for commands again."""
@@ -463,7 +463,7 @@ class KartServer:
             waiting, self._starting = self._starting, None
         if outcome.answer is not None and waiting is not None:
             waiting.answered(outcome.answer)
-        self._publish_outcome(outcome.events, given.at, 1 + bool(outcome.orders))
+        self._publish_outcome(outcome.events, given.at)
         if of_start:
             self._remember()
         if outcome.start is not None:
@@ -484,17 +484,16 @@ class KartServer:
         if outcome.orders:
             self._log.add(inputs.Ordered(outcome.orders))
 
-    def _publish_outcome(self, events: tuple[Event, ...], at: float, entries: int = 1) -> None:
+    def _publish_outcome(self, events: tuple[Event, ...], at: float) -> None:
         """
         Publish the events of the last input.
 
         :param at: time of the input, in seconds. The events get the same time, so that a replay
             can compare them.
-        :param entries: number of the latest log entries that belong to the input.
         """
         published = [each for each in events if not each.chatter or self._may_publish(each, at)]
         if published:
-            self._gather(self._stamped(published, at), entries)
+            self._gather(self._stamped(published, at))
 
     def _may_publish(self, event: Event, at: float) -> bool:
         """Return whether the kart may cause one more event now."""
@@ -508,28 +507,23 @@ class KartServer:
         wall = time.time_ns() - round((self.now() - at) * 1e9)
         return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
 
-    def _gather(self, stamped: list[StampedEvent], of_stamped: int = 0) -> None:
-        """
-        Gather events, so that the server can forward them together.
-
-        :param of_stamped: number of the latest log entries, which caused the events. These entries
-            stay together with their events.
-        """
-        if len(self._gathered) >= MOST_GATHERED:
-            self._flush(of_stamped)
+    def _gather(self, stamped: list[StampedEvent]) -> None:
+        """Gather events, so that the server can forward them together."""
         self._log.add(*[None] * len(stamped))
         if not self._gathered:
             assert self._loop is not None
             self._loop.call_later(GATHER, self._flush)
         self._gathered += stamped
+        if len(self._gathered) >= MOST_GATHERED:
+            self._flush()
         self._ask_to_show()
 
-    def _flush(self, but: int = 0) -> None:
-        """Forward the gathered events, and all log entries except the last `but`."""
+    def _flush(self) -> None:
+        """Forward the gathered events and all log entries."""
         gathered, self._gathered = self._gathered, []
         happened = pack(Happened(gathered)) if gathered else b''
         self._ros_half.send(happened)
-        batch = self._log.take(but)
+        batch = self._log.take()
         if batch.entries:
             self._record.put(batch._replace(happened=happened))
         if self._ros_half.unsent > TO_ROS_HALF_BYTES:
@@ -617,7 +611,12 @@ class KartServer:
             self._take(inputs.Contested(now, number, contested))
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int, counts_in: float) -> None:
-        """Handle a frame from a kart, or bytes that are not a frame."""
+        """
+        Handle a frame from a kart, or bytes that are not a frame.
+
+        :param serial: serial of the order that the report can answer.
+        :param counts_in: see `Hearing.counts_in`.
+        """
         if self._links.get(link.number) is not link:
             return
         now = self.now()
@@ -641,7 +640,7 @@ class KartServer:
             self._take(inputs.Measured(self.now(), link.number, quality))
 
     def link_lost(self, link: KartLink) -> None:
-        """Report to the rules that a connection has ended, unless a new one has replaced it."""
+        """Report the end of a connection to the rules, unless a new one has replaced it."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
             given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)

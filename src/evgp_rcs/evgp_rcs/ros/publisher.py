@@ -26,7 +26,6 @@ from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.official import said_by
 from evgp_node.process import wait_until_heard
 from evgp_node.qos import latched
-from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.ros.messages import diagnostics_message, events_message
@@ -99,7 +98,6 @@ class RacePublisher:
         self._thread = threading.Thread(target=self._run, name='publisher', daemon=True)
         self._diagnosed_at = 0.0
         self._shown = NOTHING
-        self._published = msg.Race()
         self._newest: Snapshot | None = None
         self._stated: RaceState | None = None
         self._stated_at = -math.inf
@@ -222,16 +220,10 @@ class RacePublisher:
             officials=self._officials,
         )
         # The same moment keeps the same wall time, so that readers see it as unchanged.
-        stepped = abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS
-        if stepped:
+        if abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
             self._clock_ns = clock_ns
-        # If only the stamp has changed, reuse the message, because building it takes longer than
-        # publishing it.
-        if stepped or race[1:] != self._shown[1:]:
-            self._published = message_of(race, msg.Race, self._clock_ns)
-        self._published.stamp = stamp_of(self._clock_ns + round(race.stamp * 1e9))
+        self._race.publish(message_of(race, msg.Race, self._clock_ns))
         self._shown = race
-        self._race.publish(self._published)
         if race.stamp - self._diagnosed_at >= 1.0:
             self._diagnosed_at = race.stamp
             name = self._node.get_fully_qualified_name().lstrip('/')

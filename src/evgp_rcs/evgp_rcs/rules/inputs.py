@@ -343,12 +343,11 @@ class Log:
         """
         self._new += entries
 
-    def take(self, but: int = 0) -> Batch:
-        """Return the entries added since the last call, except for the last `but` of them."""
-        count = len(self._new) - but
-        batch = Batch(self._taken, self._new[:count])
-        self._taken += count
-        self._new = self._new[count:]
+    def take(self) -> Batch:
+        """Return the entries added since the last call."""
+        batch = Batch(self._taken, self._new)
+        self._taken += len(self._new)
+        self._new = []
         return batch
 
 
