@@ -17,10 +17,10 @@ import subprocess
 import sys
 import time
 
+from evgp_node.network_cards import cards
 from evgp_node.states import state_of
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
-from evgp_rcs.karts.network_cards import cards
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import ctypes
-import fcntl
 import html
 import ipaddress
 import os
@@ -28,6 +27,7 @@ import struct
 import tempfile
 import threading
 
+from evgp_node.network_cards import cards
 from rclpy.utilities import get_rmw_implementation_identifier
 
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -273,13 +273,8 @@ def keep_to_interface(server: socket.socket, address: str) -> None:
 
 def network_of(address: str) -> ipaddress.IPv4Network | None:
     """Return the network of an address of this machine; None if no interface has it now."""
-    name = interfaces().get(address)
-    if name is None:
-        return None
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
-        found = fcntl.ioctl(any_socket, _SIOCGIFNETMASK, struct.pack('40s', name.encode()))
-    mask = socket.inet_ntoa(found[20:24])
-    return ipaddress.IPv4Network((address, mask), strict=False)
+    own = (each for card in cards() for each in card.addresses)
+    return next((each.network for each in own if str(each.ip) == address), None)
 
 
 def has_its_address() -> bool:
@@ -508,9 +503,6 @@ def _named_interface() -> str:
 
 _DESCRIPTORS = pathlib.Path('/proc/self/fd')
 _NETWORK = pathlib.Path('/proc/thread-self/net')
-_SIOCGIFCONF = 0x8912
-_SIOCGIFNETMASK = 0x891B
-_REQUEST_SIZE = 40  # of struct ifreq, on 64 bits
 _SO_ATTACH_FILTER = _SO_GET_FILTER = 26
 _SO_TIMESTAMPNS = 35
 _ADDRESSES_OF_INTERFACES = 0x10  # RTMGRP_IPV4_IFADDR
@@ -522,17 +514,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 
 def interfaces() -> dict[str, str]:
     """Return the names of this machine's interfaces by their IPv4 addresses."""
-    room = ctypes.create_string_buffer(_REQUEST_SIZE * 1024)
-    request = struct.pack('iP', len(room), ctypes.addressof(room))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
-        (size,) = struct.unpack_from('i', fcntl.ioctl(any_socket, _SIOCGIFCONF, request))
-    found = {}
-    for start in range(0, size, _REQUEST_SIZE):
-        label, address = struct.unpack_from('16s4x4s', room, start)
-        # A second address of eth0 may be labelled eth0:1.
-        name = label.split(b'\0')[0].decode(errors='replace').partition(':')[0]
-        found[socket.inet_ntoa(address)] = name
-    return found
+    return {str(each.ip): card.name for card in cards() for each in card.addresses}
 
 
 @contextlib.contextmanager

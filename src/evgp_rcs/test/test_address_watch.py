@@ -10,6 +10,7 @@ import functools
 import ipaddress
 
 from evgp_node.graph import EVERY
+from evgp_node.network_cards import Card, LOOPBACK_CARD
 from evgp_rcs.karts.address_watch import (
     ANNOUNCEMENTS,
     ASK_EVERY,
@@ -20,7 +21,6 @@ from evgp_rcs.karts.address_watch import (
     packet,
     to_be_asked,
 )
-from evgp_rcs.karts.network_cards import Card, LOOPBACK_CARD
 from hypothesis import given, strategies
 import pytest
 

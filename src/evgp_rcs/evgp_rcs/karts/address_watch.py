@@ -33,8 +33,8 @@ import threading
 from typing import NamedTuple
 
 from evgp_node.graph import EVERY
+from evgp_node.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 from evgp_protocol import clock
-from evgp_rcs.karts.network_cards import Card, CardNews, cards, LOOPBACK_CARD
 
 ASK_EVERY = 0.5
 """Time between two questions, and maximum time between two checks of the interfaces, in seconds.

@@ -17,8 +17,8 @@ import ipaddress
 import socket
 from typing import NamedTuple
 
+from evgp_node.network_cards import Card, cards
 from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, Question
-from evgp_rcs.karts.network_cards import Card, cards
 
 ASK_FOR = 3.0
 """Time for which this machine asks who else has an address, in seconds."""
