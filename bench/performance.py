@@ -41,18 +41,12 @@ class Party:
     """A process of bench/ that answers each line with a line."""
 
     def __init__(self, script: str, *arguments: object) -> None:
-        """Start it."""
         self._process = subprocess.Popen(
             [sys.executable, str(HERE / script), *map(str, arguments)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
         )
-
-    @property
-    def pid(self) -> int:
-        """Return its process number."""
-        return self._process.pid
 
     def hear(self) -> Any:
         """Return its next answer."""
@@ -68,27 +62,20 @@ class Party:
         self._process.stdin.flush()
 
     def __enter__(self) -> Party:
-        """Return it."""
         return self
 
     def __exit__(self, *exc: object) -> None:
-        """End it."""
         self._process.kill()
         self._process.communicate()
-
-
-def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
-    """Start a real race control with N karts in the race and its own record."""
-    own = pathlib.Path(tempfile.mkdtemp(dir=folder))
-    return RaceControl(own, domain, range(1, count + 1))
 
 
 @contextlib.contextmanager
 def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
     """Run race control, an official, and this number of karts."""
+    own = pathlib.Path(tempfile.mkdtemp(dir=folder))
     with (
         Domain() as domain,
-        control_of(folder, domain.number, count) as control,
+        RaceControl(own, domain.number, range(1, count + 1)) as control,
         Official(domain.number) as official,
         Party('crowd.py', control.port, count, 'acknowledge') as crowd,
     ):
@@ -106,7 +93,6 @@ def spread(seconds: Sequence[float]) -> str:
 
 
 def ms(seconds: float) -> str:
-    """Return milliseconds."""
     return f'{seconds * 1e3:.2f}'
 
 

@@ -34,7 +34,7 @@ def fuzz(name: str, options: list[str]) -> None:
     import atheris
 
     with atheris.instrument_imports(
-        include=['evgp_protocol.frames', 'evgp_rcs.files.roster', 'evgp_timing', 'yaml'],
+        include=['evgp_protocol.frames', 'evgp_node.roster', 'evgp_timing', 'yaml'],
         enable_loader_override=False,
     ):
         import fuzz_targets
@@ -77,13 +77,8 @@ def main() -> None:
                 f'-seed={arguments.seed}',
                 f'-dict={HERE / name}.dict',
                 f'-artifact_prefix={arguments.found / name}-',
-                *(
-                    '-timeout=10',
-                    '-rss_limit_mb=2048',
-                    '-max_len=4096',
-                    '-verbosity=0',
-                    '-print_final_stats=1',
-                ),
+                *('-timeout=10', '-rss_limit_mb=2048', '-max_len=4096'),
+                *('-verbosity=0', '-print_final_stats=1'),
                 *(str(found), str(HERE / 'corpus' / name)),
             ],
             check=False,

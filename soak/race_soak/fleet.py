@@ -74,7 +74,7 @@ class Fleet:
         strangers: Iterable[str],
         judge: Judge,
         rng: random.Random,
-        fault_every: float = 4.0,
+        fault_every: float,
     ) -> None:
         """Prepare; nothing is opened before ``start``."""
         self.port = port

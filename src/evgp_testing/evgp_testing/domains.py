@@ -11,7 +11,7 @@ race control.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 import contextlib
 import fcntl
 import functools
@@ -29,28 +29,6 @@ _BLOCK = 100
 
 # Above the ports of the domains, below the system's ephemeral ports.
 _BLOCKS = range(24000, 32000, _BLOCK)
-
-
-def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
-    """
-    Return a free number and a lock on it. Closing the lock releases the number.
-
-    The lock is an abstract socket, which the kernel releases when the process ends, however it
-    ends. Like a domain, it belongs to one network namespace.
-
-    :param what: the kind of number.
-    :raises RuntimeError: if every number is taken.
-    """
-    # Numbers are tried in random order, because something may still use one just released.
-    for number in random.SystemRandom().sample(numbers, len(numbers)):
-        lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            lock.bind(f'\0evgp-{what}-{number}')
-        except OSError:
-            lock.close()
-            continue
-        return number, lock
-    raise RuntimeError(f'every {what} of {numbers} is in use')
 
 
 @functools.cache
@@ -94,13 +72,24 @@ def free_port() -> int:
 
 class Domain(Part):
     """
-    A ROS domain reserved until it is closed or the process ends.
+    A ROS domain reserved until it is closed or the process ends, however it ends.
+
+    Its lock is an abstract socket. Like the domain, it belongs to one network namespace.
 
     :raises RuntimeError: if every domain is taken.
     """
 
     def __init__(self) -> None:
-        self.number, self._lock = take_one('ros-domain', _DOMAINS)
+        # In random order, because something may still use a domain just released.
+        for self.number in random.SystemRandom().sample(_DOMAINS, len(_DOMAINS)):
+            self._lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                self._lock.bind(f'\0evgp-ros-domain-{self.number}')
+            except OSError:
+                self._lock.close()
+            else:
+                return
+        raise RuntimeError(f'every ROS domain of {_DOMAINS} is in use')
 
     def close(self) -> None:
         self._lock.close()
