@@ -4,7 +4,8 @@
 """
 The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
-One thread owns the arbiter, the socket and the time. Every input passes through ``_take`` in this
+One thread owns the arbiter, the socket and the time. The arbiter decides what the kart must obey,
+and this decision is its verdict. Every input passes through ``_take`` in this
 thread: frames, the loss of the connection, deadlines, and what the node passes in (``give``). In
 the same turn, the link carries out the arbiter's reaction by sending an acknowledgement, closing
 the socket or publishing a verdict.
@@ -40,9 +41,10 @@ CONNECT_TIMEOUT = 2.0
 """Maximum duration of an attempt to connect, in seconds."""
 
 FIRST_WAIT = 0.1
+"""Maximum time before the second attempt to connect, in seconds. It doubles with each attempt."""
+
 LAST_WAIT = 2.0
-"""First and last maximum of the time between two attempts to connect, in seconds. It doubles with
-each attempt."""
+"""Maximum time before any attempt to connect, in seconds."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""
@@ -70,7 +72,7 @@ class LinkSettings:
 
     :ivar host: race control's IPv4 address.
     :ivar port: race control's TCP port, from 1 to 65535.
-    :ivar local_address: the IPv4 address to connect from; empty to let the system choose.
+    :ivar local_address: the IPv4 address to connect from. If it is empty, the system chooses.
     """
 
     host: str
@@ -87,7 +89,7 @@ class LinkStatus:
     :ivar failures: number of connections and of attempts to connect that have failed so far.
     :ivar heard_anything: whether race control has sent a race state to this process.
     :ivar malformed: number of malformed frames so far (§4.C).
-    :ivar last_malformed: what was wrong with the last malformed frame; empty if there was none.
+    :ivar last_malformed: what was wrong with the last malformed frame, if there was one.
     """
 
     connections: int = 0

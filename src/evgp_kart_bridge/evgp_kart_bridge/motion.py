@@ -4,8 +4,8 @@
 """
 The kart's motion according to odometry, with its twist checked against its pose.
 
-If the twist of odometry is not filled in, or is stuck, it reads 0.00 m/s at any speed, and the
-bridge would acknowledge a stop while the kart rolls. This module therefore compares the distance
+A twist that is not filled in, or is stuck, reads 0.00 m/s at any speed. The bridge would then
+acknowledge a stop while the kart rolls. This module therefore compares the distance
 between poses with the distance that the twist explains. It is pure: each input contains its time.
 """
 
@@ -28,8 +28,7 @@ class Motion:
     """
     The kart's speed from odometry.
 
-    :ivar contradiction: how pose and twist contradict each other, as a sentence; empty if they
-        agree.
+    :ivar contradiction: how pose and twist contradict each other, as a sentence, if they do.
     """
 
     def __init__(self) -> None:
@@ -78,7 +77,7 @@ class Motion:
 
     def never_moves(self, green: bool, speed: float, now: float) -> bool:
         """
-        Return True once each time odometry has read 0.00 m/s for `NEVER_MOVED` in GREEN_GREEN.
+        Return True once for each standstill of `NEVER_MOVED` in GREEN_GREEN.
 
         :param green: whether the kart obeys GREEN_GREEN.
         :param speed: the speed, in m/s.

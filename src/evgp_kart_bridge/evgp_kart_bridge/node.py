@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``kart_bridge`` node, which publishes the state that a kart must obey as ROS topics.
+The ``kart_bridge`` node publishes, as ROS topics, the state that a kart must obey.
 
-The node has two threads. The link's thread (``link``) owns the arbiter and publishes, and it alone
-keeps the kart's topics alive. The executor's thread receives the messages and calls of the team's
-nodes, and passes them to the link.
+The node has two threads. The link's thread (``link``) owns the arbiter, which decides what the
+kart must obey. This thread publishes these decisions, and it alone keeps the kart's topics alive.
+The executor's thread receives the messages and calls of the team's nodes, and passes them to the
+link.
 """
 
 from __future__ import annotations
@@ -76,20 +77,19 @@ LATCHED_REMOTE_QOS = latched(1)
 earlier."""
 
 LOOK_AROUND = 0.3
-"""Time between two checks for a second node where only one node is allowed, in seconds."""
+"""Time between two checks for a second node where only one is allowed, in seconds."""
 
 UNREAD = 5.0
-"""Time without a reader of the race state after which the bridge logs this, in seconds."""
+"""Time after which the bridge warns that no node reads the race state, in seconds."""
 
 UNACKNOWLEDGED = 5.0
-"""Time after which the bridge logs a missing acknowledgement that nothing prevents, in seconds."""
+"""Time after which the bridge warns that an acknowledgement is missing, in seconds."""
 
 ODOMETRY_DUE = 2.0
-"""Time without the expected odometry after which the bridge logs this, in seconds."""
+"""Time after which the bridge warns that the expected odometry is missing, in seconds."""
 
 TEAM_TIMEOUT = 1.0
-"""Time without a check in the executor's thread after which the bridge assumes that it can no
-longer hear its team, in seconds."""
+"""Time after which a bridge whose executor is stuck counts as deaf to its team, in seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -101,8 +101,8 @@ ODOMETRY_QOS = QoSProfile(
 reliable or not."""
 
 MOST_FIRST_ORDER = 2**52
-"""Highest possible number of a bridge's first order. JSON and JavaScript represent integers
-exactly only below 2**53, and this maximum leaves room for the orders that follow."""
+"""Maximum number of a bridge's first order. JSON and JavaScript represent integers exactly only
+below 2**53, so this leaves room for later orders."""
 
 _ENDED = Verdict(
     state=RaceState.RED_RED,
@@ -202,8 +202,8 @@ class KartBridge(StrictNode):
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
         if not (settings.odometry_required or settings.auto_acknowledge_stop):
             self.get_logger().warning(
-                f'Until odometry arrives on {self._odometry_topic}, this bridge takes the '
-                "stack's word that the kart stands still. To give it odometry, use make bridge "
+                f'Until odometry arrives on {self._odometry_topic}, this bridge cannot check '
+                "the stack's reports of a standstill. To provide odometry, use make bridge "
                 'ODOM=/odom, or odom:=/odom with the launch file'
             )
         self._link = RaceControlLink(arbiter, link_settings, self._on_verdict, on_failure)
@@ -281,8 +281,8 @@ class KartBridge(StrictNode):
 
     def _unanswered(self, error: BaseException) -> str:
         if isinstance(error, LinkClosedError):
-            return f'Not accepted: {error}.'
-        return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s; the kart must stop.'
+            return f'Not accepted: {error}'
+        return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s. The kart must stop'
 
     def _stop_by_topic(self, source: StopSource, engaged: bool) -> None:
         self._link.give(lambda arbiter, now: arbiter.team_stop(source, engaged, now))
@@ -369,9 +369,9 @@ class KartBridge(StrictNode):
                 else f'no stack drives it: no node reads {self._race_state.topic_name}'
             )
             self.get_logger().warning(
-                f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
-                f'0.00 m/s. If the kart stands still, {missing}. If it drives, the twist of its '
-                'odometry is not filled in, and the kart would acknowledge stops while it rolls'
+                f'Odometry on {self._odometry_topic} has read 0.00 m/s for {NEVER_MOVED:g} s in '
+                f'GREEN_GREEN. If the kart stands still, {missing}. If it drives, the twist of '
+                'its odometry is not filled in. It would then acknowledge stops while it rolls'
             )
 
         def take(arbiter: Arbiter, now: float) -> Reaction:
@@ -549,13 +549,13 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'tsr_timeout',
-        'Time without ~/tsr after which the kart stops, in seconds. With 0, it is not required.',
+        'Time without ~/tsr after which the kart stops, in seconds. 0: ~/tsr is not required.',
         (0.0, 10.0),
     ),
     (
         'msr_timeout',
         'Time without ~/msr, the contact of the MSR, after which the kart stops, in seconds. '
-        'With 0, no contact is wired.',
+        '0: no contact is wired.',
         (0.0, 1.0),
     ),
     (
@@ -595,7 +595,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
-        'local_address', '', 'The IPv4 address to connect from. Empty lets the system choose.'
+        'local_address', '', 'The IPv4 address to connect from. Empty: the system chooses.'
     )
     lease = declare(
         'liveliness_lease',

@@ -4,9 +4,12 @@
 """
 The rules by which `RaceStateWatch` decides what a stack must do.
 
-Their inputs are the bridge's messages and the times of these messages. This module is pure: it
-uses no ROS, clock or thread. ``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++,
-and ``test_orders.py`` compares the two.
+Their inputs are the bridge's messages and the times of these messages. A *doubt* is a time during
+which the last message may no longer be true, for example because the bridge is silent. The kart
+must then obey RED_RED. This module is pure: it uses no ROS, clock or thread.
+
+``orders.hpp`` of evgp_race_watch_cpp contains the same rules in C++, and ``test_orders.py``
+compares the two.
 """
 
 from __future__ import annotations
@@ -100,7 +103,7 @@ class Orders:
         return self._order
 
     def judge(self, now: float) -> tuple[RaceState, str]:
-        """Return the state to obey, and why it differs from the command; empty if it does not."""
+        """Return the state to obey, and the reason if it differs from the command."""
         doubt = self.doubt(now)
         if doubt or self.said is None:
             return RaceState.RED_RED, doubt
@@ -113,7 +116,7 @@ class Orders:
         return state, self.said.reason
 
     def doubt(self, now: float) -> str:
-        """Return why the last message may no longer be true; empty if there is no doubt."""
+        """Return why the last message may no longer be true, or an empty string."""
         if self.said is None:
             return 'the bridge has not been heard yet'
         if now - self._heard_at > self._lease:

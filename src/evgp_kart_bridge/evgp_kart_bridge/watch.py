@@ -4,8 +4,8 @@
 """
 Tells a team's stack what to do now, and acknowledges what the kart has done.
 
-A subscription alone is not enough, for two reasons. A bridge that has died or hung cannot report
-this, and its last message may have been GREEN_GREEN. And a stack that compares the state that it
+A subscription alone is not enough, for two reasons. A bridge that has died or hung cannot say
+so, and its last message may have been GREEN_GREEN. And a stack that compares the state that it
 has reached with the newest command may report a standstill at full speed, because the state that
 it had reached belongs to the previous command.
 """
@@ -50,7 +50,7 @@ LEASE = 0.5
 """The bridge's default `liveliness_lease`, in seconds."""
 
 UNHEARD = 2.0
-"""Time from the start until the node logs that it has not heard a bridge, in seconds."""
+"""Time after the start at which the node logs that it has not heard a bridge, in seconds."""
 
 LOG_AGAIN = 10.0
 """Minimum time before the node logs the same reason again, in seconds."""
@@ -59,8 +59,8 @@ LOG_REASONS = 20
 """Maximum number of reasons that the node logs within `LOG_AGAIN`."""
 
 BACKLOG = 100
-"""Maximum number of messages kept for a busy stack. The bridge publishes fewer than this during
-the longest doubt that the rules tolerate."""
+"""Maximum number of messages that wait for a busy stack. During the longest doubt that the rules
+tolerate (`orders.FORGIVEN`), the bridge publishes fewer."""
 
 
 def race_state_qos(lease: float) -> QoSProfile:
@@ -179,7 +179,7 @@ class RaceStateWatch:
 
     @property
     def reason(self) -> str:
-        """Return why `state` is not what race control commands; empty if it is."""
+        """Return why `state` differs from what race control commands, or an empty string."""
         with self._ordering:
             return self._orders.judge(clock.now())[1]
 

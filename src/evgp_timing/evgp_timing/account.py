@@ -1,7 +1,12 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Numbers one device's passings, drops those that must not count, and detects its faults."""
+"""
+The account of one timing device: its passings, numbered, and its faults.
+
+A passing is the device's report that something crossed the timing line. The account drops passings
+that must not count, such as repeats.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +17,10 @@ import secrets
 from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Passing, Refused
 
 RECENT = 60.0
-"""Time for which a fault is reported, in seconds."""
+"""Time for which the node reports a fault, in seconds."""
 
 REMEMBERED = 1000
-"""Number of passings that are remembered in order to recognise repeats."""
+"""Maximum number of passings that an account remembers to recognise repeats."""
 
 _LAST = 2**32 - 1
 
@@ -40,10 +45,10 @@ class Account:
     :param gates: numbers and labels of transponders that belong to gates instead of karts. Their
         passings are dropped.
     :ivar session: a random value that changes each time the device restarts its numbers.
-    :ivar counts: number of times that each fault has occurred.
+    :ivar counts: how often each fault has occurred.
     :ivar taken: number of accepted passings.
     :ivar heard_at: when the last complete message arrived, in seconds.
-    :ivar last_refusal: why the last unreadable message was refused; empty if there was none.
+    :ivar last_refusal: why the account refused the last unreadable message; at first, empty.
     """
 
     def __init__(self, now: float, gates: frozenset[str] = frozenset()) -> None:
@@ -63,11 +68,7 @@ class Account:
         self._in_second = 0
 
     def take(self, event: Event, now: float) -> int | None:
-        """
-        Process an event.
-
-        :return: the number in `session` of an accepted passing; None for everything else.
-        """
+        """Process an event, and return an accepted passing's number in `session`, or None."""
         if isinstance(event, Refused):
             self.last_refusal = event.reason
             self._note(Trouble.REFUSED, now)
@@ -100,7 +101,7 @@ class Account:
         return self._number
 
     def trouble(self, now: float) -> Trouble | None:
-        """Return the worst recent fault; None if there was none."""
+        """Return the worst recent fault, or None."""
         for trouble, at in self._noted_at.items():
             if at is not None and now - at < RECENT:
                 return trouble

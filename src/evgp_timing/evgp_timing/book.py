@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's book: a file with all its inputs, from which a restart restores the races.
+The timekeeper's book: the file of all its inputs, from which it restores the races.
 
 The timekeeper begins a new stream, in the format of the record, at each start and every half day.
 A stream begins with `Began`, which contains the machine's boot id. After that come the inputs
@@ -27,12 +27,12 @@ WRITER = 'timekeeper'
 """Name of the writer in these streams."""
 
 EVENT_LASTS_NS = 3 * 86_400 * 10**9
-"""Age from which a stream belongs to an earlier event, in nanoseconds. Such a stream is not
-restored, because the heats of that event may have the same names."""
+"""Age from which a stream belongs to an earlier event, in nanoseconds. The timekeeper does not
+restore it, because the heats of that event may have the same names."""
 
 STREAM_LASTS_NS = 12 * 3_600 * 10**9
-"""Age at which a stream is replaced by a new one, in nanoseconds. The age of a race is taken from
-the start of its stream, so a stream must not become too long."""
+"""Maximum age of a stream, in nanoseconds. Then the timekeeper begins a new one, because a race is
+as old as its stream."""
 
 BOOT = pathlib.Path('/proc/sys/kernel/random/boot_id')
 """File with the machine's boot id."""

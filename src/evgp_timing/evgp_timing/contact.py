@@ -1,12 +1,12 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A light beam or a switch at the line, which detects that a kart crosses, but not which one."""
+"""A light beam or switch at the line. It detects that a kart crosses, but not which kart."""
 
 from __future__ import annotations
 
 STUCK = 10.0
-"""Time after which a broken beam is stuck, in seconds, because no kart needs that long."""
+"""Time after which a broken beam counts as stuck, in seconds. No kart breaks it for so long."""
 
 
 class Contact:
@@ -14,7 +14,7 @@ class Contact:
     A contact, which merges all interruptions of the beam by one kart into one crossing.
 
     :param debounce: minimum time for which the beam must be free before the next crossing, in
-        seconds, so that the wheels and gaps of one kart do not count as several crossings.
+        seconds. Without it, each wheel of a kart could count as a crossing.
     """
 
     def __init__(self, debounce: float) -> None:
@@ -24,7 +24,7 @@ class Contact:
 
     def look(self, broken: bool, now: float) -> bool:
         """
-        Process whether the beam is broken, and return whether a new crossing begins.
+        Process a reading of the beam, and return whether a new crossing begins.
 
         :param now: the time, in seconds, which never decreases.
         """

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The catalogue of the timekeeper's corrections, which are never sent to karts.
+The catalogue of officials' corrections of laps and results. No correction reaches a kart.
 
 This module is pure.
 """
@@ -75,4 +75,4 @@ CORRECTIONS: dict[Act, Entry] = {
         word='publish-results',
     ),
 }
-"""The row of each correction."""
+"""Label, service and request fields of each correction."""

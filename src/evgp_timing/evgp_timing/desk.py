@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timekeeper's data: all races of the event, with their laps and results.
+The desk: the timekeeper's data about all races of the event, with their laps and results.
 
 Only inputs (`Input`) change the data: events from race control (`Told`, `Heard`, `Missed`),
-passings at the timing line (`Passed`), and officials' corrections (`Corrected`). The timekeeper
-writes every input to its book in the order of arrival. After a restart, it replays the book, which
-restores the data.
+passings (`Passed`), and officials' corrections (`Corrected`). A passing is a report that something
+crossed the timing line. The timekeeper writes every input to its book, a file, in the order of
+arrival. After a restart, it replays the book.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node requests FINISH from race control.
@@ -42,14 +42,13 @@ from evgp_node.roster import Format, Heat
 from evgp_timing.laps import Laps, LapSettings, overall, Taken
 
 MOST_SEEN = 100_000
-"""Maximum number of passings that are remembered in order to recognise repeats."""
+"""Maximum number of passings that the desk remembers to recognise repeats."""
 
 MOST_GIVEN = 100
-"""Maximum number of transponders that officials can assign, and maximum number of penalties in
-each race."""
+"""Maximum number of transponders that officials can assign, and of penalties in each race."""
 
 MOST_PASSINGS = 200
-"""Maximum number of passings in the results."""
+"""Maximum number of passings in a message with results."""
 
 
 class Roster(NamedTuple):
@@ -181,7 +180,7 @@ class Race:
 
     @property
     def heat(self) -> str:
-        """Return the name of the race's heat; empty if the race had none."""
+        """Return the name of the race's heat, or an empty string."""
         return self.laps.heat
 
 
@@ -241,7 +240,7 @@ class Desk:
                 pass
 
     def _race_of(self, told: Told) -> Race | None:
-        """Return the race of a report; None if its grid formed before the first known input."""
+        """Return a report's race, or None if its grid formed before the first known input."""
         newest = self.races[-1] if self.races else None
         if newest is not None and (newest.run, newest.number) == (told.run, told.race):
             return newest
@@ -254,11 +253,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """
-        Return the laps of a race that begins now.
-
-        They take over the sources' clocks from the last race.
-        """
+        """Return the laps of a race that begins now, with the sources' clocks of the last race."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -272,11 +267,7 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """
-        Finish a kart.
-
-        If only its last lap is missing, FINISH counts as the crossing that completes that lap.
-        """
+        """Finish a kart. If only its last lap is missing, FINISH counts as its last crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
@@ -369,7 +360,7 @@ class Desk:
 
     @staticmethod
     def _refusal(asked: Correction, laps: Laps) -> str:
-        """Return why a correction of a race is refused; empty if it is accepted."""
+        """Return why the desk refuses a correction of a race, or an empty string."""
         act = asked.act
         if act in (Act.STRIKE, Act.RESTORE):
             if not laps.knows(asked.passing):
@@ -464,7 +455,7 @@ class Desk:
         )
 
     def grids(self) -> dict[str, tuple[int, ...]]:
-        """Return the starting order of each heat; empty if it is not known yet."""
+        """Return the starting order of each heat, which is empty until the order is known."""
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
     def standings(self, now: float = 0.0) -> Standings:

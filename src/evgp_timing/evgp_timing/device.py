@@ -32,7 +32,7 @@ class Device(Protocol):
 
 def split(device: str) -> tuple[str, int] | None:
     """
-    Return the host and port of a TCP device; None if the text is the path of a serial port.
+    Return the host and port of a TCP device, or None for the path of a serial port.
 
     :raises ValueError: if the text is neither.
     """
@@ -67,7 +67,7 @@ def connect(device: str, baud: int) -> Device:
 
 def read(device: Device, timeout: float) -> bytes:
     """
-    Return the bytes that arrive within the timeout, in seconds; empty if none arrive.
+    Return the bytes, if any, that arrive within the timeout, in seconds.
 
     :raises OSError: if the device is gone.
     """

@@ -6,8 +6,8 @@ Finds data between two marks in a stream, and reads the record format that P3 an
 
 A record consists of a mark, a header with length, checksum and type, some fields (name, length and
 value), and another mark. Numbers are little-endian. The checksum covers the unescaped record, with
-zeros in place of the checksum itself. Inside a record, a byte that equals a mark or the escape
-byte is shifted, and an escape byte precedes it.
+zeros in place of the checksum itself. Inside a record, the sender shifts each byte that equals a
+mark or the escape byte, and puts an escape byte before it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Record:
     """
     A complete record.
 
-    :ivar fields: the value of each field; the last one if a field occurs several times.
+    :ivar fields: the value of each field. If a field occurs several times, the last one counts.
     :ivar checked: True if the checksum is correct, False if the record has no checksum.
     """
 
@@ -36,7 +36,7 @@ class Record:
     checked: bool = True
 
     def number(self, name: int, size: int) -> int | None:
-        """Return the number in a field of `size` bytes; None if there is no such field."""
+        """Return the number in a field of `size` bytes, or None without such a field."""
         value = self.fields.get(name, b'')
         return int.from_bytes(value, 'little') if len(value) == size else None
 

@@ -19,4 +19,4 @@ DECODERS: dict[str, Callable[[], Decoder]] = {
     'lines': lines.decoder,
     'p3': p3.decoder,
 }
-"""The function that makes a decoder for one connection, by kind of device."""
+"""For each kind of device, the function that makes a decoder for one connection."""

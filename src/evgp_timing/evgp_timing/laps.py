@@ -4,9 +4,10 @@
 """
 Turns the passings at the timing line into laps, results and places.
 
-A passing is evidence, so this module keeps each one as it arrived, and judges it by the rules
-below (``Mark``). Officials may strike out a passing, restore it, or assign a transponder to a
-kart; all passings are then judged again. The laps do not depend on what a kart is sent.
+A passing is a report, by a source or an official, that something crossed the line. A source is a
+timing device. This module keeps each passing as it arrived, and judges it by the rules below
+(``Mark``). Officials may strike out a passing, restore it, or assign a transponder to a
+kart. This module then judges all passings again. The laps do not depend on what a kart is sent.
 
 A beam sees that a kart crosses the line, and an official says which kart it was. The official's
 passing assigns the oldest unidentified crossing of the last `BEAM_PRESS` seconds to that kart. If
@@ -24,9 +25,9 @@ A passing counts for a kart that started the race if all of these are true:
 
 The first passing of a source and session is timed by its arrival. Later passings are timed by the
 source's clock, as long as this clock agrees with the times of arrival to within `clock_tolerance`.
-Passings that arrive after the timekeeper was away may be older by the length of its absence. A
-passing that does not agree is timed by its arrival, and the source's clock is set by it. However,
-if it is the first passing of its source in this race, and the old clock puts it before
+Passings that arrive after the timekeeper was away may be older by the length of its absence. If a
+passing does not agree, this module times it by its arrival, and sets the source's clock by it.
+The first passing of a source in this race is different: if the old clock puts it before
 GREEN_GREEN, it is late and never counts.
 
 The time between two crossings of one source therefore has the source's precision. A clock that is
@@ -62,14 +63,14 @@ MOST_A_RACE = 4_000
 """Maximum number of passings accepted from one source per race."""
 
 MOST_SOURCES = 3
-"""Maximum number of sources per race, besides officials. After a correction, all their passings
-are judged again, which takes about 2 ms per thousand, and a stop may wait as long."""
+"""Maximum number of sources per race, besides officials. After a correction, the timekeeper judges
+all their passings again. This takes about 2 ms per thousand, and a stop may wait as long."""
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
-"""Names under which surplus passings are counted if they do not come from one known source."""
+"""Names for the surplus passings that do not come from one known source."""
 
 BEAM_PRESS = 3.0
-"""Maximum time from a beam's crossing until an official says which kart crossed, in seconds."""
+"""Maximum time from a beam's report until an official says which kart crossed, in seconds."""
 
 
 class Crossing(NamedTuple):
@@ -133,8 +134,8 @@ class Laps:
     :param green: when race control sent GREEN_GREEN, in seconds by the rules' clock.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
-    :param heat: name of the race's heat; empty if it had none.
-    :param grid: the starting order of the karts; empty if it is unknown.
+    :param heat: name of the race's heat, if it had one.
+    :param grid: the starting order of the karts, if it is known.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
@@ -394,7 +395,7 @@ class Laps:
         )
 
     def trouble(self, now: float) -> str:
-        """Return a sentence about everything wrong with the passings; empty if nothing is."""
+        """Return a sentence about all that is wrong with the passings, or an empty string."""
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
@@ -472,7 +473,7 @@ _GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
 
 def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
     """
-    Return results in order, with places. Results that are equal to the millisecond share a place.
+    Return results in order. Results that are equal to the millisecond share a place.
 
     A race is ordered by laps and then by total time; a time trial breaks ties by best lap.
     Practice is ordered by best lap. Karts that did not finish, were not classified or were

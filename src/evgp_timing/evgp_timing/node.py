@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ``timing_source`` node publishes the passings from one timing device.
+The ``timing_source`` node publishes the passings that one timing device reports.
 
 One thread owns the device: it connects, reads, decodes and publishes. The executor's thread only
 reports the device's condition, once a second.
@@ -43,7 +43,7 @@ LINES = ('cts', 'dsr', 'cd', 'ri')
 """Control lines of a serial port to which a contact can be wired."""
 
 DEVICE_LOOK = 0.2
-"""Maximum time until the device's thread notices that the node is ending, in seconds."""
+"""Maximum time until the device's thread notices the end of the node, in seconds."""
 
 CONTACT_LOOK = 0.001
 """Time between two readings of a contact, in seconds."""
@@ -234,7 +234,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'Silence of the device after which this is reported, s. 0: never.',
+            'Time without data after which the node reports a silent device, s. 0: never.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),

@@ -80,7 +80,7 @@ def read(record: Record) -> Event:
 
 
 def _named(number: str, label: bytes) -> str:
-    """Return the number of a transponder, followed by the label printed on it, if any."""
+    """Return a transponder's number, followed by the label printed on it, if any."""
     printed = label.decode('latin-1').strip('\0 ')
     says_more = printed.isascii() and printed.isprintable() and printed not in ('', number)
     return f'{number} {printed}' if says_more else number

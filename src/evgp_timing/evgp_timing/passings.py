@@ -9,8 +9,8 @@ import dataclasses
 from typing import Protocol, TypeAlias
 
 MAX_RATE = 200
-"""Maximum number of passings accepted from one source per second. The source's node drops the rest,
-and so does the timekeeper."""
+"""Maximum number of passings accepted from one source per second. The source's node drops further
+ones, and so does the timekeeper."""
 
 CLOCK_TOLERANCE = 0.5
 """Maximum difference between a device's clock and the times at which its passings arrive, in
@@ -25,7 +25,7 @@ class Passing:
     :ivar time_us: time of the crossing by the device's clock, in microseconds.
     :ivar number: number that the device assigned, up to 2**32 - 1; 0 if it does not assign any.
     :ivar transponder: number or name of the transponder as the device reports it, if necessary
-        followed by a space and the label printed on it. Empty if the transponder is unknown.
+        followed by a space and the label printed on it. An unknown transponder is empty.
     :ivar hits: number of times that the device saw the transponder, up to 65535; 0 if unknown.
     :ivar strength: strength of the signal, in the device's own unit; None if unknown.
     :ivar checked: False if the device sends no checksum, so that transmission errors are possible.
@@ -41,7 +41,7 @@ class Passing:
 
 @dataclasses.dataclass(frozen=True)
 class Refused:
-    """Data that cannot be read, with the reason as a phrase."""
+    """Data that the decoder cannot read, with the reason as a phrase."""
 
     reason: str
 

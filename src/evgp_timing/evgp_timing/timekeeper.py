@@ -4,13 +4,14 @@
 """
 The ``timekeeper`` node counts laps and publishes results.
 
-It counts from race control's events and the passings at the timing line. It runs on race control's
+It counts from race control's events and from passings, which are reports that something crossed
+the timing line. It runs on race control's
 machine, because both use that machine's clock. Karts do not depend on the timekeeper: if it ends,
 hangs or is wrong, the race goes on, and screens show that there is no timing. The only command
 that it sends to race control is FINISH, in a heat with `auto_finish`.
 
-The executor's thread does all the work, and the main thread closes the node. Events and passings
-are written into the book before the timekeeper acts on them.
+The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
+events and passings into its book (``book``) before it acts on them.
 
 Passings wait for a moment, so that even a flood of them takes few writes. After a start or a hang,
 they also wait for race control's events, which show to which race a passing belongs.
@@ -61,32 +62,32 @@ ARRIVING_QOS = latched(1000)
 """QoS of ``passings``. Passings that a source published before DDS discovered it also arrive."""
 
 DUE_EVERY = 0.2
-"""Time between two checks whether anything is due, in seconds."""
+"""Time between two checks for results to publish or FINISH to request, in seconds."""
 
 GATHERED = 0.05
-"""Time for which passings are collected before they are processed together, in seconds."""
+"""Time for which the timekeeper collects passings to process them together, in seconds."""
 
 MOST_WAITING = 1000
-"""Maximum number of waiting passings. Further ones are only counted."""
+"""Maximum number of waiting passings. The timekeeper drops further ones, but counts them."""
 
 HANG = 1.0
 """Time without any activity after which the timekeeper counts as having been away, in seconds."""
 
 CATCH_UP = 3.0
-"""Time after an absence in which missed messages may still arrive, in seconds."""
+"""Time after an absence during which missed messages may still arrive, in seconds."""
 
 SHOWN_EVERY = 1.0
 """Maximum time between two publications of the results, in seconds."""
 
 KEPT_EVERY = 10.0
-"""Maximum time until changed results and the number of the last event are written into the book,
-in seconds."""
+"""Maximum time until the timekeeper writes changed results, and the number of the last event, into
+its book, in seconds."""
 
 FINISH_EVERY = 2.0
-"""Time after which FINISH is requested again if the kart has not finished, in seconds."""
+"""Time after which the timekeeper requests a FINISH again, in seconds."""
 
 MOST_STRENGTH = 1e9
-"""Limit of the strength of a passing, in the device's own unit."""
+"""Limit from which a signal's strength counts as unknown, in the device's own unit."""
 
 _COMMANDS = {
     msg.CommandAvailability.GRID_ACTIVE: What.GRID_ACTIVE,
@@ -99,7 +100,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event from race control means for the laps; None if it is irrelevant."""
+    """Return what an event from race control means for the laps, or None."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
@@ -206,8 +207,8 @@ class Timekeeper(StrictNode):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DUE_EVERY, self._alone(self._look), clock=steady)
         self.create_timer(GATHERED, self._alone(self._take_waiting), clock=steady)
-        known = f'It has {len(self._desk.races)} races of this event'
-        self.get_logger().info(f'The timekeeper keeps its book in {settings.book}. {known}')
+        known = f'with {len(self._desk.races)} races of this event'
+        self.get_logger().info(f'The timekeeper keeps its book in {settings.book}, {known}')
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
@@ -242,7 +243,7 @@ class Timekeeper(StrictNode):
         try:
             self._book.write(*given)
         except OSError as error:
-            self.get_logger().error(f'{error}. After a restart, this input would be missing')
+            self.get_logger().error(f'{error}. After a restart, this input will be missing')
 
     def _feed(self, given: Input) -> Answer | None:
         if isinstance(given, (Told, Heard)):
@@ -391,7 +392,7 @@ def read_settings(parameters: Parameters) -> Settings:
     """
     declare, default = parameters.declare, LapSettings
     roster = declare('roster', '', "Race control's roster: the file that lists the karts.")
-    book = declare('book', '', 'The book (SQLite). Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
+    book = declare('book', '', 'The book, a file. Empty: evgp_rcs/timing.sqlite3 in ROS_HOME.')
     settings = LapSettings(
         min_lap_time=declare(
             'min_lap_time',

@@ -42,11 +42,11 @@ from rclpy.utilities import remove_ros_args
 
 NO_QT = (
     'Qt for Python is not installed. Install it with '
-    "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
+    "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'"
 )
-NO_DISPLAY = 'There is no screen for the window. Set DISPLAY or WAYLAND_DISPLAY.'
+NO_DISPLAY = 'There is no screen for the window. Set DISPLAY or WAYLAND_DISPLAY'
 NOT_ALLOWED = (
-    'ROS does not allow this program to correct results. With SROS2, use the enclave /officials.'
+    'ROS does not allow this program to correct results. With SROS2, use the enclave /officials'
 )
 
 TIMING = 'timing: '
@@ -58,9 +58,10 @@ END_TIMEOUT = 5.0
 
 class Client:
     """
-    The window's client, which listens to the timekeeper and race control in its own thread.
+    The window's ROS client.
 
-    It also calls the timekeeper's services.
+    It listens to the timekeeper and race control in a thread of its own, and calls the
+    timekeeper's services.
 
     :param node_options: further arguments for the node of rclpy.
     :raises RCLError: if ROS does not allow this client.

@@ -76,7 +76,7 @@ class Crossing(NamedTuple):
 
 
 def title(results: Standings) -> str:
-    """Return the name of the shown race."""
+    """Return the name of the race that the window shows."""
     return results.heat or ('Race' if results.races else 'No race yet')
 
 
@@ -112,7 +112,7 @@ def races(results: Standings) -> list[tuple[str, int]]:
 
 
 def newest_with_results(results: Standings) -> int:
-    """Return the number of the race that an official probably wants to correct; 0 if none."""
+    """Return the number of the race that an official probably wants to correct, or 0."""
     began = results.races[: len(results.races) - (not results.karts)]
     return began[-1].number if began else 0
 

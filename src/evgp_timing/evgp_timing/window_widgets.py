@@ -32,7 +32,7 @@ QtWidgets: Any = importlib.import_module(f'{_BINDING}.QtWidgets')
 NO_ANSWER = 5.0
 """Time after which the window reports a correction as unanswered, in seconds."""
 
-STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button.'
+STOPS_NOTHING = 'This window cannot stop a race. To stop, use the race window or the stop button'
 NO_WORD = 'The timekeeper has been silent for {age}: this window is out of date'
 NOT_SENT = '{label} was not sent: the timekeeper has been silent for {age}'
 NOT_ANSWERED = '{label}: no answer for {age}. Check the results before you press it again'

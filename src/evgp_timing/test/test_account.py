@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import dataclasses
 
 from evgp_timing.account import Account, RECENT, REMEMBERED, Trouble
-from evgp_timing.passings import Event, Passing, Refused, Sign
+from evgp_timing.passings import CLOCK_TOLERANCE, Event, MAX_RATE, Passing, Refused, Sign
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
