@@ -344,7 +344,6 @@ def test_what_is_too_large_for_a_roster_is_refused_unread(tmp_path: pathlib.Path
     path.write_bytes(b'#' * (MAX_BYTES + 1))
     with pytest.raises(RosterError, match='is larger than'):
         load_roster(path)
-    assert fault_of('#' * (MAX_BYTES + 1)).startswith('karts.yaml: is larger than')
 
 
 @pytest.mark.parametrize('name', ['absent.yaml', '.', 'null\0byte'])

@@ -147,7 +147,10 @@ def load_roster(path: pathlib.Path) -> Roster:
         raise RosterError(f'{path!s}: {reason}') from error
     # Check this before decoding, which would fail if the text was cut within a character.
     if len(content) > MAX_BYTES:
-        raise _too_large(str(path))
+        raise RosterError(
+            f'{path}: is larger than {MAX_BYTES:,} bytes; give the file of the roster, '
+            'which needs four short lines for each kart'
+        )
     try:
         text = content.decode()
     except UnicodeDecodeError as error:
@@ -169,13 +172,6 @@ def parse_roster(text: str, source: str) -> Roster:
     return _Parser(source).parse(text)
 
 
-def _too_large(source: str) -> RosterError:
-    return RosterError(
-        f'{source}: is larger than {MAX_BYTES:,} bytes; give the file of the roster, '
-        'which needs four short lines for each kart'
-    )
-
-
 class _FaultError(Exception):
     """A fault that ends the reading of a part, at a line or (line 0) of the whole file."""
 
@@ -195,8 +191,6 @@ class _Parser:
         self._every_number_known = True
 
     def parse(self, text: str) -> Roster:
-        if len(text) > MAX_BYTES:
-            raise _too_large(self._source)
         foreign, missing = as_roster(text)
         if foreign:
             error = RosterError(

@@ -153,11 +153,6 @@ def test_long_work_says_at_a_terminal_how_far_it_has_come(
     assert '100%' in terminal.getvalue()
 
 
-def test_in_a_pipe_there_is_no_word_about_progress(good: pathlib.Path, capsys: Capture) -> None:
-    assert rcs_record(arguments_of('results', good)) == DONE
-    assert '%' not in capsys.readouterr().err
-
-
 # ----- bad files ------------------------------------------------------------------------------
 
 

@@ -28,16 +28,12 @@ from evgp_rcs.record.store import (
     Record,
     sessions,
 )
-from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.inputs import Batch, encode, entries_of, Entry, Rules, Setup, Tick
 from evgp_rcs.rules.race import (
-    Command,
     Doubt,
     Event,
     EventKind,
-    Kart,
     KartMemory,
-    Race,
     RaceMemory,
     RaceTimes,
     StampedEvent,
@@ -102,21 +98,6 @@ def have_written(record: Record, memory: RaceMemory) -> None:
 def texts(path: pathlib.Path, run: int) -> list[str]:
     with contextlib.closing(open_read_only(path)) as database:
         return [each.event.text for each in events(database, run)]
-
-
-def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
-    race = Race([Kart(7, 'Purdue', True)])
-    told: list[Event] = []
-    told += race.connected(7, 1.0).events
-    told += race.command(Command(CommandKind.KART_RED_RED, 7, official='Ada\0'), 2.0).events
-    told += race.disconnected(7, 'gone', 3.0).events
-    told += race.tick(4.0).events
-    stamped = [StampedEvent(n, time.time_ns(), 1.5, each) for n, each in enumerate(told, 1)]
-    record = begin()
-    record.put(Batch(0, stamped))
-    record.end()
-    with contextlib.closing(open_read_only(path)) as database:
-        assert list(events(database, 1)) == stamped
 
 
 def test_a_run_has_an_id_of_its_own_and_says_which_program_wrote_it(
@@ -245,18 +226,6 @@ def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
         left.unlink()
     (copy / path.name).rename(path)
     assert begin().left_behind == RACING
-
-
-def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
-    record = begin()
-    put(record, event(1))
-    assert record.write()
-    with contextlib.closing(open_read_only(path)) as database:
-        database.execute('BEGIN')
-        assert len(list(events(database, 1))) == 1
-        put(record, event(2), first=1)
-        assert record.write()
-        assert len(texts(path, 1)) == 2
 
 
 def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
@@ -422,25 +391,6 @@ def test_looking_whether_a_run_is_in_progress_keeps_no_race_control_from_startin
     begin().end()
     assert not is_being_written(path)
     begin().end()
-
-
-def test_the_default_record_is_read(
-    begin: Begin,
-    path: pathlib.Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setenv('ROS_HOME', str(path.parent))
-    default = path.parent / 'evgp_rcs' / 'record.sqlite3'
-    assert print_timeline([]) == 2
-    assert str(default) in capsys.readouterr().err
-    record = begin()
-    put(record, event(1, 'something'))
-    record.end()
-    default.parent.mkdir()
-    default.symlink_to(path)
-    assert print_timeline([]) == 0
-    assert 'something' in capsys.readouterr().out
 
 
 def test_a_run_that_a_record_does_not_have_is_refused_with_those_it_has(

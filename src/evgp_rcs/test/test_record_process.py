@@ -66,29 +66,6 @@ def numbers_in(path: pathlib.Path) -> list[int]:
         return [event.sequence for event in events(database, 1)]
 
 
-def test_what_was_handed_over_is_written_and_that_is_said(
-    record: RecordProcess, path: pathlib.Path
-) -> None:
-    put(record, 1, 2)
-    put(record, 3)
-    wait_for(record, lambda: not record._unwritten)
-    assert numbers_in(path) == [1, 2, 3]
-    assert record.trouble() == ''
-
-
-def test_what_must_be_sure_is_told_to_be_there_once_it_is(
-    record: RecordProcess, path: pathlib.Path
-) -> None:
-    told: list[bool] = []
-    record.make_sure(RACING, PATIENCE, told.append)
-    wait_for(record, lambda: told)
-    assert told == [True]
-    record.end(PATIENCE, LastRun.UNKNOWN)
-    again = Record(path)
-    again.end()
-    assert again.left_behind == RACING
-
-
 def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
     path: pathlib.Path,
 ) -> None:

@@ -547,13 +547,3 @@ class AddressWatch:
             on_news = self._on_news
         if on_news is not None:
             on_news()
-
-
-def watch_for_race_control(host: str, karts: Callable[[], Iterable[str]]) -> AddressWatch:
-    """
-    Start the watch of the address at which race control listens.
-
-    :param host: the address, or `EVERY`.
-    :param karts: a function that returns the karts' addresses in the roster.
-    """
-    return AddressWatch(lambda there: to_be_asked(host, karts(), there))

@@ -275,17 +275,13 @@ class KartServer:
             raise self._failure
         return ends_as
 
-    def submit(
-        self, command: Command, answered: Callable[[Answer], None], came: float | None = None
-    ) -> None:
+    def submit(self, command: Command, answered: Callable[[Answer], None], came: float) -> None:
         """
         Queue an official's command until ``take_commands`` judges it. All stops are judged first.
 
-        :param command: the command.
-        :param answered: called with the answer once the server has written every frame.
-        :param came: when the command arrived, in seconds by the rules' clock; ``None`` for now.
+        The parameters are those of `Waiting`.
         """
-        waiting = Waiting(command, answered, self.now() if came is None else came)
+        waiting = Waiting(command, answered, came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
 
     def expect_ros_half(self, allowance: float) -> None:

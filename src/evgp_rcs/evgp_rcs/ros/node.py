@@ -47,7 +47,7 @@ from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs.karts import priority
-from evgp_rcs.karts.address_watch import AddressTakenError, watch_for_race_control
+from evgp_rcs.karts.address_watch import AddressTakenError, AddressWatch, to_be_asked
 from evgp_rcs.karts.channel import ANSWER_TIMEOUT, Begin
 from evgp_rcs.karts.server import KartServerError
 from evgp_rcs.record.run_mark import leave_began, place
@@ -162,7 +162,9 @@ class RcsNode(StrictNode):
         self._claim = claim_the_graph(self)
         # The watch already asks while this process looks for rivals.
         self._addresses = [each.address for each in begin.roster.karts]
-        self._watch = watch_for_race_control(begin.settings.host, lambda: self._addresses)
+        self._watch = AddressWatch(
+            lambda there: to_be_asked(begin.settings.host, self._addresses, there)
+        )
         try:
             refuse_rivals(self)
             begin = self._after_the_first_look(begin)
