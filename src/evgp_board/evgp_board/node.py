@@ -4,7 +4,7 @@
 """
 The ``board`` node shows the race on web pages.
 
-It receives the race as any screen does, but has no way to reach race control: no service clients,
+It receives the race as any screen does, but cannot reach race control: it has no service clients,
 and only the publishers that every node has. The web server runs in its own thread, and ROS's
 thread only stores the newest messages.
 """
@@ -36,16 +36,16 @@ from evgp_rcs_msgs import msg
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
-"""Time without snapshots after which race control counts as gone, as in the window, in seconds."""
+"""Time without a message after which race control counts as gone, in seconds."""
 
 MOST_LOGGED = 8
-"""Maximum number of lines about one kart. Older lines are dropped."""
+"""Maximum number of lines about one kart. The board drops older lines."""
 
 BOARD_NICENESS = 5
 """Niceness of the board, so that programs that command or serve karts run first."""
 
 ACCEPT_QUEUE = 128
-"""Maximum number of connections waiting to be accepted."""
+"""Maximum number of connections that wait until the server accepts them."""
 
 
 class PlaceError(RuntimeError):
@@ -107,7 +107,7 @@ class BoardNode(StrictNode):
     # ----- in ROS's thread ----------------------------------------------------------------
 
     def _hear_race(self, message: bytes) -> None:
-        # The message is decoded only when needed, because many may arrive each second.
+        # `_look` decodes the message, because many may arrive each second.
         self._race = message, clock.now()
 
     def _hear_results(self, message: msg.Results) -> None:

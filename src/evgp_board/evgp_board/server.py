@@ -7,7 +7,7 @@ The board's web server: the pages, and for each viewer a stream of what the page
 A stream consists of server-sent events. Each message contains everything the page shows, so a
 viewer can miss messages without harm. Only one message at a time is on its way to a viewer, and
 the next one is the newest at that time. A viewer who does not read therefore costs no further
-memory, and one who accepts nothing for `SLOW_VIEWER` is dropped.
+memory, and the server drops one who accepts nothing for `SLOW_VIEWER`.
 
 Viewers cannot send anything else: the server accepts only GET and HEAD, and forwards nothing.
 """
@@ -38,17 +38,17 @@ NEWS_LOOK = 0.2
 """Time between two checks for news to show, in seconds."""
 
 SAY_AGAIN = 0.7
-"""Age at which unchanged content is sent again at the next check, in seconds. A page thus gets a
+"""Age from which the next check sends unchanged content again, in seconds. A page thus gets a
 message at least once a second, and shows that it is out of date after 2 s without one."""
 
 SLOW_VIEWER = 5.0
-"""Time without progress after which a viewer is dropped, in seconds."""
+"""Time without progress after which the server drops a viewer, in seconds."""
 
 MOST_VIEWERS = 300
 """Maximum number of viewers. Further ones get the answer 503."""
 
 MOST_VISITS = 300
-"""Maximum number of other connections, which request pages. Newer ones are dropped."""
+"""Maximum number of other connections, which request pages. The server drops newer ones."""
 
 VISIT = 10.0
 """Maximum duration of a connection that requests a page, in seconds."""
@@ -76,7 +76,7 @@ class Now:
     The data to show at one moment.
 
     :param heard: the messages, which are the same object until something changes.
-    :param age: time since the last message from race control, in seconds; None without any.
+    :param age: time since the last message from race control, in seconds, or None.
     """
 
     heard: Heard
@@ -88,8 +88,8 @@ class _Viewer:
     """
     A viewer of a page.
 
-    :ivar chunks: whether messages are sent in chunks, which do not exist in the HTTP/1.0 of some
-        proxies.
+    :ivar chunks: whether the viewer gets messages in chunks. Some proxies use HTTP/1.0, which has
+        none.
     :ivar waits: whether there is news that has not been sent to the viewer yet.
     :ivar moved: the last time when the viewer had received everything, in seconds.
     """

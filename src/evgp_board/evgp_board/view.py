@@ -44,7 +44,7 @@ DANGERS = {
     AlertKind.PART_FAILED: 'RACE CONTROL HAS FAILED',
     AlertKind.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
 }
-"""Alerts that are shown instead of the state, because race control is then unreliable."""
+"""Alerts that pages show instead of the state, because race control is then unreliable."""
 
 FORMATS = {each: each.value.replace('_', ' ') for each in Format}
 
@@ -52,7 +52,7 @@ NO_STANDINGS = Standings()
 NO_RESULT = KartResult(0, 0, Status.RUNNING, 0, None, (), ())
 
 MOST_KARTS_NAMED = 8
-"""Maximum number of karts named in a line."""
+"""Maximum number of karts that a line names."""
 
 
 class Line(NamedTuple):
@@ -189,7 +189,7 @@ def kart(heard: Heard, number: int) -> Shown:
 
 
 def line_of(stamped: StampedEvent) -> Line | None:
-    """Return the line that an event adds to its kart's page; None if it adds none."""
+    """Return the line that an event adds to its kart's page, or None."""
     event = stamped.event
     said = {
         EventKind.KART_STATE: f'{STATES[event.state]} sent',
@@ -202,14 +202,14 @@ def line_of(stamped: StampedEvent) -> Line | None:
 
 
 def green_for(race: Snapshot | None) -> float | None:
-    """Return the time since GREEN GREEN at the snapshot, in seconds; None in any other state."""
+    """Return the time since GREEN GREEN at the snapshot, in seconds, or None in another state."""
     if race is None or race.state is not RaceState.GREEN_GREEN:
         return None
     return max(0.0, race.stamp - race.state_since)
 
 
 def time_of_today(race: Snapshot | None) -> float | None:
-    """Return a snapshot's time of day, in seconds since midnight; None if there is no snapshot."""
+    """Return a snapshot's time of day, in seconds since midnight, or None without a snapshot."""
     if race is None:
         return None
     local = time.localtime(race.stamp)
@@ -241,7 +241,7 @@ def _frame(heard: Heard) -> Shown:
 
 
 def _of_this_race(heard: Heard) -> Standings:
-    """Return the results, which are empty without timing or once another race has begun."""
+    """Return the results. Without timing, or once another race has begun, they are empty."""
     race = heard.race or NOTHING
     results = heard.results
     is_own = (race.run, race.heat) == (results.run, results.heat)
@@ -276,7 +276,7 @@ def _taken(result: KartResult) -> list[str]:
 
 
 def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
-    """Return what a kart is doing, in a word or two; empty if it is simply driving."""
+    """Return what a kart is doing, in a word or two, or an empty string if it simply drives."""
     if not kart.connected:
         return 'no link'  # spectators would read "lost" as "lost the race"
     if not kart.sent.is_red:

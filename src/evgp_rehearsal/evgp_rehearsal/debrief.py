@@ -4,8 +4,9 @@
 """
 The debrief of an incident: what happened, what officials pressed, and what the karts then did.
 
-It is made from the events of the record, the officials' corrections of the results, and the truth
-of the field. It puts the facts beside what the rule book orders, and grades nobody. This module is
+It uses the events of the record, the officials' corrections of the results, and the truth, which
+is what really happened to the simulated karts. It compares these facts with what the rule book
+orders, but grades nobody. This module is
 pure.
 """
 
@@ -28,7 +29,7 @@ LOSS = 'the loss of its connection'
 """Why a kart without a connection must stop (§3.E)."""
 
 TOGETHER = 1.0
-"""Maximum time between the losses or returns of several karts that share a line, in seconds."""
+"""Maximum time between two events that share a line, such as two lost connections, in seconds."""
 
 NEEDS_CLEAR_TRACK = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
 """Commands that require all humans to be off the track (§3.A)."""
@@ -39,7 +40,7 @@ class Occurrence:
     """
     An incident that took place.
 
-    :param kart: the kart concerned; 0 if no single kart is.
+    :param kart: the kart concerned, or 0.
     :param began: the first tick that its debrief covers.
     :param ended: the last tick that its debrief covers.
     """
@@ -59,7 +60,7 @@ class Truth:
     :param people: each time a person enters or leaves the track: the tick, and whether the person
         is on the track.
     :param msr: each use of the MSR.
-    :param seen: other things to be heard or seen: the tick, and a text.
+    :param seen: other things that people heard or saw: the tick, and a text.
     :param passings: the timing line's reports: the passing, the kart, and whether the kart really
         crossed.
     """
@@ -181,7 +182,7 @@ def _asked(given: Corrected, truth: Truth) -> _Line:
 
 
 def _seen(truth: Truth) -> Iterator[_Line]:
-    """Yield the lines about what only the field knows."""
+    """Yield the lines about what race control cannot know."""
     for tick, there in truth.people:
         yield _Line(tick * TICK_LENGTH, f'a person is {"on" if there else "off"} the track')
     for tick in truth.msr:
@@ -206,7 +207,7 @@ def _remarks(stamped: StampedEvent, truth: Truth) -> Iterator[str]:
 
 
 def _folded(lines: Iterable[_Line]) -> Iterator[_Line]:
-    """Yield the lines, with a single one for karts to which the same thing happened together."""
+    """Yield the lines, joining those of karts to which the same thing happened together."""
     group: list[_Line] = []
     for line in (*lines, None):
         first = group[0] if group else None

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-``demo``, or ``make demo``: a rehearsal that runs and judges itself automatically.
+``demo``, or ``make demo``: a rehearsal that needs no people and checks its own results.
 
 It runs two races: one from the garage to the finish and back to the garage, and one that ALL_KILL
-ends when a kart spins. Half of the karts are simulated and use only TCP; the other half have the
+ends when a kart spins. Half of the karts are simulated and use only TCP. The other half have the
 real bridge and the example stack.
 """
 
@@ -47,7 +47,7 @@ PLAN = Plan(
 """A plan with three short laps."""
 
 LEAST_LAP = 1.0
-"""`min_lap_time` for such short laps, in seconds."""
+"""The timekeeper's `min_lap_time` for such short laps, in seconds."""
 
 BRIDGED = (4, 5, 6)
 """The karts with the real bridge and the example stack. The others are simulated."""
@@ -58,19 +58,19 @@ OUTSIDE, LATE = 3, 2
 STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
 
 FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
-"""Times from FINISH to RED_FLAG by place, in seconds."""
+"""Time from FINISH to RED_FLAG for each place, in seconds."""
 
 GAP = 0.4
 """Time between the finishes of two karts with a bridge, in seconds."""
 
 TIMEOUT = 60.0
-"""Maximum wait for anything, in seconds, which is far more than a busy machine needs."""
+"""Maximum time to wait for anything, far longer than a busy machine needs, in seconds."""
 
 MUTE_TIMEOUT = 15.0
-"""Maximum wait with ``--mute``, whose user waits to see the mute kart named, in seconds."""
+"""Maximum time to wait with ``--mute``, which must soon name the mute kart, in seconds."""
 
 LAST = 8
-"""Number of lines printed from the end of a failed process's output."""
+"""Number of last lines to print of a failed process's output."""
 
 WIDTH = 100
 """Maximum width of the output, in characters."""
@@ -89,7 +89,7 @@ class Show:
 
     The show waits for everything that must happen in a race.
 
-    :param mute: the kart that never acknowledges; 0 if there is none.
+    :param mute: the kart that never acknowledges, or 0.
     :ivar found: what happened, and what did not.
     """
 

@@ -4,9 +4,9 @@
 """
 A rehearsal with the real race control and timekeeper, simulated karts, incidents and debriefs.
 
-It cannot reach a real kart or race. Race control listens on loopback, and its roster, which is
-written here, has only loopback addresses. The ROS domain is the rehearsal's own, on this machine
-only. The rehearsal commands a race only if its karts are those of this roster.
+It cannot reach a real kart or race. Race control listens on loopback, and the
+rehearsal writes a roster with loopback addresses only. The ROS domain is the rehearsal's own, on
+this machine only. The rehearsal commands a race only if its karts are those of this roster.
 """
 
 from __future__ import annotations
@@ -62,13 +62,13 @@ HEAT = 'rehearsal'
 """Name of the roster's heat, which has the plan's laps."""
 
 STEWARD = 'rehearsal'
-"""Official's name under which the rehearsal itself sends commands."""
+"""Name of the official under which the rehearsal itself sends commands."""
 
 ON_DISK = 20
-"""Number of ticks after which events are certainly in the record."""
+"""Time after which events are certainly in the record, in ticks."""
 
 CONNECT_AGAIN = 10
-"""Number of ticks between a kart's attempts to connect."""
+"""Time between a kart's attempts to connect, in ticks."""
 
 
 class RefusedError(RuntimeError):
@@ -121,7 +121,7 @@ class Rehearsal(Part):
     :param timing: further parameters of the timekeeper.
     :ivar links: the connections of the simulated karts.
     :ivar domains: the ROS domains of the karts with a bridge, and race control's at number 0.
-    :ivar present: the current incident; None if there is none.
+    :ivar present: the current incident, or None.
     :ivar dead: set once race control's laptop has died.
     """
 
@@ -230,7 +230,7 @@ class Rehearsal(Part):
             self.field.use_msr()
 
     def pause(self, paused: bool) -> None:
-        """Pause the karts or let them continue. Their connections stay open."""
+        """Pause the karts, or let them continue. Their connections stay open."""
         self.paused = paused
 
     def open_window(self) -> None:
@@ -261,7 +261,7 @@ class Rehearsal(Part):
 
     @property
     def race(self) -> Snapshot | None:
-        """Return the last received race; None if none was received."""
+        """Return the last received race, or None."""
         race = self.official.race
         return None if race is None else race_of(race)
 

@@ -32,10 +32,10 @@ CREEP = 2.0
 """Speed of a kart that creeps, in m/s."""
 
 DRIVES = 0.5
-"""Speed from which a kart reports that it is driving, in m/s."""
+"""Minimum speed at which a kart reports that it is driving, in m/s."""
 
 STORM = (10, 30, 4)
-"""Reconnect storm: ticks without a connection, ticks with one, and how often this repeats."""
+"""A reconnect storm: time without a connection, time with one, in ticks, and repetitions."""
 
 
 class Fault(enum.Enum):
@@ -101,7 +101,7 @@ class SimulatedKart:
     One kart.
 
     :param distance: distance driven since the line, in metres; negative before the line.
-    :param told: the last state sent on this connection; None if there is none.
+    :param told: the last state that race control sent on this connection, or None.
     :param obeys: the state that it carries out, which is ``told`` after its reaction time.
     :param cut: whether the MSR has cut the power of its motor.
     :param told_at: the tick at which ``told`` was sent.
@@ -299,11 +299,11 @@ class Field:
             self.say(text)
 
     def sent(self, state: RaceState) -> list[SimulatedKart]:
-        """Return the karts that are sent a state, to which incidents of that state are limited."""
+        """Return the karts to which race control sends a state. Only they have its incidents."""
         return [kart for kart in self.karts.values() if kart.told is state]
 
     def leader(self) -> int:
-        """Return the kart that leads those that have not finished; 0 if there is none."""
+        """Return the leader among the karts that have not finished, or 0."""
         racing = [kart for kart in self.karts.values() if kart.distance < self.finish]
         return max(racing, key=lambda kart: kart.distance).number if racing else 0
 

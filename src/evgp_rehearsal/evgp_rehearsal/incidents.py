@@ -18,14 +18,13 @@ from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Failure, Fault, Field
 
 LAST_METRES = 25.0
-"""Distance of the leader from the finish within which a last-lap incident can begin, in metres."""
+"""Maximum distance of the leader from the finish when a last-lap incident begins, in metres."""
 
 ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_alert': 4.0}
-"""Alert times of a rehearsal's race control, in seconds, shorter than in a race to save time."""
+"""Alert times of a rehearsal's race control, shorter than in a race, in seconds."""
 
 LASTS = 1800
-"""Number of ticks after which an incident ends, as if marshals and teams had repaired
-everything."""
+"""Time after which an incident ends, as if people had repaired everything, in ticks."""
 
 
 class Phase(enum.Enum):
@@ -56,7 +55,7 @@ class Incident:
 
     @property
     def state(self) -> RaceState:
-        """Return the race's state in which it can begin."""
+        """Return the state of the race in which the incident can begin."""
         grid = self.phase is Phase.GRID
         return RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN
 
@@ -242,10 +241,10 @@ INCIDENTS = {row.name: row for row in _ROWS}
 
 def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
     """
-    Return the kart to which an incident happens; 0 if it happens to no single kart.
+    Return the kart to which an incident happens, or 0.
 
-    :param kart: the wanted kart. With 0, it is the leader for an incident of the last lap;
-        otherwise, the seed decides.
+    :param kart: the wanted kart. With 0, an incident of the last lap happens to the leader. For
+        other incidents, the seed decides.
     """
     if not incident.to_kart:
         return 0

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The timing line of a field.
+The timing line of a field, which reports crossings as passings.
 
 It recognises each kart, but misses or invents crossings as the field decides. This module is pure.
 """
@@ -18,7 +18,7 @@ SOURCE = 'line'
 
 class TimingLine:
     """
-    The timing line, which turns the field's crossings into passings.
+    The timing line.
 
     :param session: a value that differs for each run.
     :ivar told: the identity and kart of every reported passing, and whether it really happened.

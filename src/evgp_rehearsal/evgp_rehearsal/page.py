@@ -4,8 +4,8 @@
 """
 The instructor's page: a plan of the track, the incidents to choose from, and the debriefs.
 
-Python's standard library serves it on 127.0.0.1 only. Requests that name another host, and posts
-other than JSON, are refused, so that no page on the internet can press the buttons.
+Python's standard library serves it on 127.0.0.1 only. The server refuses requests that name
+another host, and posts other than JSON, so that no page on the internet can press the buttons.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_POSTED = 10_000
 """Maximum length of a post, in bytes."""
 
 RADIO = 6
-"""Number of radio messages shown."""
+"""Maximum number of radio messages on the page."""
 
 
 def picture(rehearsal: Rehearsal) -> dict[str, Any]:

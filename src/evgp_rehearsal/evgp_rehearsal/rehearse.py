@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.text import Text
 
 NO_INCIDENT = "No incident began. Begin one on the instructor's page, or with --incident spin."
-"""Shown at the end of a rehearsal without an incident."""
+"""Text at the end of a rehearsal without an incident."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
