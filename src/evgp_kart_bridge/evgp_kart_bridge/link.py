@@ -224,7 +224,7 @@ class RaceControlLink:
         return reaction
 
     def _give(self, take: Input) -> Reaction:
-        """Do the same as `_take`, but do not publish yet."""
+        """Pass an input to the arbiter and carry out its reaction, but do not publish yet."""
         loop = asyncio.get_running_loop()
         reaction = take(self._arbiter, loop.time())
         self._verdict = reaction.verdict

@@ -22,7 +22,7 @@ from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 
 from builtin_interfaces.msg import Time
 from evgp_node.results import Mark, Status
-from evgp_node.stamps import NS, stamp_of
+from evgp_node.stamps import NS, seconds_of, stamp_of
 from evgp_node.states import state_message, state_of
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -154,7 +154,7 @@ def _write_time(time: float | None, wall_ns: int) -> Time:
 
 
 def _read_time(time: Time, _: Callable[[str], str]) -> float:
-    return float(time.sec) + float(time.nanosec) / NS
+    return seconds_of(time)
 
 
 def _read_optional_time(time: Time, said: Callable[[str], str]) -> float | None:

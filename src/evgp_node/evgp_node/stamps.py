@@ -1,11 +1,11 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Wall times in messages, even if the wall clock is wrong."""
+"""The times in messages."""
 
 from __future__ import annotations
 
-from builtin_interfaces.msg import Time
+from builtin_interfaces.msg import Duration, Time
 from rclpy.clock import Clock
 
 NS = 1_000_000_000
@@ -21,6 +21,11 @@ def stamp_of(nanoseconds: int) -> Time:
     """
     seconds, rest = divmod(min(max(nanoseconds, 0), _LAST), NS)
     return Time(sec=seconds, nanosec=rest)
+
+
+def seconds_of(time: Time | Duration) -> float:
+    """Return a message's time in seconds."""
+    return float(time.sec) + float(time.nanosec) / NS
 
 
 def stamp(clock: Clock) -> Time:

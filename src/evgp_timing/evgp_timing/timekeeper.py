@@ -39,6 +39,7 @@ from evgp_node.qos import latched
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
 from evgp_node.roster import load_roster, RosterError
 from evgp_node.services import service_class
+from evgp_node.stamps import seconds_of
 from evgp_node.stream import BOOK, Gap
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
@@ -116,7 +117,7 @@ def told_of(event: msg.RaceEvent, run: str) -> Told | None:
         what = What.SENT_GREEN
     if what is None:
         return None
-    at = event.monotonic.sec + event.monotonic.nanosec / 1e9
+    at = seconds_of(event.monotonic)
     return Told(at, what, run, event.race, event.heat, event.kart, event.sequence)
 
 

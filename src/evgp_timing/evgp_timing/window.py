@@ -31,6 +31,7 @@ from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
+from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
 from evgp_rcs_msgs import msg
 from evgp_timing.corrections import CORRECTIONS
@@ -138,7 +139,7 @@ class Client:
     def _hear_race(self, message: msg.Race) -> None:
         state = state_of(message.state)
         name = 'RACE OVER' if message.over else state.name.replace('_', ' ') if state else ''
-        seconds = _seconds(message.stamp) - _seconds(message.state_since)
+        seconds = seconds_of(message.stamp) - seconds_of(message.state_since)
         teams = {kart.number: kart.team for kart in message.karts}
         self._inbox.put(lambda window: window.on_race(name, seconds, teams))
 
@@ -150,10 +151,6 @@ class Client:
                 where = tidy(f'{kind} at {each.hardware_id}')
                 trouble = '' if each.level == DiagnosticStatus.OK else tidy(each.message, 200)
                 self._inbox.put(methodcaller('on_line', name, where, trouble))
-
-
-def _seconds(time: Any) -> float:
-    return float(time.sec) + float(time.nanosec) / 1e9
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -151,12 +151,8 @@ def _status(results: Standings, kart: KartResult) -> str:
     return _STATUS[kart.status]
 
 
-def crossings(results: Standings) -> list[Crossing]:
-    """Return the passings of the race, newest first."""
-    return [*_crossings(results)]
-
-
-def _crossings(results: Standings) -> Iterator[Crossing]:
+def crossings(results: Standings) -> Iterator[Crossing]:
+    """Yield the passings of the race, newest first."""
     # A kart's newest counted crossing ended its last lap, and so on backwards.
     laps = {each.kart: [*each.lap_times] for each in results.karts}
     for judged in reversed(results.passings):

@@ -147,7 +147,7 @@ class TimekeeperWindow:
         """Show the current results and crossings."""
         self._results, self._heard = results, clock.now()
         self._show_results()
-        self._show_crossings(view.crossings(results))
+        self._show_crossings([*view.crossings(results)])
 
     def on_race(self, state: str, seconds: float, teams: Mapping[int, str]) -> None:
         """Show the state of the race and its duration, in seconds, and update the teams."""

@@ -140,7 +140,7 @@ def test_a_lap_that_was_taken_away_is_still_the_lap_of_its_crossing() -> None:
         result(7, 1, 40.0, 41.0, penalties=(lap,)), passings=(seen(7, 1), seen(7, 2), seen(7, 3))
     )
     assert cell(results, 7, 'LAPS') == '1'
-    assert view.crossings(results)[0].text == 'lap 2, 0:41.000'
+    assert next(view.crossings(results)).text == 'lap 2, 0:41.000'
 
 
 def test_crossings_are_newest_first_each_with_the_lap_that_it_ended() -> None:

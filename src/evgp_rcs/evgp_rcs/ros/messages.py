@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.codec import CONSTANTS, message_of, value_of
-from evgp_node.stamps import NS, stamp_of
+from evgp_node.stamps import NS, seconds_of, stamp_of
 from evgp_protocol.link import Grade
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import AlertKind, Event, EventKind, StampedEvent
@@ -56,7 +56,7 @@ def event_of(message: msg.RaceEvent, said: Callable[[str], str] = str) -> Stampe
     :raises ValueError: if the message is invalid.
     """
     wall_ns = message.stamp.sec * NS + message.stamp.nanosec
-    monotonic = message.monotonic.sec + message.monotonic.nanosec / NS
+    monotonic = seconds_of(message.monotonic)
     return StampedEvent(message.sequence, wall_ns, monotonic, value_of(message, Event, said))
 
 
