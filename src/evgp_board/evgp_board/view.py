@@ -4,7 +4,7 @@
 """
 Turns a snapshot of the race into what the pages show: words, tones and rows, as plain data.
 
-A board may err only on the side of caution, so it never says that humans may enter the track, and
+A board may err only on the side of caution. It never says that humans may enter the track, and
 shows a kart as stopped only if race control considers it to be at a standstill. It uses the words
 of the officials' window (docs/console.md), and shows no official's name and no address. This
 module is pure and contains none of the rules.

@@ -57,9 +57,9 @@ class Order:
     :ivar state: the state to obey.
     :ivar number: the number of race control's command, as in `KartRaceState.order`. With 0, the
         order cannot be acknowledged, because there is no command or nothing to report.
-    :ivar reached: the state to acknowledge, as in `KartRaceState.reached`; None if `number` is 0.
-        It differs from `state` if race control commands RED_FLAG and the kart must obey RED_RED,
-        for example because of a team stop. A kart at a standstill has carried out both.
+    :ivar reached: the state to acknowledge, as in `KartRaceState.reached`, or None if `number` is
+        0. It differs from `state` if race control commands RED_FLAG and the kart must obey
+        RED_RED, for example because of a team stop. A kart at a standstill has carried out both.
     """
 
     state: RaceState

@@ -4,10 +4,10 @@
 """
 Tells a team's stack what to do now, and acknowledges what the kart has done.
 
-A subscription alone is not enough, for two reasons. A bridge that has died or hung cannot say
-so, and its last message may have been GREEN_GREEN. And a stack that compares the state that it
-has reached with the newest command may report a standstill at full speed, because the state that
-it had reached belongs to the previous command.
+A subscription alone is not enough, for two reasons. First, a bridge that has died or hung cannot
+say so, and its last message may have been GREEN_GREEN. Second, a stack may have reached the state
+of the previous command when it reads the newest one. It could then report a standstill at full
+speed.
 """
 
 from __future__ import annotations

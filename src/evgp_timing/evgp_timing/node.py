@@ -234,7 +234,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         silent_after=declare(
             'silent_after',
             default.silent_after,
-            'Time without data after which the node reports a silent device, s. 0: never.',
+            'Time without data after which a device counts as silent, in seconds. 0: never.',
             (0.0, 3600.0),
         ),
         line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
@@ -242,7 +242,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
         debounce=declare(
             'debounce',
             default.debounce,
-            'Minimum time for which the contact must be free before a crossing, s.',
+            'Minimum time for which the contact must be free before a crossing, in seconds.',
             (0.01, 10.0),
         ),
         gates=declare(

@@ -398,18 +398,18 @@ def read_settings(parameters: Parameters) -> Settings:
         min_lap_time=declare(
             'min_lap_time',
             default.min_lap_time,
-            'Minimum time between two counted passings of a kart, s. An earlier one is doubtful.',
+            'Time after a counted passing during which the next one is doubtful, in seconds.',
             (0.1, 3600),
         ),
         first_crossing=declare(
             'first_crossing',
             default.first_crossing,
-            'Whether the first crossing of a kart starts lap 1 or ends it: starts or ends.',
+            'What the first crossing of a kart does to lap 1: starts or ends.',
         ),
         clock_tolerance=declare(
             'clock_tolerance',
             default.clock_tolerance,
-            "Maximum difference between a source's clock and the times of arrival, s.",
+            "Maximum difference between a source's clock and the times of arrival, in seconds.",
             (0.01, 10),
         ),
     )
