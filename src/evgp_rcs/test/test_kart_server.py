@@ -247,6 +247,11 @@ def run() -> Iterator[Run]:
         yield start
 
 
+def test_a_kart_is_sent_in_garage_as_it_connects(run: Run) -> None:
+    client = run(NO_BEAT).connect(1)
+    assert client.recv(4096) == encode(IN_GARAGE)
+
+
 def test_a_stop_has_been_written_when_it_is_answered(run: Run) -> None:
     running = run(NO_BEAT)
     clients = [running.connect(kart) for kart in (1, 2, 3)]
@@ -404,6 +409,17 @@ def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(run: Run) -> 
     running.wait_for(EventKind.REPORTED, 1)
     assert [answer.success for answer in answers] == [True]
     assert not running.race.karts[1].acknowledged
+
+
+def test_ready_counts_as_grid_active(run: Run) -> None:
+    running = run()
+    client = running.connect(1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.give(CommandKind.GRID_ACTIVE)
+    read_until(client, GRID_ACTIVE)
+    client.sendall(b'$READY;')
+    (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    assert event.state is GRID_ACTIVE
 
 
 def test_a_kart_that_goes_on_flooding_is_dropped(run: Run) -> None:

@@ -167,6 +167,24 @@ def texts(outcome: Outcome, kind: EventKind) -> list[str]:
 # ----- a whole race -----------------------------------------------------------------------
 
 
+def test_a_race_from_garage_to_garage(officials: Officials) -> None:
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    officials.does('GRID_ACTIVE')
+    assert officials.all_sent() == [GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('GREEN_GREEN')
+    assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
+    officials.does('RED_FLAG')
+    assert officials.all_sent() == [RED_FLAG, RED_FLAG, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('RACE_OVER')
+    assert officials.all_sent() == [RED_RED, RED_RED, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    officials.does('GRID_ACTIVE')
+
+
 def test_the_command_stands_in_the_record_before_what_came_of_it(officials: Officials) -> None:
     outcome = officials.does('GRID_ACTIVE')
     assert kinds(outcome) == [

@@ -66,6 +66,19 @@ def numbers_in(path: pathlib.Path) -> list[int]:
         return [event.sequence for event in events(database, 1)]
 
 
+def test_what_must_be_sure_is_told_to_be_there_once_it_is(
+    record: RecordProcess, path: pathlib.Path
+) -> None:
+    told: list[bool] = []
+    record.make_sure(RACING, PATIENCE, told.append)
+    wait_for(record, lambda: told)
+    assert told == [True]
+    record.end(PATIENCE, LastRun.UNKNOWN)
+    again = Record(path)
+    again.end()
+    assert again.left_behind == RACING
+
+
 def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
     path: pathlib.Path,
 ) -> None:

@@ -404,17 +404,6 @@ def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> No
 # ----- on the disk ------------------------------------------------------------------------
 
 
-def test_a_record_that_was_changed_is_not_replayed_without_a_word(
-    path: pathlib.Path, capsys: Capture
-) -> None:
-    an_ended_run().write(path)
-    change_event(path, lambda each: each.sequence == 3, official='Eve')
-    assert main(['replay', str(path)]) == FAILED
-    out = capsys.readouterr().out
-    assert 'event 3' in out
-    assert 'Eve' in out
-
-
 def test_where_entries_are_missing_the_replay_ends_and_says_so(
     path: pathlib.Path, capsys: Capture
 ) -> None:

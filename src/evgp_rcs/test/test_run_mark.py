@@ -68,14 +68,6 @@ def test_a_run_that_began_and_died_is_known_to_every_later_one(
     assert run(path) is LastRun.UNKNOWN
 
 
-def test_while_a_run_goes_on_the_mark_says_that_it_began(path: pathlib.Path) -> None:
-    run(path, LastRun.ENDED)
-    mark = RunMark(path)
-    assert path.read_text().strip() == RUN_BEGAN
-    mark.end(LastRun.ENDED)
-    assert path.read_text().strip() == 'ended'
-
-
 def test_a_start_that_served_nobody_leaves_the_mark_as_it_found_it(path: pathlib.Path) -> None:
     for found in (LastRun.NONE, *LastRun):
         mark = RunMark(path)
