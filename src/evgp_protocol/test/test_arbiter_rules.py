@@ -877,3 +877,20 @@ TestArbiterAndOracle = ArbiterAndOracle.TestCase
 TestArbiterAndOracle.settings = hypothesis_settings(
     max_examples=150, stateful_step_count=40, deadline=None
 )
+
+
+def test_a_clock_that_goes_back_ends_the_connection_and_all_that_was_heard_is_too_old() -> None:
+    settings = Settings(tsr_timeout=1.0, odometry_required=True)
+    arbiter = Arbiter(settings, FIRST_ORDER)
+    arbiter.connected(10.0)
+    arbiter.heard(RED, 10.0)
+    arbiter.speed(0.0, 10.0)
+    assert not arbiter.team_stop(StopSource.TSR, False, 10.0).verdict.team_stop
+    earlier = arbiter.tick(9.0)
+    assert earlier.give_up is not None
+    assert (earlier.verdict.commanded, earlier.verdict.team_stop) == (None, True)
+    arbiter.connected(9.0)
+    order = arbiter.heard(RED, 9.0).verdict.order
+    answer = arbiter.acknowledge(RED, order, 9.0).answer
+    assert answer is not None
+    assert not answer.accepted
