@@ -677,6 +677,21 @@ def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(run: Run) -> 
     )
 
 
+def test_a_kart_that_is_dropped_is_gone_whatever_still_waits_to_be_written(run: Run) -> None:
+    running = run(NO_BEAT)
+    running.connect(3, receive_buffer=1024)
+    running.wait_for(EventKind.CONNECTED, 3)
+    link = running.server._links[3]
+
+    def fill_and_drop() -> None:
+        assert link._transport is not None
+        link._transport.write(bytes(1 << 24))
+        link.drop('it was dropped')
+
+    running._loop.call_soon_threadsafe(fill_and_drop)
+    running.wait_for(EventKind.DISCONNECTED, 3)
+
+
 def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server(
     run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
