@@ -27,9 +27,6 @@ WORD = 'ready'
 STOP_KEYS = ' \x1b'
 """The keys that stop the kart at once: space and Escape."""
 
-KEYBOARD = 0
-"""The file descriptor of the keyboard."""
-
 FIRST = f"""\
   1. The kart's wheels are OFF THE GROUND, and nobody and nothing touches them.
   2. You hold the MASTER SAFETY REMOTE, and you have tested it.
@@ -96,9 +93,10 @@ class AtTerminal:
         the terminal is gone.
     """
 
-    def __init__(self, printer: Printer, stop: Callable[[], None]) -> None:
+    def __init__(self, printer: Printer, stop: Callable[[], None], fd: int = 0) -> None:
         self._printer = printer
         self._stop = stop
+        self._fd = fd
         self._word: asyncio.Future[bool] | None = None
         self._typed = ''
         self._answer: asyncio.Future[bool] | None = None
@@ -107,23 +105,23 @@ class AtTerminal:
 
     def __enter__(self) -> AtTerminal:
         """Start to read keys."""
-        asyncio.get_running_loop().add_reader(KEYBOARD, self._read)
+        asyncio.get_running_loop().add_reader(self._fd, self._read)
         return self
 
     def __exit__(self, *reason: object) -> None:
         """Restore the terminal's settings."""
-        asyncio.get_running_loop().remove_reader(KEYBOARD)
+        asyncio.get_running_loop().remove_reader(self._fd)
         if self._before is not None:
-            termios.tcsetattr(KEYBOARD, termios.TCSADRAIN, self._before)
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     async def confirm(self) -> bool:
         """Ask for the word; return whether it was typed."""
         self._printer.tell(FIRST, end='')
         self._word = asyncio.get_running_loop().create_future()
         given = await self._word
-        if given and os.isatty(KEYBOARD):
-            self._before = termios.tcgetattr(KEYBOARD)
-            tty.setcbreak(KEYBOARD)
+        if given and os.isatty(self._fd):
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
         return given
 
     async def ask(self, question: str, seconds: float) -> bool | None:
@@ -146,11 +144,11 @@ class AtTerminal:
 
     def _read(self) -> None:
         try:
-            text = os.read(KEYBOARD, 1024).decode('utf-8', 'replace')
+            text = os.read(self._fd, 1024).decode('utf-8', 'replace')
         except OSError:
             text = ''
         if not text:  # the terminal is gone, so nobody watches
-            asyncio.get_running_loop().remove_reader(KEYBOARD)
+            asyncio.get_running_loop().remove_reader(self._fd)
             if self._word is not None and not self._word.done():
                 self._word.set_result(False)
             else:
