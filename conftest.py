@@ -9,6 +9,7 @@ Their random numbers, their order, and which of them were skipped.
 
 from __future__ import annotations
 
+import contextlib
 import pathlib
 
 import hypothesis
@@ -19,6 +20,14 @@ hypothesis.settings.register_profile('evgp', deadline=None)
 hypothesis.settings.load_profile('evgp')
 
 pytest_plugins = ('rig.seed', 'rig.own_process')
+
+
+@pytest.fixture
+def domain(parts: contextlib.ExitStack) -> int:
+    """Return a ROS domain that nobody else uses, for as long as this test's parts run."""
+    from evgp_testing.domains import Domain
+
+    return parts.enter_context(Domain()).number
 
 
 _skipped: list[str] = []

@@ -26,7 +26,7 @@ from evgp_protocol.states import RaceState as S
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Heat, Kart, Race
 from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, snapshot_of
-from evgp_testing.domains import Domain, free_port
+from evgp_testing.domains import free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
@@ -152,12 +152,11 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     ],
 )
 def test_a_board_that_may_not_listen_there_says_why_in_one_sentence(
-    parts: contextlib.ExitStack, given: dict[str, Any], code: int
+    parts: contextlib.ExitStack, domain: int, given: dict[str, Any], code: int
 ) -> None:
     taken = parts.enter_context(socket.create_server(('127.0.0.1', 0)))
     port = taken.getsockname()[1] if 'port' in given else free_port()
     given = {**given, 'port': port}
-    domain = parts.enter_context(Domain()).number
     board = parts.enter_context(Process('evgp_board', 'board', domain, given))
     assert board.wait() == code
     assert len(board.lines) == 1

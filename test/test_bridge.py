@@ -358,7 +358,7 @@ def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> Non
 
 
 def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
-    start_bridge: StartBridge, join_team: JoinTeam
+    start_bridge: StartBridge,
 ) -> None:
     with socket.create_server(('127.0.0.1', free_port())) as closing:
         bridge = start_bridge(closing.getsockname()[1])
@@ -368,15 +368,6 @@ def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
         closed = [text for text in said if 'closed the connection' in text]
         assert closed
         assert len(closed) == len(set(closed)), bridge.output
-
-
-def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitStack) -> None:
-    domain = parts.enter_context(Domain())
-    stack = parts.enter_context(ExampleStack(domain.number))
-    stack.wait_for_line(
-        'no bridge is heard on /kart_bridge/race_state in ROS domain '
-        f'{domain.number}:.*{INTERFACE}'
-    )
 
 
 @pytest.mark.parametrize(
@@ -397,20 +388,23 @@ def test_what_may_keep_the_bridge_unheard_is_named(
     assert kept_apart_by() == (f'{name}={value}' if apart else '')
 
 
-def test_a_stack_whose_shell_keeps_the_bridge_unheard_says_by_which_variable(
-    parts: contextlib.ExitStack, start_bridge: StartBridge
+def test_a_stack_that_hears_no_bridge_says_in_which_domain_or_by_which_variable_of_its_shell(
+    parts: contextlib.ExitStack, start_bridge: StartBridge, domain: int
 ) -> None:
     bridge = start_bridge()
-    program = executable('evgp_kart_bridge', 'shortest_stack')
+    where = f'on /kart_bridge/race_state in ROS domain {domain}:.*{INTERFACE}'
     # With LARGE_DATA it depends on the machine whether it is heard.
-    for name, value in (
-        ('FASTDDS_BUILTIN_TRANSPORTS', 'SHM'),
-        ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF'),
+    for at, name, value, said in (
+        (domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST', where),
+        (bridge.domain, 'FASTDDS_BUILTIN_TRANSPORTS', 'SHM', ''),
+        (bridge.domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'OFF', ''),
     ):
         # Under LOCALHOST, as tests have it, Fast DDS would not look at its variable.
         environment = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET', name: value}
-        stack = parts.enter_context(Program('stack', [program], bridge.domain, environment))
-        stack.wait_for_line(f'no bridge is heard .*: this shell sets {name}={value}, which may')
+        program = executable('evgp_kart_bridge', 'shortest_stack')
+        stack = parts.enter_context(Program('stack', [program], at, environment))
+        said = said or f'.*: this shell sets {name}={value}, which may'
+        stack.wait_for_line(f'no bridge is heard {said}')
 
 
 def test_a_stack_that_reads_the_lock_or_the_plain_state_alone_is_read(
@@ -838,6 +832,11 @@ class Driven:
         self.race.green()
         self.base.wait_for_speed(lambda speed: speed > 1.0)
 
+    def check_that_it_stands(self) -> None:
+        told = hear(self.race.team, Twist, '/cmd_vel')
+        self.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
+        assert {command.linear.x for command in told} == {0.0}
+
 
 @pytest.fixture
 def driven(start_race: StartRace, start_base: StartBase, parts: contextlib.ExitStack) -> Driven:
@@ -857,9 +856,7 @@ def test_a_driver_by_the_plain_state_that_is_started_again_in_green_stands(
     domain = driven.race.bridge.domain
     again = parts.enter_context(Process('evgp_kart_bridge', 'plain_driver', domain))
     again.wait_for_line('GREEN_GREEN: waiting for the next GRID_ACTIVE')
-    told = hear(driven.race.team, Twist, '/cmd_vel')
-    driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
-    assert {command.linear.x for command in told} == {0.0}
+    driven.check_that_it_stands()
 
 
 def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_it_is_back(
@@ -872,9 +869,7 @@ def test_a_driver_by_the_plain_state_stops_when_that_is_silent_and_stands_when_i
     driven.race.bridge.signal(signal.SIGCONT)
     # After 1 s of silence the bridge itself goes to RED_RED; it may have been frozen for less.
     driven.driver.wait_for_line(r'waiting for the next GRID_ACTIVE|: RED_RED$')
-    told = hear(driven.race.team, Twist, '/cmd_vel')
-    driven.race.team.wait_until(lambda: len(told) > 20, lambda: 'commands')
-    assert {command.linear.x for command in told} == {0.0}
+    driven.check_that_it_stands()
 
 
 SPEED_OF: dict[str, Callable[[Any], float]] = {

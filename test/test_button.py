@@ -16,7 +16,6 @@ import sys
 from evgp_node.process import WRONG_SETTING
 from evgp_protocol.states import RaceState
 from evgp_rcs_console.button_devices import is_asleep, why
-from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
@@ -116,9 +115,8 @@ def test_a_button_whose_program_is_frozen_is_silent_and_its_press_counts_once_it
 
 
 def test_a_press_is_repeated_until_race_control_has_accepted_it(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path, start: Start
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path, start: Start
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     button, ear = start(domain)
     assert ear.wait_for(lambda _: True).fault  # it finds nobody
     button.move(True)
@@ -131,9 +129,8 @@ def test_a_press_is_repeated_until_race_control_has_accepted_it(
 
 
 def test_an_end_in_order_is_told_and_every_start_has_another_name(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path, start: Start
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path, start: Start
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     button, ear = start(domain)
     ear.wait_for(lambda _: True)
     first = len(ear.heard)
@@ -171,9 +168,8 @@ def test_race_control_allows_a_button_all_kill_and_no_other_command(
     ],
 )
 def test_a_wrong_setting_is_named_and_ends_the_program(
-    parts: contextlib.ExitStack, parameters: dict[str, object], said: str
+    parts: contextlib.ExitStack, domain: int, parameters: dict[str, object], said: str
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     program = parts.enter_context(Process('evgp_rcs_console', 'rcs_button', domain, parameters))
     assert program.wait() == WRONG_SETTING
     assert said in program.output

@@ -217,12 +217,12 @@ def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing
 def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     networks: TwoNetworks,
     parts: contextlib.ExitStack,
+    domain: int,
     tmp_path: pathlib.Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     start_in(WIDEST, monkeypatch)
     assert not why_no_screen(), why_no_screen()
-    domain = parts.enter_context(Domain()).number
     screen = parts.enter_context(Screen())
     with networks.own.inside():
         parts.enter_context(Console(tmp_path, domain, screen))
@@ -341,9 +341,8 @@ def make(domain: int, *words: str) -> subprocess.Popen[str]:
 
 
 def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_lines_of_the_docs(
-    networks: TwoNetworks, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    networks: TwoNetworks, parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     roster, parameters = tmp_path / 'karts.yaml', tmp_path / 'rcs.yaml'
     roster.write_text('karts:\n- {number: 1, team: A, address: 10.77.0.101, in_race: true}\n')
     record = tmp_path / 'record.sqlite3'
@@ -422,9 +421,8 @@ def crowd(domain: int, count: int) -> Iterator[None]:
 
 
 def test_a_console_reaches_a_race_control_that_started_after_many_other_ros_processes(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     parts.enter_context(crowd(domain, 33))
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
 
@@ -433,9 +431,8 @@ def test_a_console_reaches_a_race_control_that_started_after_many_other_ros_proc
 
 @pytest.mark.long
 def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_are_served(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
     official = parts.enter_context(Official(control.domain))
     official.wait_for_race(lambda race: race.karts and not race.alerts, 'a race without an alert')
@@ -486,10 +483,10 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
     code: int,
     monkeypatch: pytest.MonkeyPatch,
     parts: contextlib.ExitStack,
+    domain: int,
     tmp_path: pathlib.Path,
 ) -> None:
     monkeypatch.setenv(graph.INTERFACE, named)
-    domain = parts.enter_context(Domain()).number
     control = parts.enter_context(race_control(parts, tmp_path))
     bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
 

@@ -23,7 +23,6 @@ import threading
 from evgp_protocol.states import RaceState
 from evgp_rcs.karts.priority import NICENESS
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
@@ -149,9 +148,9 @@ def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
     parts: contextlib.ExitStack,
+    domain: int,
     tmp_path: pathlib.Path,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     program = program_of(RaceControlThatTakesNoStops, tmp_path)
     control = parts.enter_context(RaceControl(tmp_path, domain, [1], program=program))
     official = join_official(control)
@@ -282,8 +281,7 @@ def test_the_process_that_stops_karts_has_no_ros_and_the_other_no_memory_of_othe
         assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
 
 
-def test_an_official_of_the_tests_shares_none_either(parts: contextlib.ExitStack) -> None:
-    domain = parts.enter_context(Domain()).number
+def test_an_official_of_the_tests_shares_none_either(domain: int) -> None:
     program = (
         'import pathlib, sys; from evgp_testing.official import Official; '
         "official = Official(int(sys.argv[1]), 'sharer'); "

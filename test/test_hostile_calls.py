@@ -334,11 +334,11 @@ class Broken(RosSide):
 @pytest.mark.parametrize('only_serves', [False, True])
 def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     parts: contextlib.ExitStack,
+    domain: int,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
     only_serves: bool,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     broken = parts.enter_context(Broken(domain, only_serves))
     hostile = join_hostile(domain)
 
@@ -360,13 +360,13 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
 )
 def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_callback(
     parts: contextlib.ExitStack,
+    domain: int,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
     only_serves: bool,
     name: str,
     said: str,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     broken = parts.enter_context(Broken(domain, only_serves))
     hostile = join_hostile(domain)
     dropped = hostile.client(f'/broken/{name}', Trigger)
@@ -393,9 +393,8 @@ def test_a_context_that_is_shut_down_under_the_spinning_is_a_failure(only_serves
 
 
 def test_a_failure_that_no_call_made_is_told_and_ends_the_spinning(
-    parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
+    domain: int, join_hostile: Callable[[int], Hostile]
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     broken = Broken(domain)
     hostile = join_hostile(domain)
     publisher = hostile.node.create_publisher(Bool, '/broken/topic', 10)

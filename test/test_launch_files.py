@@ -27,7 +27,6 @@ from ament_index_python.packages import get_package_share_directory
 from evgp_node.process import WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
 from evgp_testing.official import Official, SERVICES
 from evgp_testing.part import PATIENCE
@@ -144,12 +143,6 @@ def launch(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
         return parts.enter_context(Launch(path, arguments, {**own, **(environment or {})}))
 
     return start
-
-
-@pytest.fixture
-def domain(parts: contextlib.ExitStack) -> int:
-    """Return a ROS domain that nobody else uses."""
-    return parts.enter_context(Domain()).number
 
 
 def parameter_file(folder: pathlib.Path, parameters: Mapping[str, object]) -> pathlib.Path:
@@ -278,12 +271,6 @@ def test_one_launch_file_starts_the_bridge_and_the_stack(
     race.say(RaceState.GRID_ACTIVE)
     race.wait_until_it_says(RaceState.GRID_ACTIVE)  # the stack has acknowledged
     assert launched.end() == 0, launched.output
-
-
-def test_a_launch_ends_where_a_setting_of_the_bridge_is_wrong(launch: Start, domain: int) -> None:
-    launched = launch('evgp_kart_bridge', 'kart_bridge.launch.py', host='track', domain_id=domain)
-    launched.wait()
-    assert launched.failures == [WRONG_SETTING]
 
 
 # ----- the window -------------------------------------------------------------------------

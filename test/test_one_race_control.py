@@ -326,9 +326,8 @@ def test_race_control_that_may_only_ask_by_arping_ends_too_once_another_machine_
 
 
 def test_of_its_right_to_ask_race_control_leaves_nothing_to_the_processes_that_strangers_reach(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     given = settings(tmp_path, write_roster(tmp_path, [1]))
     under = under_the_unit()
     with Process('evgp_rcs', 'rcs_node', domain, given, under=under) as control:

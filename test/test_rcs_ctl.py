@@ -393,10 +393,9 @@ def run_hanging(
 @pytest.mark.parametrize('words', [('kart-red-red', '7'), ('leave', '3')])
 @pytest.mark.parametrize('where', ['rclpy.init', 'Node.create_client'])
 def test_a_command_ends_by_its_deadline_when_ros_hangs(
-    tmp_path: pathlib.Path, words: tuple[str, ...], where: str
+    tmp_path: pathlib.Path, domain: int, words: tuple[str, ...], where: str
 ) -> None:
-    with Domain() as domain:
-        done, seconds = run_hanging(tmp_path, domain.number, where, *words, '--wait', '0.5')
+    done, seconds = run_hanging(tmp_path, domain, where, *words, '--wait', '0.5')
 
     assert done.returncode == NOT_THERE
     # What is waited for is ROS, which may take its own time to start.
@@ -407,20 +406,18 @@ def test_a_command_ends_by_its_deadline_when_ros_hangs(
 
 @pytest.mark.parametrize('where', ['rclpy.init', 'Node.create_client'])
 def test_a_second_interrupt_ends_a_command_at_once_when_ros_hangs(
-    tmp_path: pathlib.Path, where: str
+    tmp_path: pathlib.Path, domain: int, where: str
 ) -> None:
-    with Domain() as domain:
-        done, _ = run_hanging(
-            tmp_path, domain.number, where, 'all-kill', '--wait', '3600', interrupts=2
-        )
+    words = 'all-kill', '--wait', '3600'
+    done, _ = run_hanging(tmp_path, domain, where, *words, interrupts=2)
 
     assert done.returncode == -signal.SIGINT
 
 
 def test_an_interrupt_in_a_stop_without_an_answer_says_what_is_known(
     parts: contextlib.ExitStack,
+    domain: int,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     asked, answering = never_answers(parts, domain, 'all_kill')
     with start(domain, 'all-kill', '--wait', '600') as process:
         assert asked.wait(PATIENCE)
@@ -496,9 +493,8 @@ def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
 
 
 def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     with start(domain, 'kart-red-red', '1', '--wait', '25') as stop:
         parts.enter_context(RaceControl(tmp_path, domain, (1,)))
         stdout, stderr = stop.communicate(timeout=2 * PATIENCE)
@@ -518,9 +514,10 @@ def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
         (('watch', '--events'), 'NO RACE CONTROL YET'),
     ],
 )
-def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said: str) -> None:
-    with Domain() as domain:
-        done = run(domain.number, *words, '--wait', '0.5')
+def test_without_race_control_the_exit_code_says_so(
+    domain: int, words: tuple[str, ...], said: str
+) -> None:
+    done = run(domain, *words, '--wait', '0.5')
 
     assert done.returncode == NOT_THERE
     assert said in done.stdout + done.stderr
@@ -741,10 +738,9 @@ def test_that_all_kill_is_accepted_is_told_last(lasting: RaceControl) -> None:
 
 
 def test_a_command_that_is_never_answered_is_given_up_while_somebody_says_that_they_are_there(
-    parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
+    parts: contextlib.ExitStack, domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('evgp_rcs_console.client.GIVE_UP', 1.0)
-    domain = parts.enter_context(Domain()).number
     _, answering = never_answers(parts, domain, 'race_over')
     context = Context()
     rclpy.init(context=context, domain_id=domain)

@@ -157,7 +157,7 @@ def test_the_document_shows_the_step_of_the_stack_as_it_is() -> None:
 
 
 def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_done(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
     (shown,) = re.findall(
         r'^```python\n(.*?)^```$',
@@ -168,7 +168,6 @@ def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_do
     program.write_text(shown, encoding='utf-8')
     heard: list[RaceState] = []
     race = parts.enter_context(BareRaceControl(heard.append))
-    domain = parts.enter_context(Domain()).number
     parts.enter_context(Bridge(domain, race.port, address_of(1), None, 'kart_bridge_node'))
     parts.enter_context(Program('my_stack', [sys.executable, str(program)], domain))
     for state in (RaceState.GRID_ACTIVE, RaceState.RED_FLAG, RaceState.GRID_ACTIVE):
@@ -202,11 +201,13 @@ def test_the_stack_races_at_a_desk_with_the_base_as_a_program(
 
 
 def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    parts: contextlib.ExitStack,
+    domain: int,
 ) -> None:
     control = start_race_control(in_race=[1, 2])
     official = join_official(control)
-    domain = parts.enter_context(Domain()).number
     drivers = []
     for number in (1, 2):
         here = ('-r', f'__ns:=/kart{number}')

@@ -234,11 +234,10 @@ def test_the_timekeeper_ends_with_race_control_under_make_run(terminal: MakeRun)
 
 
 def test_a_wrong_setting_of_the_timekeeper_ends_it_alone_under_make_run(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path
 ) -> None:
     wrong = tmp_path / 'timekeeper.yaml'
     wrong.write_text('/**:\n  ros__parameters: {min_lap_time: 0.0}\n', encoding='utf-8')
-    domain = parts.enter_context(Domain()).number
     terminal = parts.enter_context(MakeRun(tmp_path, domain, f'TIMING={wrong}'))
     terminal.wait_for('parameter min_lap_time')
     terminal.wait_for('listens for 1 kart')

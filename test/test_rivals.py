@@ -13,7 +13,6 @@ from evgp_node.process import IN_THE_WAY
 from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
@@ -66,10 +65,12 @@ def test_race_controls_of_other_names_or_domains_are_no_rivals(
 
 @pytest.mark.own_process
 def test_a_second_race_control_on_the_officials_network_does_not_start(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    parts: contextlib.ExitStack,
+    domain: int,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     need_networks()
-    domain = parts.enter_context(Domain()).number
     machines = [parts.enter_context(Namespace()) for _ in range(2)]
     machines[0].ip(f'link add eth0 type veth peer name eth0 netns {machines[1].path}')
     for last, machine in enumerate(machines, 1):

@@ -343,9 +343,8 @@ class Teller(RosSide):
 
 
 def test_events_that_did_not_come_are_told_and_not_those_that_came_before_a_restart(
-    tmp_path: pathlib.Path, parts: contextlib.ExitStack
+    tmp_path: pathlib.Path, parts: contextlib.ExitStack, domain: int
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     line = parts.enter_context(Line(domain))
     own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3'}
     grid = msg.RaceEvent(
@@ -401,9 +400,12 @@ def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None
     ],
 )
 def test_a_wrong_setting_is_named_and_ends_it(
-    given: dict[str, object], said: str, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+    given: dict[str, object],
+    said: str,
+    tmp_path: pathlib.Path,
+    parts: contextlib.ExitStack,
+    domain: int,
 ) -> None:
-    domain = parts.enter_context(Domain()).number
     own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3', **given}
     timekeeper = parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
     assert timekeeper.wait() == WRONG_SETTING

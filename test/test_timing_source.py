@@ -19,7 +19,7 @@ from evgp_node.restarting import WRONG_SETTING
 from evgp_node.roster import Format
 from evgp_node.stamps import stamp_of
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain, free_port
+from evgp_testing.domains import free_port
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
@@ -76,12 +76,6 @@ class Listener(RosSide):
         status = self.wait_until(found, lambda: f'{level!r} {values}: {self.status}')
         assert status is not None
         return status
-
-
-@pytest.fixture
-def domain(parts: contextlib.ExitStack) -> int:
-    """Return a ROS domain that nobody else uses."""
-    return parts.enter_context(Domain()).number
 
 
 @pytest.fixture
