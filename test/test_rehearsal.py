@@ -129,7 +129,7 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
 
     assert first.startswith('msr_needed (kart 3): a kart no longer obeys anything\n')
     assert 'radio: Marshal, post 2: kart 3 is out of control!' in first
-    assert 'Anna sent ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in first
+    assert 'Anna sent ALL_KILL: RED_RED sent to karts 1, 2, 3, 4, 5, 6' in first
     assert 'the MSR is used' in first
     (moved,) = re.findall(r'^  moved after RED_RED at .*$', first, re.MULTILINE)
     seconds = {int(kart): float(s) for kart, s in re.findall(r'kart (\d) for (\S+) s', moved)}
@@ -207,7 +207,7 @@ def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it_and_it_is_
         rehearsal.send_signal(signal.SIGINT)
         at_the_end = rehearsal.stdout.read()
         assert 'spin (kart 2): a kart spins in front of others' in at_the_end
-        assert 'sent ALL_KILL: RED_RED is sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
+        assert 'sent ALL_KILL: RED_RED sent to karts 1, 2, 3, 4, 5, 6' in at_the_end
         assert rehearsal.wait() == 0
 
 

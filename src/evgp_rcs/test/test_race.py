@@ -353,7 +353,8 @@ def test_who_names_no_kart_reads_every_number_to_paste(officials: Officials) -> 
     command = Command(CommandKind.GRID_ACTIVE, 0, True, frozenset())
     answer = officials.race.command(command, officials.now).answer
     assert answer is not None
-    assert answer.message == f'GRID_ACTIVE refused: name the karts: karts: {numbers}.'
+    refusal = f'no kart is named. To name the karts, add karts: {numbers}'
+    assert answer.message == f'GRID_ACTIVE refused: {refusal}.'
 
 
 def gone(officials: Officials) -> None:
@@ -381,13 +382,13 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         gone,
         'ALL_KILL',
         0,
-        'RED_RED is sent to karts 1, 2; not connected, sent when it connects: kart 3 (Tesla)',
+        'RED_RED sent to karts 1, 2; not connected, sent when it connects: kart 3 (Tesla)',
     ),
     (
         does(('KART_RED_RED', 2), at='GREEN_GREEN'),
         'RED_FLAG',
         0,
-        'RED_FLAG is sent to kart 1; already in RED_RED: kart 2 (Volta)',
+        'RED_FLAG sent to kart 1. Already in RED_RED: kart 2 (Volta)',
     ),
     (
         STATES['RED_RED'],
@@ -405,7 +406,7 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         one_held_alone,
         'IN_GARAGE',
         0,
-        'IN_GARAGE is sent to karts 1, 2; still held until released individually: kart 3 (Tesla)',
+        'IN_GARAGE sent to karts 1, 2. Still held until released individually: kart 3 (Tesla)',
     ),
     (
         does(('KART_RED_RED', 1), at='GREEN_GREEN'),
@@ -417,15 +418,15 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         held_and_gone,
         'SET_HEAT',
         0,
-        '"Heat 1" is now in the race (karts 1, 2), with no other karts; not connected: kart 1 '
-        '(Ohm); still held: kart 2 (Volta): RED_RED by an official',
+        '"Heat 1" is now in the race (karts 1, 2), with no other karts. Not connected: kart 1 '
+        '(Ohm). Still held: kart 2 (Volta): RED_RED by an official',
     ),
     (
         FINISHED,
         'KART_UNDO_FINISH',
         1,
-        'Kart 1 (Ohm) no longer has a place and drives on; its RED_FLAG had not been sent yet; '
-        'moved up: 1. kart 2 (Volta)',
+        'Kart 1 (Ohm) no longer has a place and drives on; its RED_FLAG had not been sent yet. '
+        'Moved up: 1. kart 2 (Volta)',
     ),
     (
         flagged,
@@ -454,7 +455,7 @@ def test_an_answer_says_who_is_sent_what_and_who_is_not(
             'KART_IN_GARAGE',
             does(('KART_RED_RED', 1)),
             1,
-            'kart 1 (Ohm): no RED_RED yet; wait for it, or state that kart 1 (Ohm) was made safe '
+            'kart 1 (Ohm): no RED_RED yet. Wait for it, or state that kart 1 (Ohm) was made safe '
             'by hand',
         ),
     ],
@@ -544,8 +545,8 @@ def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
     officials.connect(2)
     assert officials.alerts() == {
         AlertKind.LOST_IN_MOTION: (
-            'Kart 2 (Volta) lost its connection while it may have been moving; '
-            'it is back but has not stopped yet'
+            'Kart 2 (Volta) lost its connection while it may have been moving. '
+            'It is back but has not stopped yet'
         )
     }
     officials.acknowledge(2)
@@ -701,7 +702,7 @@ def begun(last_run: LastRun, memory: RaceMemory | None = None) -> Officials:
 
 
 def test_at_the_first_start_the_track_is_opened_on_a_statement_about_all_machines() -> None:
-    assert 'state that no race is under way anywhere, and no kart moves' in begun(
+    assert 'state that no race is under way anywhere, and no kart is moving' in begun(
         LastRun.NONE
     ).is_refused('OPEN_TRACK', stating=False)
 

@@ -57,7 +57,7 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
     told = lines(
         'spin',
         gave(-5.0, 'GREEN_GREEN', text='before the incident'),
-        gave(3.2, 'RED_FLAG', text='RED_FLAG is sent to karts 1, 2.'),
+        gave(3.2, 'RED_FLAG', text='RED_FLAG sent to karts 1, 2.'),
         gave(4.0, 'GREEN_GREEN', text='GREEN_GREEN refused: no.', success=False),
         (5.0, 'ALERT_RAISED', 1, {'text': 'kart 1 is late'}),
         kart=1,
@@ -67,7 +67,7 @@ def test_it_says_what_was_heard_what_was_pressed_and_the_rule_books_order() -> N
         'spin (kart 1): a kart spins in front of others',
         '  began at 10.0 s of the rehearsal and lasted 60.0 s',
         '     0.0 s  radio: kart 1 has spun',
-        '     3.2 s  Anna sent RED_FLAG: RED_FLAG is sent to karts 1, 2',
+        '     3.2 s  Anna sent RED_FLAG: RED_FLAG sent to karts 1, 2',
         '     4.0 s  Anna sent GREEN_GREEN: refused: no',
         '     5.0 s  alert: kart 1 is late',
         f'  the rule book: {INCIDENTS["spin"].order}',

@@ -263,7 +263,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         statement='no_race_anywhere',
         flag=(
             '--no-race-anywhere',
-            'you state that no race is under way anywhere, and no kart moves; required once, '
+            'you state that no race is under way anywhere, and no kart is moving; required once, '
             'after the first start',
         ),
         key='F7',

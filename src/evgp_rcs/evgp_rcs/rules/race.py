@@ -861,7 +861,7 @@ class Race:
             wait = ''
             if CATALOGUE[command.kind].names_hold:
                 kart = self.karts[command.kart]
-                wait = f'{kart}: {self._silence(kart)}; wait for it, or '
+                wait = f'{kart}: {self._silence(kart)}. Wait for it, or '
             return f'{wait}state that {statement}'
         return self._misnamed(command, came)
 
@@ -1190,7 +1190,7 @@ class Race:
                 # control sends it RED_RED only because it may have missed something.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
-            text = f'{_capital(kart)} is sent {state.value}'
+            text = f'{_capital(kart)} is being sent {state.value}'
             chatter = kart.contested and resend
             self._add_event(EventKind.KART_STATE, text, kart.number, state, chatter)
 
@@ -1265,7 +1265,7 @@ class Race:
             self._doubt_that_it_stands(each)
             self._hold(each, RED_RED, cause, now)
         self._go(RED_RED, now)
-        return f'RED_RED is sent to {_receivers(self.karts.values())}'
+        return f'RED_RED sent to {_receivers(self.karts.values())}'
 
     def _red_flag(self, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
@@ -1273,8 +1273,8 @@ class Race:
             return f'The race is already in {self.state.value}, which is stricter than RED_FLAG'
         flagged = [each for each in self.racing() if each.sent is RED_FLAG]
         stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
-        message = f'RED_FLAG is sent to {_receivers(flagged)}'
-        return message + (f'; already in RED_RED: {_listed(stopped)}' if stopped else '')
+        message = f'RED_FLAG sent to {_receivers(flagged)}'
+        return message + (f'. Already in RED_RED: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, command: Command, now: float) -> str:
         if self.start is not None:
@@ -1295,18 +1295,18 @@ class Race:
         for each in self.karts.values():
             each.place = each.attempt = 0
         self._go(GRID_ACTIVE, now)
-        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
+        return f'GRID_ACTIVE sent to {_receivers(self.racing())}'
 
     def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
-        return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
+        return f'GREEN_GREEN sent to {_receivers(self.racing())}'
 
     def _race_over(self, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
         self._report_order_of_finish()
-        return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
+        return f'Race over: RED_RED sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, command: Command, now: float) -> str:
         released = list(self._released_by_garage(command))
@@ -1325,9 +1325,9 @@ class Race:
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
-        message = f'IN_GARAGE is sent to {_receivers(released)}'
+        message = f'IN_GARAGE sent to {_receivers(released)}'
         if kept:
-            message += f'; still held until released individually: {_listed(kept)}'
+            message += f'. Still held until released individually: {_listed(kept)}'
         return message
 
     def _open_track(self, command: Command, now: float) -> str:
@@ -1343,7 +1343,7 @@ class Race:
         # The MSR's relay may restore power later; by then every kart must be held in RED_RED.
         self._all_kill(command, now)
         self.msr_used = True
-        return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
+        return 'The use of the MSR is recorded. RED_RED sent to all karts'
 
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1385,7 +1385,7 @@ class Race:
         elif kart.hold is not None:
             text += f'; it stays held in {kart.hold.value}'
         if moved_up:
-            text += f'; moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
+            text += f'. Moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
         return text
 
     def _release_kart(self, command: Command, now: float) -> str:
@@ -1426,9 +1426,9 @@ class Race:
         text = f'"{heat.name}" is now in the race ({_numbers(heat.karts)}), with no other karts'
         absent = [each for each in chosen if not each.connected]
         if absent:
-            text += f'; not connected: {_listed(absent)}'
+            text += f'. Not connected: {_listed(absent)}'
         held = _held(chosen)
-        return text + (f'; still held: {held}' if held else '')
+        return text + (f'. Still held: {held}' if held else '')
 
     def _read_roster(self, command: Command, now: float) -> str:
         self._readings += 1
@@ -1508,8 +1508,8 @@ class Race:
             return ''
         return (
             f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
-            'or restart race control with the parameter record on another disk, as a last resort '
-            'in /dev/shm'
+            'or restart race control with the parameter record on another disk. As a last resort, '
+            'use /dev/shm'
         )
 
     def _no_green_green(self, command: Command) -> str:
@@ -1659,7 +1659,7 @@ class Race:
         ]
         if not bound:
             return ''
-        return f'{_cut(bound)}; until that ends, the roster must keep its number and address'
+        return f'{_cut(bound)}. Until that ends, the roster must keep its number and address'
 
     # ----- what the official saw ----------------------------------------------------------
 
@@ -1717,13 +1717,13 @@ class Race:
             'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
         )
         return (
-            f'{kart} has changed since you looked: it is {now}, and you saw it {then}. Look again'
+            f'{kart} has changed since you looked: it is {now}, but you saw it {then}. Look again'
         )
 
     def _read_otherwise(self, command: Command) -> str:
         if command.reading != self.reading:
             return (
-                f'the last reading is {self.reading}, and you named {command.reading}. Look again'
+                f'the last reading is {self.reading}, but you named {command.reading}. Look again'
             )
         if command.roster != self._read:
             return 'the file has changed since it was read; read it again'
@@ -1734,14 +1734,14 @@ class Race:
         if concerned == command.karts:
             return ''
         if not command.karts:  # typed by hand
-            return f'name the karts: karts: {sorted(concerned)}'
+            return f'no kart is named. To name the karts, add karts: {sorted(concerned)}'
         now, then = _numbers(concerned), _numbers(command.karts)
-        phrases = [f'this command is now for {now}, and you named {then}']
+        phrases = [f'This command is now for {now}, but you named {then}']
         if concerned - command.karts:
-            phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
+            phrases.append(f'You did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
-            phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
-        return f'the race has changed since you looked: {"; ".join(phrases)}. Look again'
+            phrases.append(f'The command is not for {_numbers(command.karts - concerned)}')
+        return f'the race has changed since you looked. {". ".join(phrases)}. Look again'
 
     # ----- what the official must state ---------------------------------------------------
 
@@ -1753,7 +1753,7 @@ class Race:
             for each in self.karts.values()
             if self._covered_by_statement(each) and not each.stands
         ]
-        text = f'the track is safe for humans, and {NO_RACE_ANYWHERE}'
+        text = f'the track is safe for humans, {NO_RACE_ANYWHERE}'
         more = f', not even those that have not confirmed a stop: {_listed(silent)}'
         return text + more if silent else text
 
@@ -1770,7 +1770,7 @@ class Race:
             return ''
         named = {each.number: each for each in self._read.karts}
         said = [
-            f'{called(each.number, each.team)} is added, at {each.address}'
+            f'{called(each.number, each.team)} is added at {each.address}'
             for each in self._read.karts
             if each.number not in self.karts
         ]
@@ -2016,7 +2016,7 @@ class Race:
                 0,
                 None,
                 'Another race control is running: end it. Until then nothing can be started or '
-                'released; every stop works, but only for the karts that are connected to the '
+                'released. Every stop works, but only for the karts that are connected to the '
                 'race control that receives it',
             )
         since = self._unattended_since()
@@ -2040,8 +2040,8 @@ class Race:
         if not kart.connected:
             return text
         if not kart.stopped:
-            return f'{text}; it is back but has not stopped yet'
-        return f'{text}; it is back and reports that it has stopped: check whether it still rolls'
+            return f'{text}. It is back but has not stopped yet'
+        return f'{text}. It is back and reports that it has stopped: check whether it still rolls'
 
     def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
@@ -2104,7 +2104,7 @@ LOST_AT_ONCE = 2.0
 """Maximum time in seconds between the losses of karts that count as lost together. Each kart is
 lost `send_timeout` after its last answer."""
 
-NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
+NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
 BEGAN = 'race control started, and does not know what happened before'
