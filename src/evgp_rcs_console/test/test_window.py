@@ -946,7 +946,7 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     console = opened()
     console.tell(race_of(1))
     log, display = console.find('log'), console.window.display
-    display.take_event(event(1, 'RED RED is sent to ' + 'kart 99, ' * 200))
+    display.take_event(event(1, 'RED RED sent to ' + 'kart 99, ' * 200))
     display.take_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
     console.settle()
 

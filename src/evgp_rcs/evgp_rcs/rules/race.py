@@ -134,7 +134,7 @@ MSR_ALERTS = frozenset(
 
 class Doubt(enum.IntEnum):
     """
-    What a kart may be doing, from least to most dangerous.
+    Why a kart may be unsafe, from least to most dangerous.
 
     ``GRID``: the kart was sent GRID_ACTIVE, and has not since been sent IN_GARAGE while connected.
     ``MOVING``: the kart was sent GREEN_GREEN or a red state, or was seen to move: it withdrew its
@@ -452,7 +452,7 @@ class Kart:
 
     @property
     def stopped(self) -> bool:
-        """Return whether the kart is sent a red state that it acknowledged on this connection."""
+        """Return whether the kart is being sent a red state it acknowledged on this connection."""
         return self.acknowledged and self.sent.is_red
 
     @property
