@@ -121,7 +121,7 @@ _NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in Rac
 
 
 def _to_paste(verdict: Verdict) -> str:
-    """Return a sentence with the request that acknowledges the state, to paste into a terminal."""
+    """Return a sentence with the command that acknowledges the state, ready for a terminal."""
     if verdict.reached is None:
         return f'there is nothing to acknowledge: {verdict.reason}'
     done = f'order: {verdict.order}, reached: {{state: {state_message(verdict.reached).state}}}'
@@ -382,7 +382,7 @@ class KartBridge(StrictNode):
         given.add_done_callback(self._warn_of_odometry)
 
     def _warn_of_odometry(self, given: concurrent.futures.Future[Reaction]) -> None:
-        """Log what keeps a stop from being acknowledged, even if no stack has tried to do so."""
+        """Log what prevents a stop from being acknowledged, even if no stack has tried it."""
         if given.exception() is not None or not given.result().hindrance:
             return
         self.get_logger().warning(

@@ -23,10 +23,10 @@ A passing counts for a kart that started the race if all of these are true:
 - The kart has not completed all its laps.
 - At least `min_lap_time` has passed since the kart's last counted passing.
 
-The first passing of a source and session is timed by its arrival. Later passings are timed by the
-source's clock, as long as this clock agrees with the times of arrival to within `clock_tolerance`.
+The first passing from each source in each session is timed by its arrival. Later passings are
+timed by the source's clock, as long as it agrees with their arrival to within `clock_tolerance`.
 Passings that arrive after the timekeeper was away may be older by the length of its absence. If a
-passing does not agree, this module times it by its arrival, and sets the source's clock by it.
+passing does not agree, this module times it by its arrival and sets the source's clock to it.
 The first passing of a source in this race is different: if the old clock puts it before
 GREEN_GREEN, it is late and never counts.
 
@@ -250,7 +250,7 @@ class Laps:
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing that an official entered and this beam's crossing replaces."""
+        """Return the oldest passing entered by an official that this beam's crossing replaces."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (

@@ -462,7 +462,7 @@ class Kart:
 
     @property
     def away_at_rest(self) -> bool:
-        """Return whether the kart is not connected, was not lost, and is not held individually."""
+        """Return whether the kart is away, but was neither lost nor held individually."""
         return self.lost_since is None and not (self.connected or self.held_alone)
 
     @property
@@ -490,9 +490,9 @@ class LastRun(enum.Enum):
     How the previous run of race control on this machine and port ended, if known.
 
     ``NONE``: no earlier run is known. ``ENDED``: it ended normally with nothing under way, held or
-    in doubt, and with the track closed. ``ENDED_OPEN``: it ended like that, but with the track
-    open. ``UNKNOWN``: a run began and it is not known how it ended, or it is uncertain whether
-    there was a run at all. The values are the texts of the machine's mark (``run_mark``).
+    in doubt, and with the track closed. ``ENDED_OPEN``: as ``ENDED``, but with the track open.
+    ``UNKNOWN``: a run began and it is not known how it ended, or it is uncertain whether there was
+    a run at all. The values are the texts of the machine's mark (``run_mark``).
     """
 
     NONE = 'none'
@@ -652,7 +652,7 @@ class Race:
         """
         Return what race control must save.
 
-        While a start is waiting, this is the memory that it waits for, and nothing may replace it.
+        While a start is waiting, this is the memory that must be saved first. Nothing may replace it.
         """
         if self.start is not None:
             return self.start.memory
