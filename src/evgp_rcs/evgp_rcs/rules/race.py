@@ -652,7 +652,7 @@ class Race:
         """
         Return what race control must save.
 
-        While a start is waiting, this is the memory that must be saved first. Nothing may replace it.
+        While a start is waiting, this is the memory to save first. Nothing may replace it.
         """
         if self.start is not None:
             return self.start.memory
