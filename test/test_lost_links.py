@@ -17,6 +17,7 @@ import signal
 import time
 
 from evgp_kart_bridge.watch import RaceStateWatch
+from evgp_node.stamps import seconds_of
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
@@ -159,7 +160,8 @@ class NetworkRace:
             return [
                 event
                 for event in self.official.events
-                if (event.kind, event.kart) == (kind, kart) and monotonic(event) >= self.began
+                if (event.kind, event.kart) == (kind, kart)
+                and seconds_of(event.monotonic) >= self.began
             ]
 
     def wait_for(self, kind: int, kart: int, since: float, what: str) -> msg.RaceEvent:
@@ -169,7 +171,9 @@ class NetworkRace:
         :raises AssertionError: if none comes in time.
         """
         return self.official.wait_for_event(
-            lambda event: (event.kind, event.kart) == (kind, kart) and monotonic(event) >= since,
+            lambda event: (
+                (event.kind, event.kart) == (kind, kart) and seconds_of(event.monotonic) >= since
+            ),
             what,
         )
 
@@ -197,11 +201,6 @@ class NetworkRace:
             lambda kart: kart.connected and state_of(kart.sent) is RaceState.RED_RED,
             'back, and held in RED_RED',
         )
-
-
-def monotonic(event: msg.RaceEvent) -> float:
-    """Return the monotonic time of an event, s; the clock is the same in all processes here."""
-    return float(event.monotonic.sec + event.monotonic.nanosec * 1e-9)
 
 
 CUTS: dict[str, tuple[Callable[[Machine], object], Callable[[Machine], object]]] = {
@@ -258,14 +257,14 @@ def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
     lost = race.wait_for_lost(began)
     race.wait_for_stopped(began)
     mend(race.machine)
-    race.wait_for_back(monotonic(lost))
+    race.wait_for_back(seconds_of(lost.monotonic))
     check_the_other_kart_raced_on(race)
     # That it was lost; or, if it was back before the next beat, that it acknowledges no stop.
     alert = race.official.wait_for_event(
         lambda event: (
             (event.kind, event.kart) == (Event.ALERT_RAISED, FAULTY)
             and event.alert != msg.Alert.LINK_POOR
-            and monotonic(event) >= began
+            and seconds_of(event.monotonic) >= began
         ),
         'an alert',
     )
@@ -340,7 +339,9 @@ def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
     began = race.began = time.monotonic()
     race.machine.air(delay=delay)
     race.official.wait_for_event(
-        lambda event: (event.kart, event.grade) == (FAULTY, grade) and monotonic(event) >= began,
+        lambda event: (
+            (event.kart, event.grade) == (FAULTY, grade) and seconds_of(event.monotonic) >= began
+        ),
         'a link that is not good',
     )
     if grade == msg.LinkQuality.POOR:
@@ -372,7 +373,7 @@ def test_where_race_control_loses_its_cable_every_kart_stops_and_comes_back_held
             lambda event, kart=kart: (
                 (event.kind, event.kart, event.alert)
                 == (Event.ALERT_RAISED, kart, msg.Alert.LOST_IN_MOTION)
-                and monotonic(event) >= began
+                and seconds_of(event.monotonic) >= began
             ),
             f'kart {kart} was lost in motion',
         )
@@ -395,7 +396,7 @@ def test_a_killed_bridge_is_noticed_and_comes_back_held(race: NetworkRace) -> No
     lost = race.wait_for_lost(began)
     race.wait_for_stopped(began)
     race.faulty.start_bridge()
-    race.wait_for_back(monotonic(lost))
+    race.wait_for_back(seconds_of(lost.monotonic))
     check_the_other_kart_raced_on(race)
 
 
@@ -457,7 +458,7 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
         # As a machine does that joins the WLAN again: ask again who has race control's address,
         # and thereby tell who has its own. Else the thief is remembered for up to a minute.
         race.machine.ip('neigh flush dev eth0')
-        race.wait_for_back(monotonic(lost))
+        race.wait_for_back(seconds_of(lost.monotonic))
         check_the_other_kart_raced_on(race)
         # On a busy computer the thief takes 1 s to connect, and the bridge has given up by then.
         if not lost.text.endswith('the kart closed the connection'):

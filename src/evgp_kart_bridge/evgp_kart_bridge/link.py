@@ -5,10 +5,10 @@
 The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
 
 One thread owns the arbiter, the socket and the time. The arbiter decides what the kart must obey,
-and this decision is its verdict. Every input passes through ``_take`` in this
-thread: frames, the loss of the connection, deadlines, and what the node passes in (``give``). In
-the same turn, the link carries out the arbiter's reaction by sending an acknowledgement, closing
-the socket or publishing a verdict.
+and this decision is its verdict. Every input passes through ``_take`` in this thread: frames, the
+loss of the connection, deadlines, and what the node passes in (``give``). In the same turn, the
+link carries out the arbiter's reaction by sending an acknowledgement, closing the socket or
+publishing a verdict.
 
 The same thread publishes the verdict again `REPEAT` times a second, so a thread that hangs falls
 silent, and the kart's nodes stop (§3.E).

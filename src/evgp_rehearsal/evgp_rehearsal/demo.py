@@ -23,6 +23,7 @@ import tempfile
 import time
 from typing import NamedTuple
 
+from evgp_node.stamps import seconds_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.race import StampedEvent
@@ -230,7 +231,7 @@ class Show:
 
     def tell(self, event: msg.RaceEvent) -> None:
         """Print an event."""
-        at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
+        at = seconds_of(event.monotonic) - self._began
         bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
         self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
 
