@@ -481,7 +481,7 @@ def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(racing: Window, even
     racing.press('Which run counts…')
     racing.find('race').setCurrentIndex(1)
     racing.press('Count this race')
-    racing.until_said('race 1 counts as Heat 1')
+    racing.until_said('race 1 now counts as Heat 1')
     racing.until(lambda: racing.counting() == [False, True])
 
 

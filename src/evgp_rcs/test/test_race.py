@@ -324,8 +324,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             lost('GRID_ACTIVE', 'RED_FLAG'),
             0,
-            'kart 1 (Ohm) was lost on the grid: wait until it is back and has acknowledged a '
-            'stop, or use the MSR and record it, or, if its team has it off the track, make it '
+            'kart 1 (Ohm) was lost on the grid. Either wait until it is back and has acknowledged '
+            'a stop; or use the MSR and record it; or, if its team has it off the track, make it '
             'safe by hand, send it RED_RED and release it individually',
         ),
     ],
@@ -755,12 +755,12 @@ def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
 
 def test_no_race_begins_with_a_kart_as_which_two_programs_connect(officials: Officials) -> None:
     officials.race.contested(1, True, officials.now)
-    assert 'two programs connect as kart 1 (Ohm)' in officials.is_refused('GRID_ACTIVE')
-    assert 'Two programs connect as kart 1 (Ohm)' in officials.alerts()[AlertKind.TWO_PROGRAMS]
+    assert 'two programs keep connecting as kart 1 (Ohm)' in officials.is_refused('GRID_ACTIVE')
+    assert 'Two programs keep connecting as kart 1 (Ohm)' in officials.alerts()[AlertKind.TWO_PROGRAMS]
     assert all(event.chatter for event in officials.connect(1).events)
     officials.race.contested(1, False, officials.now)
     officials.to_ready().race.contested(1, True, officials.now)
-    assert 'two programs connect as kart 1 (Ohm)' in officials.is_refused('GREEN_GREEN')
+    assert 'two programs keep connecting as kart 1 (Ohm)' in officials.is_refused('GREEN_GREEN')
 
 
 def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(

@@ -351,7 +351,7 @@ class Desk:
         if kart not in self.roster.karts:
             return Answer(False, f'there is no kart {kart}')
         if name not in self._given and len(self._given) >= MOST_GIVEN:
-            full = f'{MOST_GIVEN} transponders are already assigned'
+            full = f'officials have already assigned {MOST_GIVEN} transponders, the maximum'
             return Answer(False, f'{full}. Put further ones into the roster')
         self._given[name] = kart
         for race in self.races[-1:]:
@@ -377,7 +377,7 @@ class Desk:
             if not (asked.seconds or asked.laps or asked.disqualified):
                 return 'give the penalty: seconds, laps, or disqualification'
             if len(laps.penalties) >= MOST_GIVEN:
-                return f'there are {MOST_GIVEN} penalties already'
+                return f'this race already has {MOST_GIVEN} penalties, the maximum'
         if act is Act.UNDO_PENALTY and asked.kart not in {each.kart for each in laps.penalties}:
             return f'kart {asked.kart} has no penalty'
         if act is Act.PUBLISH and laps.ended == math.inf:
@@ -414,7 +414,7 @@ class Desk:
                 return f'the results of race {self.races.index(race) + 1} are published'
             case _:
                 self._chosen[race.heat] = race
-                return f'race {self.races.index(race) + 1} counts as {race.heat}'
+                return f'race {self.races.index(race) + 1} now counts as {race.heat}'
 
     # ----- results ------------------------------------------------------------------------
 

@@ -405,7 +405,7 @@ class Laps:
         if self.unknown:
             phrases.append(f'no kart has the transponder {_some(self.unknown)}')
         if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
-            phrases.append('a kart crossed the line, but it is unknown which one')
+            phrases.append('a kart crossed the line, but nobody knows which one')
         return f'Check the laps: {"; ".join(phrases)}' if phrases else ''
 
     @functools.cached_property

@@ -1500,7 +1500,7 @@ class Race:
         contested = [each for each in self.racing() if each.contested]
         if not contested:
             return ''
-        return f'two programs connect as {_listed(contested)}; have its team end one of them'
+        return f'two programs keep connecting as {_listed(contested)}; have its team end one of them'
 
     def _no_record(self) -> str:
         """Return why the record prevents a race, and what to do; empty if the record works."""
@@ -1858,9 +1858,9 @@ class Race:
             return f'{kart} was lost in motion: use the MSR'
         if kart.doubt is Doubt.GRID:
             return (
-                f'{kart} was lost on the grid: wait until it is back and has acknowledged a stop, '
-                'or use the MSR and record it, or, if its team has it off the track, make it safe '
-                'by hand, send it RED_RED and release it individually'
+                f'{kart} was lost on the grid. Either wait until it is back and has acknowledged '
+                'a stop; or use the MSR and record it; or, if its team has it off the track, make '
+                'it safe by hand, send it RED_RED and release it individually'
             )
         return ''
 
@@ -1981,16 +1981,16 @@ class Race:
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                late_by = f'answers {kart.link.worst_answer:.1f} s late, so a stop may be late'
+                how = f'answers {kart.link.worst_answer:.1f} s late, so it may stop late'
                 if kart.link.behind:
-                    late_by = (
-                        f'may read {kart.link.behind:.1f} s late, and a stop as late, because it '
-                        'echoes fewer frames than it is sent or leaves them unread'
+                    how = (
+                        f'may read a stop {kart.link.behind:.1f} s late, because it echoes fewer '
+                        'frames than it is sent, or leaves frames unread'
                     )
-                text = f'RED FLAG (before GREEN: LEAVE): {kart} {late_by}'
+                text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
                 yield AlertKind.LINK_POOR, number, None, text
             if kart.contested:
-                text = f'Two programs connect as {kart} in turn: have its team end one of them'
+                text = f'Two programs keep connecting as {kart}: have its team end one of them'
                 yield AlertKind.TWO_PROGRAMS, number, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
@@ -2041,7 +2041,7 @@ class Race:
             return text
         if not kart.stopped:
             return f'{text}. It is back but has not stopped yet'
-        return f'{text}. It is back and reports that it has stopped: check whether it still rolls'
+        return f'{text}. It is back and reports that it has stopped: check that it is not rolling'
 
     def _report_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
