@@ -45,7 +45,7 @@ def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) ->
     assert rcs_record(['replay', str(record)]) == 0
     assert 'MISSING' not in done.stdout
     for line in (
-        'GREEN_GREEN refused: waiting for kart 2 (REHEARSAL 2): no GRID_ACTIVE yet.',
+        'GREEN_GREEN refused: waiting for kart 2 (REHEARSAL 2): has not acknowledged GRID_ACTIVE.',
         'the race ended automatically',
         'ALL_KILL: the last kart saw RED_RED',
         'the debrief shows ALL_KILL, and every kart stopped after it',
@@ -65,7 +65,7 @@ def test_a_kart_that_never_acknowledges_holds_the_race_and_is_named() -> None:
 
     assert done.returncode == 1, done.stdout
     assert 'not within 15 s: kart 1: GRID_ACTIVE' in done.stdout
-    assert 'kart 1 (REHEARSAL 1): no GRID_ACTIVE yet' in done.stdout
+    assert 'kart 1 (REHEARSAL 1): has not acknowledged GRID_ACTIVE' in done.stdout
     assert 'race 2' not in done.stdout
     assert 'processes ended normally, and none is left' in done.stdout
 

@@ -144,7 +144,7 @@ WRITTEN = [
         r'follows after ([\d.]+) s for the first place',
         RaceTimes().finish_delays[0],
     ),
-    ('docs/teams.md', r'(?i)nothing\s+comes\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/teams.md', r'(?i)nothing\s+from\s+race\s+control\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
     ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
     ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),

@@ -13,7 +13,7 @@ publishing a verdict.
 The same thread publishes the verdict again `REPEAT` times a second, so a thread that hangs falls
 silent, and the kart's nodes stop (§3.E).
 
-The time comes from `evgp_protocol.clock`, a clock that cannot be set and that includes suspend.
+The time comes from `evgp_protocol.clock`, a clock that cannot be set and runs on during suspend.
 After the computer wakes up, the link checks the time within ``1 / REPEAT``, and in any case before
 it judges the first frame that arrives. It then finds that the connection was silent for too long.
 """

@@ -295,7 +295,7 @@ class KartBridge(StrictNode):
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop the kart while two nodes have the same role, and report that the team is heard."""
+        """Stop the kart while two nodes have one role; report whether the team can be heard."""
         seen = {
             key: self._who_publishes(name)
             for name, key in self._one_publisher.items()
@@ -625,7 +625,7 @@ def main(args: list[str] | None = None) -> int:
     Run the bridge until SIGINT or SIGTERM. The last state that it publishes is RED_RED.
 
     :param args: command-line arguments; None for those of this process.
-    :return: 0 after an orderly end, 1 after a failure (where the last state is RED_RED too), 2 if
+    :return: 0 after an orderly end, 1 after a failure (the last state is RED_RED then, too), 2 if
         a setting is wrong.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)

@@ -5,9 +5,8 @@
 Tells a team's stack what to do now, and acknowledges what the kart has done.
 
 A subscription alone is not enough, for two reasons. First, a bridge that has died or hung cannot
-say so, and its last message may have been GREEN_GREEN. Second, a stack may have reached the state
-of the previous command when it reads the newest one. It could then report a standstill at full
-speed.
+say so, and its last message may have been GREEN_GREEN. Second, a stack may have just carried out
+the previous command when it reads the newest one. It could then report a standstill at full speed.
 """
 
 from __future__ import annotations
@@ -199,8 +198,8 @@ class RaceStateWatch:
         """
         Report to race control that the kart has reached the state of this order.
 
-        The watch sends `Order.reached`. This is RED_FLAG from a kart that stands still in RED_RED
-        because of a team stop, and RED_RED from a kart that stopped itself in GREEN_GREEN.
+        The watch sends `Order.reached`. For a kart that stands still in RED_RED because of a team
+        stop, this is RED_FLAG. For a kart that stopped itself in GREEN_GREEN, it is RED_RED.
 
         Call this in every step in which the kart has reached the state. If the answer is lost, or
         the bridge refuses, the watch tries again after 0.2 s; after a refusal, the node logs why.

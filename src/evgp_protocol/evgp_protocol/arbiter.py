@@ -283,7 +283,7 @@ class Arbiter:
         commanded = self._commanded
         reasons = []
         if self._engaged[StopSource.TWO_BRIDGES]:  # first, because it may cause the others
-            reasons.append(f'another bridge runs in {self._names.graph}: end one of them')
+            reasons.append(f'another bridge runs in {self._names.graph}: stop one of them')
         if commanded is None:
             reasons.append(self._absence)
         team_stop = self._team_stop

@@ -209,7 +209,7 @@ def test_green_waits_for_every_kart_of_the_race(officials: Officials) -> None:
     officials.to_grid()
     officials.drop(2)
     assert officials.is_refused('GREEN_GREEN') == (
-        'GREEN_GREEN refused: waiting for kart 1 (Ohm): no GRID_ACTIVE yet; '
+        'GREEN_GREEN refused: waiting for kart 1 (Ohm): has not acknowledged GRID_ACTIVE; '
         'kart 2 (Volta): not connected.'
     )
     officials.connect(2)
@@ -301,9 +301,9 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             to_over_without(2),
             0,
-            'waiting for kart 2 (Volta): no RED_RED yet. If a kart does not answer, use the MSR '
-            'and record it, or, if it is off the track, make it safe by hand and release it '
-            'individually',
+            'waiting for kart 2 (Volta): has not acknowledged RED_RED. If a kart does not answer, '
+            'use the MSR and record its use, or, if the kart is off the track, make it safe by '
+            'hand and release it individually',
         ),
     ],
     'KART_IN_GARAGE': [
@@ -314,8 +314,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             'GREEN_GREEN',
             1,
-            'the race is in GREEN_GREEN; karts leave in IN_GARAGE or GRID_ACTIVE. '
-            'Stop it with RED_RED instead',
+            'the race is in GREEN_GREEN; karts can leave only in IN_GARAGE and GRID_ACTIVE. '
+            'Stop the kart with RED_RED instead',
         ),
     ],
     'OPEN_TRACK': [
@@ -324,9 +324,9 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             lost('GRID_ACTIVE', 'RED_FLAG'),
             0,
-            'kart 1 (Ohm) was lost on the grid. Either wait until it is back and has acknowledged '
-            'a stop; or use the MSR and record it; or, if its team has it off the track, make it '
-            'safe by hand, send it RED_RED and release it individually',
+            'kart 1 (Ohm) was lost on the grid. Wait until it is back and has acknowledged a '
+            'stop, or use the MSR and record its use, or, if the team has the kart off the track, '
+            'make it safe by hand, send it RED_RED and release it individually',
         ),
     ],
 }
@@ -353,7 +353,7 @@ def test_who_names_no_kart_reads_every_number_to_paste(officials: Officials) -> 
     command = Command(CommandKind.GRID_ACTIVE, 0, True, frozenset())
     answer = officials.race.command(command, officials.now).answer
     assert answer is not None
-    refusal = f'no kart is named. To name the karts, add karts: {numbers}'
+    refusal = f'no kart is named. Add karts: {numbers}'
     assert answer.message == f'GRID_ACTIVE refused: {refusal}.'
 
 
@@ -455,8 +455,8 @@ def test_an_answer_says_who_is_sent_what_and_who_is_not(
             'KART_IN_GARAGE',
             does(('KART_RED_RED', 1)),
             1,
-            'kart 1 (Ohm): no RED_RED yet. Wait for it, or state that kart 1 (Ohm) was made safe '
-            'by hand',
+            'kart 1 (Ohm): has not acknowledged RED_RED. Wait for it, or state that kart 1 (Ohm) '
+            'was made safe by hand',
         ),
     ],
 )
@@ -675,7 +675,7 @@ def test_while_the_record_fails_the_refusal_of_a_start_names_the_remedy(
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
     refusal = officials.is_refused('GRID_ACTIVE')
     assert 'The record fails: disk full' in refusal
-    assert 'the parameter record on another disk' in refusal
+    assert 'the parameter record set to another disk' in refusal
 
 
 def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:
@@ -756,7 +756,10 @@ def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
 def test_no_race_begins_with_a_kart_as_which_two_programs_connect(officials: Officials) -> None:
     officials.race.contested(1, True, officials.now)
     assert 'two programs keep connecting as kart 1 (Ohm)' in officials.is_refused('GRID_ACTIVE')
-    assert 'Two programs keep connecting as kart 1 (Ohm)' in officials.alerts()[AlertKind.TWO_PROGRAMS]
+    assert (
+        'Two programs keep connecting as kart 1 (Ohm)'
+        in officials.alerts()[AlertKind.TWO_PROGRAMS]
+    )
     assert all(event.chatter for event in officials.connect(1).events)
     officials.race.contested(1, False, officials.now)
     officials.to_ready().race.contested(1, True, officials.now)

@@ -90,8 +90,8 @@ def test_a_client_that_never_says_the_second_one_is_let_go_on_by_a_new_connectio
             running.wait_until_shown(lambda race, at: race.karts[1].stands)
             assert running.give(CommandKind.IN_GARAGE).success
     why = running.give(CommandKind.IN_GARAGE).message
-    assert 'reported RED_RED only for an earlier command' in why
-    assert 'must connect again (it comes back held)' in why
+    assert 'reported RED_RED, but in answer to an earlier command' in why
+    assert 'must reconnect (it will be held)' in why
     Client(running.connect(1), Habit(Says.NEWS))
     running.wait_until_shown(lambda race, at: race.karts[1].stands)
 
@@ -166,10 +166,10 @@ def test_a_word_that_does_not_count_in_time_is_named_with_the_cure_and_its_cost(
 ) -> None:
     race.heard(1, race.karts[1].serial - 1, RED_RED, 1.0, 2.0)
     race.tick(3.1)
-    cure = 'perhaps in answer to an earlier command; it must connect again (it comes back held)'
+    cure = 'perhaps in answer to an earlier command; it must reconnect (it will be held)'
     assert cure in refusal(race, 3.1)
     race.connected(1, 4.0)
-    assert 'no RED_RED yet' in refusal(race, 4.0)
+    assert 'has not acknowledged RED_RED' in refusal(race, 4.0)
 
 
 @pytest.mark.parametrize('how', ['it counts', 'another order', 'another state'])

@@ -97,7 +97,7 @@ _ROWS = (
         'a kart loses its WiFi in mid-race',
         Phase.RACE,
         _fault(Fault.OFFLINE),
-        'stop the race, or use the MSR and record it, because the kart may still move '
+        'stop the race, or use the MSR and record its use, because the kart may still move '
         '(Disconnections; Alerts: LOST_IN_MOTION)',
     ),
     Incident(
@@ -113,16 +113,16 @@ _ROWS = (
         'a kart does not acknowledge RED_RED',
         Phase.RACE,
         _told('Race director: debris everywhere. Stop every kart now.', Fault.MUTE),
-        'press ALL_KILL, and because one kart does not answer, use the MSR and record it (Alerts: '
-        'RED_UNACKNOWLEDGED)',
+        'press ALL_KILL, and because one kart does not answer, use the MSR and record its use '
+        '(Alerts: RED_UNACKNOWLEDGED)',
     ),
     Incident(
         'red_flag_not_obeyed',
         'a kart keeps driving in RED_FLAG',
         Phase.RACE,
         _told('Race director: red flag, please.', Fault.IGNORES_FLAG, Fault.MUTE),
-        'send RED_FLAG, and because one kart keeps driving, use the MSR and record it (Alerts: '
-        'FLAG_UNACKNOWLEDGED)',
+        'send RED_FLAG, and because one kart keeps driving, use the MSR and record its use '
+        '(Alerts: FLAG_UNACKNOWLEDGED)',
     ),
     Incident(
         'false_start',

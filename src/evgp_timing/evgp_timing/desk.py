@@ -352,7 +352,7 @@ class Desk:
             return Answer(False, f'there is no kart {kart}')
         if name not in self._given and len(self._given) >= MOST_GIVEN:
             full = f'officials have already assigned {MOST_GIVEN} transponders, the maximum'
-            return Answer(False, f'{full}. Put further ones into the roster')
+            return Answer(False, f'{full}. List any others in the roster')
         self._given[name] = kart
         for race in self.races[-1:]:
             race.laps = race.laps.again(transponders={**race.laps.transponders, name: kart})

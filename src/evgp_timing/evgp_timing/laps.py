@@ -25,8 +25,9 @@ A passing counts for a kart that started the race if all of these are true:
 
 The first passing from each source in each session is timed by its arrival. Later passings are
 timed by the source's clock, as long as it agrees with their arrival to within `clock_tolerance`.
-Passings that arrive after the timekeeper was away may be older by the length of its absence. If a
-passing does not agree, this module times it by its arrival and sets the source's clock to it.
+Passings that arrive after the timekeeper has been away may be late by the length of its absence.
+If a passing's time does not agree with its arrival, this module times the passing by its arrival
+and sets the source's clock to match.
 The first passing of a source in this race is different: if the old clock puts it before
 GREEN_GREEN, it is late and never counts.
 
@@ -419,7 +420,7 @@ class Laps:
         return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
 
     def last_passings(self, most: int) -> list[Judged]:
-        """Return the last passings, oldest first; at most this number of them."""
+        """Return up to this many of the latest passings, oldest first."""
         shown = zip(self.crossings[-most:], self.marks[-most:], strict=True)
         return [
             Judged(

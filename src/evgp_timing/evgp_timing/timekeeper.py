@@ -5,15 +5,15 @@
 The ``timekeeper`` node counts laps and publishes results.
 
 It counts from race control's events and from passings, which are reports that something crossed
-the timing line. It runs on race control's
-machine, because both use that machine's clock. Karts do not depend on the timekeeper: if it ends,
-hangs or is wrong, the race goes on, and screens show that there is no timing. The only command
-that it sends to race control is FINISH, in a heat with `auto_finish`.
+the timing line. It runs on race control's machine, because both use that machine's clock. Karts do
+not depend on the timekeeper: if it ends, hangs or is wrong, the race goes on, and screens show
+that there is no timing. The only command that it sends to race control is FINISH, in a heat with
+`auto_finish`.
 
 The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
 events and passings into its book (``book``) before it acts on them.
 
-Passings wait for a moment, so that even a flood of them takes few writes. After a start or a hang,
+Passings are held briefly, so that even a flood of them needs few writes. After a start or a hang,
 they also wait for race control's events, which show to which race a passing belongs.
 """
 
@@ -220,7 +220,7 @@ class Timekeeper(StrictNode):
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that runs neither beside another one nor after the node has closed."""
+        """Return a callback that never runs during another one, or after the node has closed."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:

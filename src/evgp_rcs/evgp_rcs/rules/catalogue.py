@@ -194,7 +194,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         ),
         place=4,
         key='Ctrl+G',
-        condition='{kart} stands still and may go to its team',
+        condition='{kart} is at a standstill and may go to its team',
         sends=RaceState.IN_GARAGE,
         to_one_kart=True,
         names_hold=True,

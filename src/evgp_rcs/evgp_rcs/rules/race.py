@@ -675,8 +675,8 @@ class Race:
         official states that no race is under way anywhere, because this machine may replace
         another one.
 
-        In every other case, the last run may not have saved what happened last, especially a stop,
-        because a stop never waits for the disk. The race therefore resumes as after ALL_KILL: it
+        In every other case, the last run may have ended before it saved what happened last,
+        especially a stop, which never waits for the disk. The race resumes as after ALL_KILL: it
         is in RED_RED, every kart is held, and the track counts as open. The official's statement
         with IN_GARAGE covers every kart that was not known to be in doubt or held individually.
         Any other kart must report its stop, or be released individually.
@@ -1076,7 +1076,7 @@ class Race:
 
     def tick(self, now: float) -> Outcome:
         """
-        Do what has become due.
+        Do everything that is now due.
 
         This sends RED_FLAG to each kart whose finish is due, ends a race that all karts have
         finished, stops a race that officials can no longer stop, and refuses a start that has
@@ -1281,8 +1281,8 @@ class Race:
             self.start = self.start._replace(superseded=True)
         if self.state is GRID_ACTIVE:
             return (
-                'GRID_ACTIVE is the latest command again. Karts that have already acknowledged it '
-                'do not have to do so again'
+                'GRID_ACTIVE was repeated and is the latest command again. Karts that have '
+                'already acknowledged it need not do so again'
             )
         self.grids += 1
         self.number = self.grids
@@ -1500,7 +1500,9 @@ class Race:
         contested = [each for each in self.racing() if each.contested]
         if not contested:
             return ''
-        return f'two programs keep connecting as {_listed(contested)}; have its team end one of them'
+        return (
+            f'two programs keep connecting as {_listed(contested)}; have its team stop one of them'
+        )
 
     def _no_record(self) -> str:
         """Return why the record prevents a race, and what to do; empty if the record works."""
@@ -1508,8 +1510,8 @@ class Race:
             return ''
         return (
             f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
-            'or restart race control with the parameter record on another disk. As a last resort, '
-            'use /dev/shm'
+            'or restart race control with the parameter record set to another disk. As a last '
+            'resort, use /dev/shm'
         )
 
     def _no_green_green(self, command: Command) -> str:
@@ -1556,7 +1558,11 @@ class Race:
         ]
         if not missing:
             return ''
-        how = '' if self.msr_used else 'use the MSR and record it, or, if it is off the track, '
+        how = (
+            ''
+            if self.msr_used
+            else 'use the MSR and record its use, or, if the kart is off the track, '
+        )
         return (
             f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
             'and release it individually'
@@ -1571,7 +1577,7 @@ class Race:
         if not kart.in_race:
             return f'{kart} is not in the race'
         if self.state is not GREEN_GREEN:
-            return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
+            return f'the race is in {self.state.value}; a kart can finish only in GREEN_GREEN'
         if kart.place:
             return f'{kart} has already finished, in place {kart.place}'
         if not kart.connected:
@@ -1607,14 +1613,14 @@ class Race:
         if kart.in_race:
             return f'{kart} is already in the race'
         if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; karts join in IN_GARAGE'
+            return f'the race is in {self.state.value}; karts can join only in IN_GARAGE'
         return self._uninspected([kart])
 
     def _no_set_heat(self, command: Command) -> str:
         if not self.heats:
             return "the roster has no heats; list them under 'heats:' and read it again"
         if self.state is not IN_GARAGE:
-            return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
+            return f'the race is in {self.state.value}; a heat can be chosen only in IN_GARAGE'
         return ''
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
@@ -1624,8 +1630,8 @@ class Race:
         if not missing:
             return ''
         return (
-            f'not inspected: {_listed(missing)}. Race without it, or inspect it, write the date '
-            'into the roster and read the roster again'
+            f'not inspected: {_listed(missing)}. Race without it, or inspect it, enter the date '
+            'in the roster and read the roster again'
         )
 
     def _no_leave(self, command: Command) -> str:
@@ -1634,8 +1640,8 @@ class Race:
             return f'{kart} is not in the race'
         if self.state not in (IN_GARAGE, GRID_ACTIVE):
             return (
-                f'the race is in {self.state.value}; karts leave in IN_GARAGE or GRID_ACTIVE. '
-                'Stop it with RED_RED instead'
+                f'the race is in {self.state.value}; karts can leave only in IN_GARAGE and '
+                'GRID_ACTIVE. Stop the kart with RED_RED instead'
             )
         return ''
 
@@ -1734,13 +1740,13 @@ class Race:
         if concerned == command.karts:
             return ''
         if not command.karts:  # typed by hand
-            return f'no kart is named. To name the karts, add karts: {sorted(concerned)}'
+            return f'no kart is named. Add karts: {sorted(concerned)}'
         now, then = _numbers(concerned), _numbers(command.karts)
         phrases = [f'This command is now for {now}, but you named {then}']
         if concerned - command.karts:
             phrases.append(f'You did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
-            phrases.append(f'The command is not for {_numbers(command.karts - concerned)}')
+            phrases.append(f'The command does not apply to {_numbers(command.karts - concerned)}')
         return f'the race has changed since you looked. {". ".join(phrases)}. Look again'
 
     # ----- what the official must state ---------------------------------------------------
@@ -1787,7 +1793,7 @@ class Race:
                 said.append(
                     f'{kart} was inspected {new.inspected}'
                     if new.inspected
-                    else f'{kart} no longer has an inspection'
+                    else f'{kart} is no longer marked as inspected'
                 )
         before, heats = dict(self.heats), dict(self._read.heats)
         said += [
@@ -1858,9 +1864,9 @@ class Race:
             return f'{kart} was lost in motion: use the MSR'
         if kart.doubt is Doubt.GRID:
             return (
-                f'{kart} was lost on the grid. Either wait until it is back and has acknowledged '
-                'a stop; or use the MSR and record it; or, if its team has it off the track, make '
-                'it safe by hand, send it RED_RED and release it individually'
+                f'{kart} was lost on the grid. Wait until it is back and has acknowledged a stop, '
+                'or use the MSR and record its use, or, if the team has the kart off the track, '
+                'make it safe by hand, send it RED_RED and release it individually'
             )
         return ''
 
@@ -1885,15 +1891,15 @@ class Race:
             said = f'reports {kart.sent.value}, perhaps in answer to an earlier command'
             if kart.counts_in:
                 return f'{said} (wait {max(1, round(kart.counts_in))} s)'
-            return f'{said}; it must connect again (it comes back held)'
+            return f'{said}; it must reconnect (it will be held)'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         if kart.reported is kart.sent:
             return (
-                f'reported {kart.sent.value} only for an earlier command; a kart that reports '
-                'only changes must connect again (it comes back held)'
+                f'reported {kart.sent.value}, but in answer to an earlier command; a kart that '
+                'reports each state only once must reconnect (it will be held)'
             )
-        return f'no {kart.sent.value} yet'
+        return f'has not acknowledged {kart.sent.value}'
 
     def _waited_for(self) -> list[Kart]:
         """
@@ -1916,11 +1922,11 @@ class Race:
         ]
 
     def _unattended_since(self) -> float | None:
-        """Return `nobody_since` while a race is on the grid or in green; otherwise None."""
+        """Return `nobody_since` in GRID_ACTIVE and GREEN_GREEN; otherwise None."""
         return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
 
     def _race_over_due(self) -> float | None:
-        """Return when the race is due to end automatically (§3.C); None if it is not due to."""
+        """Return when the race is due to end automatically (§3.C); None if it is not due."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
         if not self.starters:
@@ -1990,7 +1996,7 @@ class Race:
                 text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
                 yield AlertKind.LINK_POOR, number, None, text
             if kart.contested:
-                text = f'Two programs keep connecting as {kart}: have its team end one of them'
+                text = f'Two programs keep connecting as {kart}: have its team stop one of them'
                 yield AlertKind.TWO_PROGRAMS, number, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
@@ -2015,9 +2021,9 @@ class Race:
                 AlertKind.TWO_RACE_CONTROLS,
                 0,
                 None,
-                'Another race control is running: end it. Until then nothing can be started or '
-                'released. Every stop works, but only for the karts that are connected to the '
-                'race control that receives it',
+                'Another race control is running: end it. Until then, nothing can be started or '
+                'released. Stops still work, but each stop reaches only the karts that are '
+                'connected to the race control that receives it',
             )
         since = self._unattended_since()
         if since is not None:
@@ -2026,7 +2032,7 @@ class Race:
                 'stop the race'
             )
             if self.times.nobody_there:
-                text += f'. It sends RED_FLAG after {self.times.nobody_there:g} s without one'
+                text += f'. Without one for {self.times.nobody_there:g} s, it sends RED_FLAG'
             yield AlertKind.NOBODY_THERE, 0, since, text
         if self.there.button_fault:
             text = f'Check the stop button: {self.there.button_fault}'
@@ -2167,7 +2173,7 @@ Guard = Callable[[Race, Command], str]
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B). ``CATALOGUE`` has what does not depend on the race.
+    One row of the table of commands (§4.B). ``CATALOGUE`` holds what does not depend on the race.
 
     :param effect: puts the command into effect and returns the message to the official.
     :param refusal: returns why the command is refused now; empty if the command is allowed.
