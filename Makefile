@@ -59,6 +59,9 @@ DEVICE :=
 .PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
   timekeeper spare takeover inspect-kart survey screenshots kit-size lines lint format clean
 
+# Officials and teams see what the programs print, and not the recipes.
+.SILENT: board bridge button console ctl record rehearsal roster run spare takeover timekeeper timing
+
 help:
 	@echo 'make demo    set up, run two races automatically without a window, and check what happened'
 	@echo 'make sim     race three kinds of karts in a simulator, and draw an animation  (ARGS="--laps 3")'
@@ -148,7 +151,7 @@ takeover:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover '$(ADDRESS)' '$(INTERFACE)' $(ARGS)
 
 roster:
-	@$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
 
 record:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
@@ -162,9 +165,9 @@ timekeeper:
 	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
 
 # How ctl was called, for the command lines that it prints.
-ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
+ctl: export EVGP_CTL := $(if $(ROS_DOMAIN_ID),ROS_DOMAIN_ID=$(ROS_DOMAIN_ID) )make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
 ctl:
-	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),$(ARG),--help)
+	$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),$(ARG),--help)
 
 # It restarts after a crash, but not if a setting is wrong.
 RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
@@ -175,7 +178,7 @@ button:
 
 # It restarts in RED_RED after a failure or a crash, but not if a setting is wrong.
 bridge:
-	@if [ -z '$(HOST)' ]; then echo 'Give the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi
+	if [ -z '$(HOST)' ]; then echo 'Give the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
 	  install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
 	  -p 'host:=$(HOST)' \

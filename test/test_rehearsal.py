@@ -268,3 +268,10 @@ def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
         assert said[0] is RaceState.IN_GARAGE  # which our bridge says back
         raced = [RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN, RaceState.RED_FLAG]
         assert said[1:4] == raced
+
+
+def test_a_window_that_cannot_open_says_why_in_the_rehearsals_terminal() -> None:
+    nowhere = {'DISPLAY': ':64999', 'WAYLAND_DISPLAY': '', 'BROWSER': 'true'}
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse']
+    with Program('rehearse', command, environment=nowhere) as rehearsal:
+        rehearsal.wait_for_line(r'Qt for Python|could not connect to display')

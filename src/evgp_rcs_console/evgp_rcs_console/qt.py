@@ -8,7 +8,7 @@ The project's own set-up installs PySide6. Ubuntu 24.04, on which ROS 2 Jazzy ru
 not PySide6. The two use the same names, except for signals. If both are installed, the variable
 QT_API can choose one, with `pyside6` (the default) or `pyqt6`.
 
-:raises ImportError: if neither is installed.
+:raises ImportError: if neither is installed, or a library that it needs is missing.
 """
 
 import os
@@ -18,7 +18,7 @@ if os.environ.get('QT_API', '').lower() == 'pyqt6':
 else:
     try:
         from PySide6 import QtCore, QtGui, QtWidgets
-    except ImportError:
+    except ModuleNotFoundError:
         from PyQt6 import QtCore, QtGui, QtWidgets
 
 Signal = QtCore.Signal if hasattr(QtCore, 'Signal') else QtCore.pyqtSignal

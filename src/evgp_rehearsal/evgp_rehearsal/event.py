@@ -239,7 +239,9 @@ class Rehearsal(Part):
         def start() -> None:
             if self.window is None or not self.window.runs:
                 words = {'official': 'trainee'}
-                self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
+                self.window = Process(
+                    'evgp_rcs_console', 'rcs_gui', self.domain, words, shown=True
+                )  # it prints only why it cannot open
 
         self._starter.submit(start).result()
 

@@ -57,6 +57,7 @@ class Program(Part):
     :param environment: more environment variables.
     :param end: the signal that the program gets if its parent is killed, so that it does not live
         on in a domain that others may then use.
+    :param shown: whether to also print its output here.
     """
 
     def __init__(
@@ -66,8 +67,10 @@ class Program(Part):
         domain: int | None = None,
         environment: Mapping[str, str] | None = None,
         end: str = 'KILL',
+        shown: bool = False,
     ) -> None:
         self.name = name
+        self._shown = shown
         self.lines: list[str] = []
         self._news = threading.Condition()
         whole = {
@@ -166,6 +169,8 @@ class Program(Part):
         with self.process.stdout as output:
             for line in output:
                 self._take_output.wait()
+                if self._shown:
+                    print(line, end='', flush=True)
                 with self._news:
                     self.lines.append(line.rstrip('\n'))
                     self._news.notify_all()
@@ -181,6 +186,7 @@ class Process(Program):
     :param parameters: ROS parameters, as ``-p name:=value``.
     :param arguments: further arguments after ``--ros-args``.
     :param under: a command, with its arguments, that runs the executable.
+    :param shown: whether to also print its output here.
     """
 
     def __init__(
@@ -191,12 +197,13 @@ class Process(Program):
         parameters: Mapping[str, object] | None = None,
         arguments: tuple[str, ...] = (),
         under: tuple[str, ...] = (),
+        shown: bool = False,
     ) -> None:
         command = [*under, executable(package, name), '--ros-args', *arguments]
         for parameter, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             command += ['-p', f'{parameter}:={text}']
-        super().__init__(name, command, domain, end='TERM' if under else 'KILL')
+        super().__init__(name, command, domain, end='TERM' if under else 'KILL', shown=shown)
 
 
 def wait_until_ended(pid: int) -> None:

@@ -182,7 +182,9 @@ class Lookout:
                 )
             if not _takes_arp(card):
                 return f'race control cannot ask by ARP at {card.name} who has {address}'
-        return self._hidden if self._asked else 'no interface of this machine has that address'
+        if not self._asked:
+            return 'no network interface has an address at which race control listens'
+        return self._hidden
 
     @property
     def asked(self) -> list[Question]:
