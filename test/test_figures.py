@@ -144,7 +144,11 @@ WRITTEN = [
         r'follows after ([\d.]+) s for the first place',
         RaceTimes().finish_delays[0],
     ),
-    ('docs/teams.md', r'(?i)nothing\s+from\s+race\s+control\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    (
+        'docs/teams.md',
+        r'(?i)nothing\s+from\s+race\s+control\s+for ([\d.]+) s',
+        SILENCE_OF_RACE_CONTROL,
+    ),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
     ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
     ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),
@@ -155,7 +159,7 @@ WRITTEN = [
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
-    ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
+    ('docs/wire.md', r'reads about (\d+) bytes per beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),
 ]

@@ -249,7 +249,7 @@ def test_each_incident_happens_with_the_real_race_control_and_is_debriefed(
         (lines,) = rehearsal.debriefs()
     assert lines[0].startswith(f'{name} (kart {took.kart})' if took.kart else name)
     assert any('Anna sent ALL_KILL' in line for line in lines), lines
-    assert not any('still moves' in line for line in lines), lines
+    assert not any('still moving' in line for line in lines), lines
     assert lines[-1].endswith(INCIDENTS[name].order)
 
 

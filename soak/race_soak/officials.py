@@ -30,7 +30,7 @@ class Officials(Part):
     """
     Two officials: one goes through random races; the other may call a stop at the same moment.
 
-    :param numbers: the karts of the roster.
+    :param numbers: the karts in the roster.
     :param disciplined: set while the karts should behave.
     """
 

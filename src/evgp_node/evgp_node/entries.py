@@ -83,7 +83,7 @@ class Entry:
     :param then: what follows the command, for one kart and for several.
     :param bookkeeping: whether the command is not a button of §4.B, so that GRID_ACTIVE stays the
         last button pressed.
-    :param stop: whether the command stops karts. A stop is never refused for a kart of the roster,
+    :param stop: whether the command stops karts. A stop is never refused for a kart in the roster,
         and never waits behind another command.
     :param loosens: whether the command starts or releases karts, lets humans near them, or changes
         the roster. It is refused whenever officials may not be seeing the current race.

@@ -70,7 +70,7 @@ class RosterError(ValueError):
 @dataclasses.dataclass(frozen=True)
 class RosterEntry:
     """
-    One kart of the roster.
+    One kart in the roster.
 
     :ivar number: number of the kart, from 1 to 9999.
     :ivar team: name of the team.

@@ -584,7 +584,7 @@ class Arbiter:
             )
         return (
             f'odometry says {self._speed:.2f} m/s, above standstill_speed ({limit:g} m/s): '
-            'the kart still moves'
+            'the kart is still moving'
         )
 
     def _disarm(self, why: str) -> None:

@@ -31,9 +31,9 @@ class Kart:
     """
     One kart and its connection to race control. It has one owner.
 
-    Every input carries its time, in seconds, from a clock that cannot be set and that includes
-    suspend: `evgp_protocol.clock.now`. If a time is before an earlier one, the connection counts
-    as lost.
+    Every input carries its time, in seconds, from a clock that cannot be set and that keeps
+    running during suspend: `evgp_protocol.clock.now`. If a time is before an earlier one, the
+    connection counts as lost.
 
     :ivar malformed: number of malformed frames so far.
     """

@@ -69,7 +69,7 @@ OTHERWISE: dict[RaceState | None, str] = {
     RED_FLAG: '… NO KART IN RED FLAG',
     RED_RED: '… NO KART IN RED RED',
 }
-"""Texts shown instead of the race's state if no kart of the race is sent that state."""
+"""Texts shown instead of the race's state if no kart in the race is sent that state."""
 
 ALL_FINISHED = Cell('✓ ALL KARTS FINISHED', Tone.GARAGE)
 ALL_LOST = Cell('✗ ALL KARTS LOST', Tone.BAD)
@@ -89,7 +89,7 @@ STATUS = {
 
 def headline(race: Snapshot) -> Cell:
     """
-    Return the headline of a screen: what is true of the karts of the race.
+    Return the headline of a screen: what is true of the karts in the race.
 
     A kart without a link stops automatically, so RED RED is true of it.
     """
@@ -127,7 +127,7 @@ _DOES = {
 
 
 def tally(race: Snapshot) -> str:
-    """Return how many karts of the race are driving, stopped and so on; empty if none is in it."""
+    """Return how many karts in the race are driving, stopped and so on; empty if none is in it."""
     found = [does(kart) for kart in race.karts if kart.in_race]
     return ', '.join(f'{found.count(each)} {each}' for each in _IN_ORDER if each in found)
 

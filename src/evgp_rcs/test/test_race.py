@@ -320,7 +320,11 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
     ],
     'OPEN_TRACK': [
         (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
-        (lost('GREEN_GREEN', 'RACE_OVER'), 0, 'kart 1 (Ohm) was lost in motion: use the MSR'),
+        (
+            lost('GREEN_GREEN', 'RACE_OVER'),
+            0,
+            'kart 1 (Ohm) was lost while it may have been moving: use the MSR',
+        ),
         (
             lost('GRID_ACTIVE', 'RED_FLAG'),
             0,
@@ -494,7 +498,7 @@ def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Off
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(0.05))
     officials.says(2, RED_RED)
     news = texts(officials.wait(0.05), EventKind.ALL_ACKNOWLEDGED)
-    assert news == ['Every kart of the race acknowledged RED_RED']
+    assert news == ['Every kart in the race acknowledged RED_RED']
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
 
 
@@ -629,7 +633,7 @@ def test_of_a_kart_that_is_away_nobody_says_that_it_acknowledged(officials: Offi
     officials.does('RECORD_MSR')
     officials.says(2, RED_RED)
     news = texts(officials.wait(5.0), EventKind.ALL_ACKNOWLEDGED)
-    assert news == ['Every kart that the race waits for acknowledged RED_RED']
+    assert news == ['Every kart that the race is waiting for acknowledged RED_RED']
 
 
 def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of_the_karts() -> (
@@ -675,7 +679,7 @@ def test_while_the_record_fails_the_refusal_of_a_start_names_the_remedy(
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
     refusal = officials.is_refused('GRID_ACTIVE')
     assert 'The record fails: disk full' in refusal
-    assert 'the parameter record set to another disk' in refusal
+    assert 'the parameter record set to a path' in refusal
 
 
 def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:

@@ -200,7 +200,7 @@ OTHER_KEYS = (
 
 NO_QT = (
     "rcs_gui: Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
-    "python3-pyqt6' on Ubuntu 24.04, or with 'pip install PySide6-Essentials' and 'apt-get install "
+    "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
     "qt6-qpa-plugins libgl1 libxcb-cursor0'."
 )
 NO_DISPLAY = 'rcs_gui: there is no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'

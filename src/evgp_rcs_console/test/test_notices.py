@@ -235,17 +235,17 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
     assert said_in_a_race(3, 7, 11) == [
         'Karts 3, 7, 11 connected',
         'GRID ACTIVE · Anna',
-        'Every kart of the race acknowledged GRID ACTIVE',
+        'Every kart in the race acknowledged GRID ACTIVE',
         'GREEN GREEN · Anna',
-        'Every kart of the race acknowledged GREEN GREEN',
+        'Every kart in the race acknowledged GREEN GREEN',
         'FINISH kart 3, P1 · Anna',
         'FINISH kart 7, P2 · Anna',
         'Kart 7: RED FLAG (finished, P2)',
         'Kart 3: RED FLAG (finished, P1)',
         'Karts 3, 7 acknowledged RED FLAG',
-        'Every kart of the race acknowledged its order',
+        'Every kart in the race acknowledged its order',
         'ALL KILL · Anna',
-        'Every kart of the race acknowledged RED RED',
+        'Every kart in the race acknowledged RED RED',
     ]
 
 

@@ -764,7 +764,7 @@ def test_the_button_of_a_command_in_force_offers_to_take_it_back(
 
 
 def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
-    said = 'kart 7 (Purdue) has already finished, in place 1'
+    said = 'kart 7 (Purdue) has already finished as P1'
     commands = offers(Availability(CommandKind.KART_FINISH, False, said))
 
     screen = with_kart(place=1, commands=commands)

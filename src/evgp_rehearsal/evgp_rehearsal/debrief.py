@@ -243,7 +243,7 @@ def _motion(
             moved, still = truth.moved(kart, start, end) if order and start < end else (0.0, False)
             if moved:
                 still = still and end == ended
-                how = f'kart {kart} for {moved:.1f} s{" and still moves" if still else ""}'
+                how = f'kart {kart} for {moved:.1f} s{" and is still moving" if still else ""}'
                 found.append((round(at - began, 1), order, how))
     found.sort(key=lambda each: each[:2])
     for (at, order), each in itertools.groupby(found, key=lambda one: one[:2]):

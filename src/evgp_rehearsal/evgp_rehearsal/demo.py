@@ -195,7 +195,7 @@ class Show:
         self.console.rule('debrief', style='bold')
         text = '\n'.join(lines)
         self.console.print(Text(text))
-        stood = 'sent ALL_KILL' in text and 'still moves' not in text
+        stood = 'sent ALL_KILL' in text and 'is still moving' not in text
         ends = Finding(stood, 'the debrief shows ALL_KILL, and every kart stopped after it')
         found = [*self.found, ends, *around]
         grid = Table.grid(padding=(0, 2))

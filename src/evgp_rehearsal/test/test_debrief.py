@@ -89,7 +89,7 @@ def test_it_says_how_long_which_kart_moved_after_which_order_to_stand() -> None:
     assert told[2:-1] == [
         '  moved after RED_FLAG at 2.0 s: kart 2 for 6.0 s, kart 3 for 6.0 s',
         '  moved after RED_RED at 2.0 s: kart 1 for 1.5 s',
-        '  moved after RED_RED at 8.0 s: kart 2 for 1.0 s, kart 3 for 52.0 s and still moves',
+        '  moved after RED_RED at 8.0 s: kart 2 for 1.0 s, kart 3 for 52.0 s and is still moving',
     ]
 
 

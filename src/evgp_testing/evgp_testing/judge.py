@@ -173,7 +173,7 @@ class Judge:
     Receives observations, in any order within ``SETTLE``, and collects the violations.
 
     :param in_race: the karts that are in the race at the start.
-    :param others: the other karts of the roster.
+    :param others: the other karts in the roster.
     :param now: the time, in seconds.
     :raises LookupError: if nothing here judges a command that sends karts a state or brings them
         into the race, or if the catalogue does not say which red a stop brings.

@@ -335,7 +335,7 @@ class Desk:
 
     def _correct(self, asked: Correction, now: float) -> Answer:
         if not 0 <= asked.race <= len(self.races):
-            return Answer(False, f'there is no race {asked.race} of this event')
+            return Answer(False, f'this event has no race {asked.race}')
         race = self.races[asked.race - 1] if self.races else None
         if asked.act is Act.GIVE:
             return self._give(asked)
@@ -393,7 +393,11 @@ class Desk:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
                 race.laps, taken = laps.take([Passing(*identity, kart=kart)], now)
-                became = taken[0].mark.value if taken else 'not accepted: too many passings arrive'
+                became = (
+                    taken[0].mark.value
+                    if taken
+                    else 'not accepted: too many passings are arriving'
+                )
                 return f'kart {kart} crossed the line: {became}'
             case Act.STRIKE:
                 race.laps = laps.strike(asked.passing, f'{asked.reason} ({asked.official})')

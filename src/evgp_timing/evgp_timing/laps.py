@@ -9,7 +9,7 @@ timing device. This module keeps each passing as it arrived, and judges it by th
 (``Mark``). Officials may strike out a passing, restore it, or assign a transponder to a
 kart. This module then judges all passings again. The laps do not depend on what a kart is sent.
 
-A beam sees that a kart crosses the line, and an official says which kart it was. The official's
+A beam sees something cross the line, and an official says which kart it was. The official's
 passing assigns the oldest unidentified crossing of the last `BEAM_PRESS` seconds to that kart. If
 the official was quicker than the beam, a crossing that the beam sees within `clock_tolerance`
 after the official's passing replaces that passing. Both happen only if the crossing counts for
@@ -137,7 +137,7 @@ class Laps:
     :param transponders: the kart of each transponder.
     :param heat: name of the race's heat, if it had one.
     :param grid: the starting order of the karts, if it is known.
-    :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
+    :param ended: when the race was stopped or ended, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
     :param crossings: every accepted passing, in the order of arrival.
@@ -396,7 +396,7 @@ class Laps:
         )
 
     def trouble(self, now: float) -> str:
-        """Return a sentence about all that is wrong with the passings, or an empty string."""
+        """Return a sentence about the problems with the passings, or an empty string."""
         phrases = []
         if self.clocks:
             who = _some(self.clocks)
@@ -406,7 +406,7 @@ class Laps:
         if self.unknown:
             phrases.append(f'no kart has the transponder {_some(self.unknown)}')
         if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
-            phrases.append('a kart crossed the line, but nobody knows which one')
+            phrases.append('a kart crossed the line but was not identified')
         return f'Check the laps: {"; ".join(phrases)}' if phrases else ''
 
     @functools.cached_property

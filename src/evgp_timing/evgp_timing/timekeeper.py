@@ -6,15 +6,15 @@ The ``timekeeper`` node counts laps and publishes results.
 
 It counts from race control's events and from passings, which are reports that something crossed
 the timing line. It runs on race control's machine, because both use that machine's clock. Karts do
-not depend on the timekeeper: if it ends, hangs or is wrong, the race goes on, and screens show
-that there is no timing. The only command that it sends to race control is FINISH, in a heat with
-`auto_finish`.
+not depend on the timekeeper: if it ends, hangs or makes a mistake, the race continues, and screens
+show that there is no timing. The only command that it sends to race control is FINISH, in a heat
+with `auto_finish`.
 
 The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
 events and passings into its book (``book``) before it acts on them.
 
-Passings are held briefly, so that even a flood of them needs few writes. After a start or a hang,
-they also wait for race control's events, which show to which race a passing belongs.
+Passings are collected briefly, so that even a flood of them causes few writes. After a start or a
+hang, they also wait for race control's events, which show to which race a passing belongs.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def passing_of(message: msg.Passing) -> Passing:
     Return the passing in a message, with values that the book can store.
 
     A strength that is NaN or too large becomes unknown, and a time before 1970 becomes 1970. Names
-    become one printable line. A source that uses the name of officials' passings loses its name.
+    become one printable line. A source cannot keep the name of officials' passings.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength
@@ -354,7 +354,7 @@ class Timekeeper(StrictNode):
                 self._asked[wanted] = now, self._ask_for(wanted)
 
     def _keep(self, now: float, at_once: bool = False) -> None:
-        """Write changed results into the book, but not within `KEPT_EVERY` unless `at_once`."""
+        """Write changed results into the book; unless `at_once`, only once per `KEPT_EVERY`."""
         if self._shown is None or not self._shown.race:
             return
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]

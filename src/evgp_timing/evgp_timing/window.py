@@ -43,7 +43,7 @@ from rclpy.utilities import remove_ros_args
 
 NO_QT = (
     "Qt for Python or one of its libraries is missing. Install it with 'apt-get install "
-    "python3-pyqt6' on Ubuntu 24.04, or with 'pip install PySide6-Essentials' and 'apt-get install "
+    "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
     "qt6-qpa-plugins libgl1 libxcb-cursor0'"
 )
 NO_DISPLAY = 'There is no screen for the window. Set DISPLAY or WAYLAND_DISPLAY'

@@ -9,7 +9,7 @@ with the *record* (``karts.record_process``). Each message begins with its lengt
 pickle of one of the classes below, a ``Snapshot`` or a ``Batch``. Pickle is safe here, because
 only this package can reach the two ends of a pair.
 
-This module uses no ROS, no thread and no clock.
+This module does not use ROS, threads or a clock.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Begin:
 
     :param record: path of the record.
     :param cannot_know: why the ROS half cannot rule out another race control at the same address,
-        as a phrase; empty if it can. If it cannot, race control rejects any proof that the last
+        as a phrase; empty if it can. Otherwise, race control rejects any proof that the last
         run ended normally.
     :param run: id of this run. If it is empty, the record makes one up.
     """
@@ -135,14 +135,14 @@ class End:
 
 @dataclass(frozen=True)
 class Listening:
-    """The message that karts can now connect at this address and port."""
+    """Says that karts can now connect at this address and port."""
 
     address: tuple[str, int]
 
 
 @dataclass(frozen=True)
 class Refused:
-    """The message that the kart server or the record cannot start. It says why and what to do."""
+    """Says that the kart server or the record cannot start, why, and what to do."""
 
     text: str
 

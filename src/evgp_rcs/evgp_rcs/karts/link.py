@@ -96,7 +96,7 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.pause_reading()
 
     def eof_received(self) -> bool:
-        """Drop the kart at once. Bytes waiting to be written could no longer reach its program."""
+        """Drop the kart at once, because waiting bytes could no longer reach its program."""
         self.drop(CLOSED_BY_KART)
         return False
 

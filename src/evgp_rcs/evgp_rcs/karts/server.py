@@ -227,7 +227,8 @@ class KartServer:
         :param listening: called with the address and port once karts can connect.
         :returns: how this run ended, for the next run.
         :raises KartServerError: if the server cannot listen at its address.
-        :raises BaseException: the failure that ended the server, once every kart was sent RED_RED.
+        :raises BaseException: the failure that ended the server, after every kart has been sent
+            RED_RED.
         """
         self._loop = loop = asyncio.get_running_loop()
         self._closing = asyncio.Event()
@@ -417,7 +418,7 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Tell the rules whether the memory that a start waits for is on the disk."""
+        """Tell the rules whether what a start is waiting for has been saved to the disk."""
         if self._is_ending():
             return  # _refuse_the_rest answers the start
         self.take_commands()
@@ -626,7 +627,7 @@ class KartServer:
         self._take(inputs.Heard(now, link.number, serial, heard.state, counts_in))
 
     def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
-        """Report to the rules that a kart's kernel had answered an order by this time (s)."""
+        """Report to the rules that a kart's kernel answered an order, by this time in seconds."""
         if self._links.get(link.number) is link:
             self._take(inputs.Delivered(self.now(), link.number, serial, answered))
 

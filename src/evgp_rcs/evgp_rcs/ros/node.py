@@ -261,14 +261,15 @@ class RcsNode(StrictNode):
         if self._watch.error is not None:
             self._fail(
                 'Race control can no longer see whether another machine has its address. It sends '
-                'RED_RED to every kart and ends. Use the MSR if a kart still moves',
+                'RED_RED to every kart and ends. Use the MSR if a kart is still moving',
                 self._watch.error,
             )
         elif self._watch.answer:
             found = f'{self._watch.answer[0].upper()}{self._watch.answer[1:]}'
             self._fail(
                 f"{found}, which is race control's. Race control sends RED_RED to every kart "
-                'and ends. Use the MSR if a kart still moves, and unplug one of the two machines',
+                'and ends. Use the MSR if a kart is still moving, and unplug one of the two '
+                'machines',
                 AddressTakenError(self._watch.answer),
             )
             # Do this now, because the watch next announces this machine to the karts.
@@ -287,7 +288,7 @@ class RcsNode(StrictNode):
     def _publisher_failed(self, error: BaseException) -> None:
         self._fail(
             f'Race control has failed ({error}). It sends RED_RED to every kart and ends. Use the '
-            'MSR if a kart still moves',
+            'MSR if a kart is still moving',
             error,
         )
 
@@ -315,7 +316,7 @@ class RcsNode(StrictNode):
                     # The signs of life also stop here, in case `_fail` does not end the process.
                     self._fail(
                         'Race control no longer hears officials. It sends RED_RED to every kart '
-                        'and ends. Use the MSR if a kart still moves',
+                        'and ends. Use the MSR if a kart is still moving',
                         DeafError(
                             "officials' calls do not arrive through DDS: race control misses "
                             f'{missing} calls to itself in a row, and has found a datagram unread '

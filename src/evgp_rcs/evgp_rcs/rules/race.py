@@ -1343,7 +1343,7 @@ class Race:
         # The MSR's relay may restore power later; by then every kart must be held in RED_RED.
         self._all_kill(command, now)
         self.msr_used = True
-        return 'The use of the MSR is recorded. RED_RED sent to all karts'
+        return 'MSR use recorded. RED_RED sent to all karts'
 
     def _stop_kart(self, command: Command, now: float) -> str:
         kart = self.karts[command.kart]
@@ -1365,7 +1365,7 @@ class Race:
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        text = f'{_capital(kart)} finished in place {kart.place}'
+        text = f'{_capital(kart)} finished as P{kart.place}'
         return f'{text}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, command: Command, now: float) -> str:
@@ -1469,7 +1469,7 @@ class Race:
 
     def _no_grid_active(self, command: Command) -> str:
         if self.state not in (IN_GARAGE, GRID_ACTIVE):
-            return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
+            return f'the race is in {self.state.value}; return it to IN_GARAGE first'
         return (
             self._none_or_held()
             or self._doubtful()
@@ -1484,7 +1484,7 @@ class Race:
             return 'no kart is in the race'
         held = _held(racing)
         if held and self.state is GRID_ACTIVE:
-            return f'bring the race to IN_GARAGE and release the held karts: {held}'
+            return f'return the race to IN_GARAGE and release the held karts: {held}'
         numbers = _numbers(each.number for each in racing if each.hold is not None)
         return f'release {numbers} first: {held}' if held else ''
 
@@ -1501,7 +1501,7 @@ class Race:
         if not contested:
             return ''
         return (
-            f'two programs keep connecting as {_listed(contested)}; have its team stop one of them'
+            f'two programs keep connecting as {_listed(contested)}; have the team stop one of them'
         )
 
     def _no_record(self) -> str:
@@ -1510,8 +1510,8 @@ class Race:
             return ''
         return (
             f'{self.record_fails}. A race cannot start without a record. Make room on the disk, '
-            'or restart race control with the parameter record set to another disk. As a last '
-            'resort, use /dev/shm'
+            'or restart race control with the parameter record set to a path on another disk. As '
+            'a last resort, use /dev/shm'
         )
 
     def _no_green_green(self, command: Command) -> str:
@@ -1579,7 +1579,7 @@ class Race:
         if self.state is not GREEN_GREEN:
             return f'the race is in {self.state.value}; a kart can finish only in GREEN_GREEN'
         if kart.place:
-            return f'{kart} has already finished, in place {kart.place}'
+            return f'{kart} has already finished as P{kart.place}'
         if not kart.connected:
             return f'{kart} is not connected'
         if kart.hold is not None:
@@ -1595,8 +1595,8 @@ class Race:
             return f'{kart} has no place'
         if kart.number not in self.starters:
             return (
-                f'the order of FINISH has already been reported, with {kart} in place '
-                f'{kart.place}; correct the result at the timekeeper or on paper'
+                f'the order of FINISH has already been reported, with {kart} as '
+                f'P{kart.place}; correct the result at the timekeeper or on paper'
             )
         return ''
 
@@ -1665,7 +1665,7 @@ class Race:
         ]
         if not bound:
             return ''
-        return f'{_cut(bound)}. Until that ends, the roster must keep its number and address'
+        return f'{_cut(bound)}. Until this changes, keep these numbers and addresses in the roster'
 
     # ----- what the official saw ----------------------------------------------------------
 
@@ -1861,7 +1861,7 @@ class Race:
         if kart.connected:
             return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
         if kart.may_be_moving:
-            return f'{kart} was lost in motion: use the MSR'
+            return f'{kart} was lost while it may have been moving: use the MSR'
         if kart.doubt is Doubt.GRID:
             return (
                 f'{kart} was lost on the grid. Wait until it is back and has acknowledged a stop, '
@@ -1947,7 +1947,7 @@ class Race:
         if answered and not self._reported_all_answered:
             whole = all(kart.acknowledged for kart in self.racing())
             alike = all(kart.sent is self.state for kart in waited_for)
-            text = f'Every kart {"of the race" if whole else "that the race waits for"} '
+            text = f'Every kart {"in the race" if whole else "that the race is waiting for"} '
             text += f'acknowledged {self.state.value if alike else "its order"}'
             self._add_event(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
         self._reported_all_answered = answered
@@ -1996,7 +1996,7 @@ class Race:
                 text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
                 yield AlertKind.LINK_POOR, number, None, text
             if kart.contested:
-                text = f'Two programs keep connecting as {kart}: have its team stop one of them'
+                text = f'Two programs keep connecting as {kart}: have the team stop one of them'
                 yield AlertKind.TWO_PROGRAMS, number, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
