@@ -209,7 +209,7 @@ def refuse_karts_network(address: str, race: Snapshot) -> None:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM, and return the exit code of `run_node`."""
+    """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
     os.nice(BOARD_NICENESS)
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
     return run_node('board', BoardNode, refusals, args, obstacles)

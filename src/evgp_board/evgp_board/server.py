@@ -195,7 +195,7 @@ class Server:
         return [viewer for stream in self._streams.values() for viewer in stream.viewers]
 
     def _step(self, at: float) -> None:
-        """Send viewers the news, and drop those that are too slow."""
+        """Send viewers the news and drop those that are too slow."""
         self._now = self._look(at)
         for name, stream in [*self._streams.items()]:
             due, message = stream.is_due(self._now, at), b''
@@ -280,7 +280,7 @@ async def _answer(body: bytes, kind: str, request: web.Request) -> web.Response:
 
 
 async def _finish(request: web.Request, response: web.StreamResponse) -> None:
-    """Add the headers to an answer, and end the connection after it."""
+    """Add the headers to an answer and end the connection after it."""
     response.headers.update(HEADERS)
     response.force_close()
     response.headers[hdrs.CONNECTION] = 'close'

@@ -273,7 +273,7 @@ class KartScript:
         await self._until(lambda: None, seconds)
 
     async def _stay(self, seconds: float) -> bool:
-        """Watch a kart that must not drive, and ask the inspector; return False once it drives."""
+        """Watch a kart that must not drive and ask the inspector; return False once it drives."""
         moves = self._oracle.moves
         if await self._until(lambda: self._oracle.moves > moves, seconds):
             return False
@@ -489,7 +489,7 @@ class KartScript:
         await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
 
     async def _lose(self, lose: Callable[[], object]) -> bool:
-        """Make the kart lose race control, and wait until it stands and has reconnected."""
+        """Make the kart lose race control and wait until it stands and has reconnected."""
         newest = self._wire.newest
         self._wire.send(NOTHING)  # not even on a new connection
         lose()

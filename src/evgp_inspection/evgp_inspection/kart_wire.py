@@ -190,7 +190,7 @@ class KartWire:
             link.end('reset')
 
     def half_close(self) -> None:
-        """Close our half of every connection, and continue to listen."""
+        """Close our half of every connection and continue to listen."""
         for link in self._links:
             if link.open and not link.mute:
                 link.mute = True

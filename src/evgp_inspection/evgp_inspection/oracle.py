@@ -280,7 +280,7 @@ class Oracle:
     # ----- what was found -----------------------------------------------------------------------
 
     def findings(self) -> dict[str, Finding]:
-        """End the trace, and return the findings by the names of their sentences."""
+        """End the trace and return the findings by the names of their sentences."""
         now = self.trace.events[-1].at if self.trace.events else 0.0
         self._end_spell(now)
         self._let_go(now)

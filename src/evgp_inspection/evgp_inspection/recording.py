@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Writes a trace with its own clock, and records connections in it."""
+"""Writes a trace with its own clock and records connections in it."""
 
 from __future__ import annotations
 

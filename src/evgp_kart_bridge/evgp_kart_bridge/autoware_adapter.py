@@ -91,7 +91,7 @@ class StopRequest:
 
 
 class AutowareAdapter(StrictNode):
-    """The node that requests stops from Autoware, and acknowledges to race control."""
+    """The node that requests stops from Autoware and acknowledges to race control."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         super().__init__('autoware_adapter', **node_options)

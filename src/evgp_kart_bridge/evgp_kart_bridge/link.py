@@ -143,7 +143,7 @@ class RaceControlLink:
         self._started.wait()
 
     def stop(self) -> None:
-        """Close the connection, and wait up to `LINK_END_TIMEOUT` until the thread has ended."""
+        """Close the connection and wait up to `LINK_END_TIMEOUT` until the thread has ended."""
         with self._running:
             if self._loop is not None:
                 self._loop.call_soon_threadsafe(self._end, None)
@@ -301,7 +301,7 @@ class RaceControlLink:
     def heard(
         self, connection: _Connection, events: Iterable[StateFrame | MalformedFrame]
     ) -> None:
-        """Process everything that has arrived, and publish only the last verdict."""
+        """Process everything that has arrived and publish only the last verdict."""
         for event in events:
             if connection is not self._connection:
                 break  # the link has given up on this connection, so the rest is too late
@@ -364,7 +364,7 @@ class _Connection(asyncio.BufferedProtocol):
             self.abort()
 
     def abort(self) -> None:
-        """End the connection now, and discard unsent bytes."""
+        """End the connection now and discard unsent bytes."""
         if self._transport is not None:
             self._transport.abort()
 

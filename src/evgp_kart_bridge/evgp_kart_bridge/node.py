@@ -226,7 +226,7 @@ class KartBridge(StrictNode):
         self._link.start()
 
     def close(self) -> None:
-        """Disconnect from race control, and publish RED_RED as the last state."""
+        """Disconnect from race control and publish RED_RED as the last state."""
         self._link.stop()
         try:
             self._publish(_ENDED, 0.0)  # the lamp is lit at time 0

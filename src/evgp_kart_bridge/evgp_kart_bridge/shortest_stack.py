@@ -23,7 +23,7 @@ class Stack(Node):
     """Drives straight ahead when the race state allows it."""
 
     def __init__(self) -> None:
-        """Subscribe to the race state and odometry, and start the timer."""
+        """Subscribe to the race state and odometry and start the timer."""
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
         self.speed = math.nan  # m/s

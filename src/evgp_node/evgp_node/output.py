@@ -53,7 +53,7 @@ class _Pump:
         self._thread.start()
 
     def finish(self) -> None:
-        """Restore the descriptor, and give the thread `FINISH_TIMEOUT` to print the rest."""
+        """Restore the descriptor and give the thread `FINISH_TIMEOUT` to print the rest."""
         # This closes the last writing end of the pipe, so the thread ends.
         os.dup2(self._original, self._stream)
         self._thread.join(FINISH_TIMEOUT)

@@ -83,7 +83,7 @@ class StrictNode(Node):
             self.undeclare_parameter(name)
 
     def close(self) -> None:
-        """End the node's threads, and leave everything safe. ROS is still running."""
+        """End the node's threads and leave everything safe. ROS is still running."""
 
 
 class Parameters:

@@ -287,7 +287,7 @@ class _Parser:
                 self._faults.append(_FaultError(end.line + 1, CUT))
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
-        """Check each kart on its own and against the earlier ones, and yield it."""
+        """Check each kart on its own and against the earlier ones and yield it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
         carriers: dict[str, tuple[str, int]] = {}
@@ -361,7 +361,7 @@ class _Parser:
         return tuple(str(each.value).strip() for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Check each heat on its own and against the karts, and yield it."""
+        """Check each heat on its own and against the karts and yield it."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
             self._note(node, f"'heats' is not a list of names, each with its karts; {right}")

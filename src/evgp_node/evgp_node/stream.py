@@ -100,7 +100,7 @@ class Block(NamedTuple):
 
 
 def joined(blocks: Iterable[Block]) -> Iterator[Block]:
-    """Join blocks between which no entries are missing, and yield the results."""
+    """Join blocks between which no entries are missing and yield the results."""
     parts: list[Block] = []
     expected = 0
     for block in blocks:

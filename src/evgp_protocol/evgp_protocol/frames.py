@@ -159,7 +159,7 @@ class FrameDecoder:
         return end
 
     def _give_up(self, reason: str, events: list[StateFrame | MalformedFrame]) -> None:
-        """Report the frame so far, and skip the rest up to the next ``$``."""
+        """Report the frame so far and skip the rest up to the next ``$``."""
         events.append(MalformedFrame(reason, self._frame))
         self._frame = b''
         self._skipping = True

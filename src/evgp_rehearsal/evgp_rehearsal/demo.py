@@ -178,7 +178,7 @@ class Show:
         self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
-        """Show a race, and return whether it reached its end."""
+        """Show a race and return whether it reached its end."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
         try:
             drive()
@@ -190,7 +190,7 @@ class Show:
         return True
 
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
-        """Print all findings, and return them."""
+        """Print all findings and return them."""
         lines = [line for each in self.rehearsal.debriefs() for line in each]
         self.console.rule('debrief', style='bold')
         text = '\n'.join(lines)

@@ -136,7 +136,7 @@ class Rehearsal(Part):
         heat: Sequence[int] | None = None,
         timing: Mapping[str, object] | None = None,
     ) -> None:
-        """Start race control and the timekeeper, and let the karts connect."""
+        """Start race control and the timekeeper and let the karts connect."""
         # The nodes in this process must not see or command another race either.
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['EVGP_GRAPH_INTERFACE'] = ''

@@ -262,7 +262,7 @@ class Field:
             kart.cut = False
 
     def step(self) -> list[tuple[int, RaceState]]:
-        """Advance one tick, and return the karts' acknowledgements."""
+        """Advance one tick and return the karts' acknowledgements."""
         self.tick += 1
         said = []
         for number, kart in self.karts.items():

@@ -111,7 +111,7 @@ class Page(Part):
 
 
 def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
-    """Carry out what a button asks for, and return a message for the instructor."""
+    """Carry out what a button asks for and return a message for the instructor."""
     what = wanted.get('do')
     if what == 'inject':
         rehearsal.inject(str(wanted.get('incident')), int(wanted.get('kart') or 0))

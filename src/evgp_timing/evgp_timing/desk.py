@@ -200,7 +200,7 @@ class Desk:
         self._seen: dict[Identity, None] = {}
 
     def feed(self, given: Input) -> Answer | None:
-        """Process an input, and return the answer if the input is a correction."""
+        """Process an input and return the answer if the input is a correction."""
         match given:
             case Told():
                 self._told(given)

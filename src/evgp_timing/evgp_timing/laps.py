@@ -266,7 +266,7 @@ class Laps:
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
-        """Assign an unidentified crossing to a kart, and return how it is then judged."""
+        """Assign an unidentified crossing to a kart and return how it is then judged."""
         identity = crossing.passing.identity
         laps = self.again(given={**self.given, identity: kart}, **changes)
         before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())

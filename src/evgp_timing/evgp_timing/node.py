@@ -77,7 +77,7 @@ class TimingSource(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Read the parameters, and start connecting to the device."""
+        """Read the parameters and start connecting to the device."""
         super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
         self._settings = read_settings(Parameters(self))
         self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
@@ -100,7 +100,7 @@ class TimingSource(StrictNode):
         self._thread.start()
 
     def close(self) -> None:
-        """Release the device, and wait for subscribers to receive every passing."""
+        """Release the device and wait for subscribers to receive every passing."""
         self._ending.set()
         self._thread.join()
         wait_until_heard(self._passings)
@@ -276,7 +276,7 @@ def read_settings(parameters: Parameters) -> TimingSettings:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until SIGINT or SIGTERM, and return the exit code of `run_node`."""
+    """Run the node until SIGINT or SIGTERM and return the exit code of `run_node`."""
     return run_node('timing_source', TimingSource, (ParameterError,), args)
 
 

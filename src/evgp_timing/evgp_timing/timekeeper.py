@@ -171,7 +171,7 @@ class Timekeeper(StrictNode):
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
-        """Restore this event's races from the book, and start to listen."""
+        """Restore this event's races from the book and start to listen."""
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
@@ -213,7 +213,7 @@ class Timekeeper(StrictNode):
         self.get_logger().info(where_reachable())
 
     def close(self) -> None:
-        """Write the current results into the book, and close it."""
+        """Write the current results into the book and close it."""
         with self._turn:
             self._ended = True
             self._keep(clock.now(), at_once=True)
@@ -429,7 +429,7 @@ def read_settings(parameters: Parameters) -> Settings:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the timekeeper until SIGINT or SIGTERM, and return the exit code of `run_node`."""
+    """Run the timekeeper until SIGINT or SIGTERM and return the exit code of `run_node`."""
     refusals = (ParameterError, RosterError)
     return run_node('timekeeper', Timekeeper, refusals, args, obstacles=(BookError,))
 

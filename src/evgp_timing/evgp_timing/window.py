@@ -70,7 +70,7 @@ class Client:
     """
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node, and start to listen."""
+        """Create the node and start to listen."""
         self._inbox: queue.SimpleQueue[Callable[[Any], object]] = queue.SimpleQueue()
         self.node = Node('timekeeper_window', **node_options)
         fence_graph()

@@ -164,7 +164,7 @@ class TimekeeperWindow:
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        """Process the news, and show what is out of date and what was not answered."""
+        """Process the news and show what is out of date and what was not answered."""
         self._take(self)
         now, state = clock.now(), NO_RACE_CONTROL
         if now - self._race_heard <= TIMING_GONE and self._since < math.inf:

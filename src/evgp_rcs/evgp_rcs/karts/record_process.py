@@ -82,7 +82,7 @@ class RecordProcess:
     """
 
     def __init__(self, path: pathlib.Path, mark: pathlib.Path, run: str = '') -> None:
-        """Start the process, and wait until it has read what the last run left behind."""
+        """Start the process and wait until it has read what the last run left behind."""
         self._path = path
         end, other = socket.socketpair()
         self.pid = os.fork()

@@ -313,7 +313,7 @@ class KartServer:
     # ----- the loop -----------------------------------------------------------------------
 
     def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-        """Handle an error that the loop reports: send every kart RED_RED, and end."""
+        """Handle an error that the loop reports: send every kart RED_RED and end."""
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # No file descriptor is left. The race continues, and asyncio tries again in a second.

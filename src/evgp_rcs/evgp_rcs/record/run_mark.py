@@ -66,7 +66,7 @@ def in_words(error: BaseException) -> str:
 
 
 def claim(file: int) -> bool:
-    """Lock a file until it is closed, and return whether that was possible."""
+    """Lock a file until it is closed and return whether that was possible."""
     until = clock.now() + CLAIM_TIMEOUT
     while True:
         try:
@@ -211,7 +211,7 @@ def leave_began(path: pathlib.Path) -> None:
 
 
 def _open_folder(path: pathlib.Path) -> int:
-    """Open the folder of the marks, and create it if necessary."""
+    """Open the folder of the marks and create it if necessary."""
     with contextlib.suppress(FileExistsError):
         path.mkdir()
         _sync(path.parent)

@@ -93,7 +93,7 @@ class Kept:
     goes_on: bool = False
 
     def entries(self) -> Iterator[Entry | Gap]:
-        """Yield the entries and gaps, and show the progress on a terminal."""
+        """Yield the entries and gaps and show the progress on a terminal."""
         blocks: Iterable[tuple[int, bytes]] = self.blocks
         if sys.stderr.isatty():
             from rich.console import Console  # takes 0.1 s, and is rarely needed

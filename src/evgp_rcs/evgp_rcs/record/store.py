@@ -127,7 +127,7 @@ class Record:
     """
 
     def __init__(self, path: pathlib.Path, run: str = '') -> None:
-        """Claim the file, and find what the last run left behind."""
+        """Claim the file and find what the last run left behind."""
         self._path = path
         self._id = run or secrets.token_hex(8)
         self._waiting: list[Block] = []
@@ -184,7 +184,7 @@ class Record:
     # ----- writing ------------------------------------------------------------------------
 
     def write(self) -> bool:
-        """Write everything that is waiting, and return whether it is on the disk now."""
+        """Write everything that is waiting and return whether it is on the disk now."""
         try:
             if self._database is None:
                 self._claim()
@@ -201,7 +201,7 @@ class Record:
         return True
 
     def end(self) -> None:
-        """Write the rest, and release the file."""
+        """Write the rest and release the file."""
         self.write()
         self._release()
 

@@ -91,7 +91,7 @@ def _describe(run: Session, present: bool) -> str:
 
 
 def _print_timeline(kept: Kept, kart: int | None) -> bool:
-    """Print the events and gaps, and return whether there were no gaps."""
+    """Print the events and gaps and return whether there were no gaps."""
     began: float | None = None
     is_whole = True
     for each in kept.events():

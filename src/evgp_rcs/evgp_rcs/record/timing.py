@@ -47,7 +47,7 @@ def entries(path: pathlib.Path) -> Iterator[tuple[int, Standings | Corrected | G
 
 
 def timing_of(record: pathlib.Path) -> Timing:
-    """Return the contents of the book beside a record, and report what cannot be read."""
+    """Return the contents of the book beside a record and report what cannot be read."""
     found = Timing({}, {})
     path = record.with_name(BOOK)
     try:

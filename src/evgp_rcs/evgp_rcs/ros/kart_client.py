@@ -101,7 +101,7 @@ class KartServerClient:
         self._sending = threading.Lock()
         self._ended = ''
         self._stopping = False
-        """Whether the client has told the kart server to end, and sends nothing more."""
+        """Whether the client has told the kart server to end and sends nothing more."""
         self._end: socket.socket
         self._process: subprocess.Popen[bytes]
         self._thread = threading.Thread(target=self._run, name='kart_client', daemon=True)
@@ -193,7 +193,7 @@ class KartServerClient:
             pass  # the kart server has ended already
 
     def stop(self, in_order: bool) -> None:
-        """Call ``end``, and wait until the process has ended."""
+        """Call ``end`` and wait until the process has ended."""
         self.end(in_order)
         if self._thread.ident is not None:
             self._clear_away()
@@ -238,7 +238,7 @@ class KartServerClient:
             self._on_end(why)
 
     def _hear(self) -> str:
-        """Handle messages from the kart server until it ends, and return why it ended."""
+        """Handle messages from the kart server until it ends and return why it ended."""
         unpacker = Unpacker()
         why = 'its process has ended'
         silent = 0

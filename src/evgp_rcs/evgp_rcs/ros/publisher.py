@@ -125,7 +125,7 @@ class RacePublisher:
         self._thread.start()
 
     def stop(self) -> None:
-        """Publish everything that is waiting, and return."""
+        """Publish everything that is waiting and return."""
         if self._thread.ident is not None:
             self._happened.put(None)
             self._thread.join()

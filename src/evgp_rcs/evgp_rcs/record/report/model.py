@@ -69,7 +69,7 @@ class Bands(list[Band]):
     """Consecutive bands, of which the last one lasts until another begins."""
 
     def change(self, at: float, what: str) -> Band:
-        """Begin a new band if something changes, and return the last band."""
+        """Begin a new band if something changes and return the last band."""
         if self and self[-1].what != what:
             self[-1].end = at
             if self[-1].start == at:
