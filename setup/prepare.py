@@ -319,7 +319,11 @@ def main() -> None:
 
     # Two set-ups at once (tests in one terminal, the demonstration in another) take turns.
     turn = os.open(ROOT / 'setup', os.O_RDONLY)
-    fcntl.flock(turn, fcntl.LOCK_EX)
+    try:
+        fcntl.flock(turn, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        sys.stderr.write('Waiting for the set-up that another terminal has started ...\n')
+        fcntl.flock(turn, fcntl.LOCK_EX)
     # Unless PYTHON names an interpreter, .venv may contain any that fits.
     chosen = python.version if os.environ.get('PYTHON') else ''
     # The place is part of the key, because venv and colcon write absolute paths.

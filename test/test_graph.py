@@ -266,7 +266,7 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
     domain = for_officials.domain
     with networks.own.inside():
         neighbour = ForeignNode(domain, {}, seconds=30)
-    assert f'at {OFFICIALS}' in for_officials.wait_for_line('graph can be reached.*')[0]
+    assert f'at {OFFICIALS}' in for_officials.wait_for_line('can be reached.*')[0]
     assert neighbour.findings().answered
 
     found = break_in(networks, domain, (KARTS, OFFICIALS))
@@ -473,7 +473,7 @@ def test_race_control_starts_with_an_open_graph_that_was_accepted_by_name(
     monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
     with networks.own.inside():
         control = start_race_control(in_race=[1], address='0.0.0.0', accept_open_graph=True)
-    assert f'at {OFFICIALS}' in control.wait_for_line('graph can be reached.*')[0]
+    assert f'at {OFFICIALS}' in control.wait_for_line('can be reached.*')[0]
 
 
 # An address may be there later; what is none never will.

@@ -104,7 +104,8 @@ def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
     except ImportError as error:
         raise ImportError(
             f'--odometry ros:{topic} needs ROS 2 with nav_msgs in this shell ({error}). '
-            'Source it, or deliver the speed in another way: udp:PORT, a file or a pipe'
+            'Source it, use setup/in-workspace python src/evgp_inspection kart, or deliver the '
+            'speed in another way: udp:PORT, a file or a pipe'
         ) from error
     executors: Any = importlib.import_module('rclpy.executors')
     qos: Any = importlib.import_module('rclpy.qos')

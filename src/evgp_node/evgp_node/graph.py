@@ -402,12 +402,13 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
 
 def where_reachable() -> str:
     """Return a sentence that says where the graph of this process can be reached."""
+    graph = f'The ROS graph of domain {os.environ.get(DOMAIN) or 0}'
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     if not beyond:
-        return 'The ROS graph can be reached only from this machine'
+        return f'{graph} can be reached only from this machine'
     at = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
     secured = ', and requires keys (SROS2)' if is_security_enforced() else ''
-    return f'The ROS graph can be reached from other machines, at {at}{secured}'
+    return f'{graph} can be reached from other machines, at {at}{secured}'
 
 
 def is_security_enforced() -> bool:

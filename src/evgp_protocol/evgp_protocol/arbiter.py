@@ -124,8 +124,8 @@ class Settings:
     :ivar team_timeout: time without a sign that the bridge receives its team's messages after
         which this counts as a team stop; with 0, no sign is required.
     :ivar odometry_required: refuse to acknowledge a red state unless odometry shows a standstill,
-        and GREEN_GREEN unless odometry shows motion (§3.A). Once any odometry was heard, and with
-        `auto_acknowledge_stop`, this always applies.
+        GREEN_GREEN unless it shows motion (§3.A), and GRID_ACTIVE while there is none. Once any
+        odometry was heard, and with `auto_acknowledge_stop`, this always applies.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; 0 or more.
     :ivar standstill_time: uninterrupted time at standstill after which the kart has stopped; 0 or
@@ -327,7 +327,7 @@ class Arbiter:
 
     @property
     def missing_odometry(self) -> str:
-        """Return why missing odometry keeps reds from being acknowledged; empty if it does not."""
+        """Return why missing odometry prevents acknowledgements; empty if it does not."""
         if not self._odometry_expected:
             return ''
         topic = self._names.odometry
@@ -553,8 +553,10 @@ class Arbiter:
                 f'race control commands {verdict.commanded.value}, not {state.value}: '
                 f'acknowledge {verdict.commanded.value} once the kart has reached it'
             )
+        if state is not RaceState.IN_GARAGE and (missing := self.missing_odometry):
+            return missing
         if state.is_red and self._odometry_expected:
-            return self.missing_odometry or self._motion() or None
+            return self._motion() or None
         if state is RaceState.GREEN_GREEN and self._odometry_expected:
             return self._standstill() or None
         return None
@@ -568,8 +570,8 @@ class Arbiter:
 
     def _standstill(self) -> str:
         """Return why odometry does not show that the kart drives; empty if it does."""
-        if self.missing_odometry or self._speed > self._settings.standstill_speed:
-            return self.missing_odometry
+        if self._speed > self._settings.standstill_speed:
+            return ''
         return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
 
     def _motion(self) -> str:

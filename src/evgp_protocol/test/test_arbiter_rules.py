@@ -257,13 +257,15 @@ class Oracle:
         doubts = [engaged for source, engaged in stops if source is TWO]
         by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
         by_odometry = by_odometry or bool(speeds) or any(doubts)
-        if state not in (GREEN, FLAG, RED) or not by_odometry:
+        if state is GARAGE or not by_odometry:
             return True
         if doubts and doubts[-1]:
             return False
         speeds = self._sure_speeds(0)
         if not speeds or self.now - speeds[-1].at > 0.5:
             return False
+        if state is GRID:
+            return True
         speed, limit = speeds[-1].value, self.settings.standstill_speed
         return bool(speed > limit if state is GREEN else speed <= limit)
 
@@ -583,6 +585,8 @@ required odometry is not missed: [odometry required] __init__: without odometry_
 odometry that acknowledges is not missed: [acknowledges by itself] __init__: without
     auto_acknowledge_stop
 odometry that was lost is not missed: [odometry heard] speed: skips _odometry_expected
+a kart without odometry is ready for the grid: [odometry required] _refusal: IN_GARAGE
+    missing_odometry => state is not RaceState.GRID_ACTIVE and it
 odometry of old shows a standstill: [odometry required] _refusal: missing_odometry =>
     math.isinf(self._speed_at) and it
 flag lets a standing kart drive: _command: RED_FLAG was_driving => state is RaceState.RED_FLAG
@@ -868,6 +872,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
         self.give('team_heard', None, 0.0)
         self.give('connected', None, 0.0)
         self.give('heard', GRID, 0.0)
+        self.give('speed', 0.0, 0.0)
         self.give('acknowledge', (GRID, 'present'), 0.0)
         self.give('heard', GREEN, 0.0)
         assert self.arbiter.verdict.may_drive
