@@ -109,6 +109,7 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
             for number in itertools.count():
                 rehearsal.wait_for_end(number)
                 _show(console, rehearsal.debriefs()[number])
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would lose the debriefs
         lines = [line for each in rehearsal.debriefs() for line in each] or [NO_INCIDENT]
         _show(console, lines)
         if given.debrief is not None:
