@@ -177,6 +177,7 @@ class Client:
     :param there: name under which the program announces presence (``announce``). The client
         announces nothing if the name is empty or SROS2 does not permit announcements.
     :param hears: whether the listener gets the race. The client itself always gets the race.
+    :param say: returns a sentence from race control in the words of this program.
     :raises RCLError: if ROS does not allow this client.
     """
 
@@ -188,6 +189,7 @@ class Client:
         commands: Iterable[Kind] = tuple(CATALOGUE),
         there: str = '',
         hears: bool = True,
+        say: Callable[[str], str] = spoken,
         **node_options: Any,
     ) -> None:
         self.node = Node(name, context=context, **node_options)
@@ -204,7 +206,7 @@ class Client:
                 )
         subscribe = self.node.create_subscription
         subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
-        self._hears = hears
+        self._hears, self._say = hears, say
         if hears:
             subscribe(msg.RaceEvents, 'rcs/events', self._hear_events, latched(200))
             subscribe(msg.Results, 'rcs/timekeeper/results', self._hear_results, latched(1))
@@ -329,7 +331,7 @@ class Client:
             given, _ = self._waiting.pop(future, (None, 0.0))
             if given is None or future.cancelled():
                 return
-            answer = Answer(future.result().success, spoken(future.result().message))
+            answer = Answer(future.result().success, self._say(future.result().message))
             waited = self._standing.waits(given)
             if answer.success:
                 ended = self._standing.accepted(given)
@@ -360,7 +362,7 @@ class Client:
         if number is not None:
             self._sources.hear(number, at)
         two = self._sources.are_two(at)
-        race = self._read(lambda: value_of(message, Snapshot, spoken))
+        race = self._read(lambda: value_of(message, Snapshot, self._say))
         if race is None:
             return
         began = self._began.hear(race.stamp, race.race_since, at)
@@ -378,12 +380,12 @@ class Client:
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         for each in message.events:
-            event = self._read(functools.partial(event_of, each, spoken))
+            event = self._read(functools.partial(event_of, each, self._say))
             if event is not None:
                 self._listener.on_event(event)
 
     def _hear_results(self, message: msg.Results) -> None:
-        results = self._read(lambda: value_of(message, Standings, spoken))
+        results = self._read(lambda: value_of(message, Standings, self._say))
         if results is not None:
             self._listener.on_results(results)
 

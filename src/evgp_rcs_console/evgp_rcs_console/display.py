@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import time
 
 from evgp_node.results import Standings
@@ -31,6 +31,7 @@ from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
+from evgp_rcs_console.notices import OfficialNames
 from evgp_rcs_console.panels import (
     ClockPanel,
     DangerPanel,
@@ -127,7 +128,7 @@ class Areas(QtWidgets.QWidget):
     """Emitted when a button acts. Carries the button's command from the moment of the press, and
     the command that the button has now."""
 
-    def __init__(self) -> None:
+    def __init__(self, names: OfficialNames) -> None:
         super().__init__()
         self.setObjectName('window')
         self.setAttribute(QtCore.Qt.WidgetAttribute.WA_StyledBackground)
@@ -146,7 +147,7 @@ class Areas(QtWidgets.QWidget):
         self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
         self.number_field = NumberField()
         self.alerts = AlertsArea()
-        self.events = EventPanel()
+        self.events = EventPanel(names)
         self.foot = Foot()
         self._arrange()
         self.question = Question(self)
@@ -261,6 +262,7 @@ class Inbox(QtCore.QObject):
     all of them together.
 
     :ivar waiting: the snapshots that have not been processed yet, newest last.
+    :ivar names: how this window names the officials.
     """
 
     came = Signal()
@@ -275,13 +277,17 @@ class Inbox(QtCore.QObject):
     def __init__(self) -> None:
         super().__init__()
         self.waiting: deque[Heard] = deque()
-        self.on_event, self.on_results = self.event.emit, self.results.emit
-        self.on_answer, self.on_pressing = self.answer.emit, self.pressing.emit
-        self.on_dropped = self.dropped.emit
+        self.names = OfficialNames()
+        self.on_results, self.on_answer = self.results.emit, self.answer.emit
+        self.on_pressing, self.on_dropped = self.pressing.emit, self.dropped.emit
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         self.waiting.append((race, at, two))
         self.came.emit()
+
+    def on_event(self, event: StampedEvent) -> None:
+        self.names.take(event.event.official)
+        self.event.emit(event)
 
 
 class ChosenKart(KartField):
@@ -434,16 +440,15 @@ class Display(QtCore.QObject):
         stops that it has not accepted yet.
     """
 
-    def __init__(self, areas: Areas, looking: str, waiting: deque[Heard]) -> None:
+    def __init__(self, areas: Areas, looking: str, inbox: Inbox) -> None:
         super().__init__(areas)  # belongs to the Qt thread, so Qt queues the client's signals
         self.areas = areas
         self.unanswered = Unanswered()
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
         self.chosen = ChosenKart(areas)
         self.alarm = Alarm(areas.alerts)
-        self._officials = areas.events.log.officials
         self._looking = looking
-        self._waiting = waiting
+        self._waiting, self._names = inbox.waiting, inbox.names
         self._began = clock.now()
         self._race: Snapshot | None = None
         self._results: Standings | None = None
@@ -462,8 +467,7 @@ class Display(QtCore.QObject):
             return
         changed = bool(self._danger_title)
         while self._waiting:
-            heard, self._heard_at, self._two = self._waiting.popleft()
-            self._race = self._officials.in_race(heard)
+            self._race, self._heard_at, self._two = self._waiting.popleft()
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
             before, self._news = self._news, self._without_measurements()
@@ -484,8 +488,7 @@ class Display(QtCore.QObject):
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         self.unanswered.answered(given)
-        said = self._officials.in_text(answer.message)
-        self.bottom.say_answer(given, replace(answer, message=said))
+        self.bottom.say_answer(given, answer)
         self.refresh()
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
@@ -542,7 +545,7 @@ class Display(QtCore.QObject):
         areas.track.show_screen(screen, stale)
         areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
-        areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
+        areas.strip.show_screen(screen, self._names.names, stale)
         areas.heats.show_heats(screen.heats, screen.rosters)
         areas.officials.show_names(race.officials)
         areas.karts.show_rows(screen.rows, stale)

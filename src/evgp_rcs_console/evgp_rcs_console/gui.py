@@ -19,7 +19,7 @@ from typing import Any
 from evgp_node.graph import GraphError
 from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_rcs_console import texts
-from evgp_rcs_console.client import Client, join_graph, looking, PRESENCE_PERIOD
+from evgp_rcs_console.client import Client, join_graph, looking, PRESENCE_PERIOD, spoken
 from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
@@ -77,8 +77,12 @@ def main(
     application.setStyle('Fusion')
     keep_awake()
     inbox = Inbox()
+
+    def say(sentence: str) -> str:
+        return inbox.names.in_text(spoken(sentence))
+
     try:
-        client = Client('rcs_gui', inbox, there='rcs_gui')
+        client = Client('rcs_gui', inbox, there='rcs_gui', say=say)
     except RCLError as error:
         print(f'rcs_gui: {texts.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2

@@ -12,14 +12,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+import itertools
 from typing import NamedTuple
 
 from evgp_node.official import UNNAMED
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
-from evgp_rcs.rules.snapshot import Snapshot
+from evgp_rcs.rules.race import Alert, AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console import texts
 
@@ -178,15 +178,20 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     return '; '.join(parts)
 
 
-class Officials:
-    """The officials who have given commands. Each is shown by name, unless two share a name."""
+class OfficialNames:
+    """
+    The officials who have given commands. Each is shown by name, unless two share a name.
+
+    One thread may add claims while other threads read them.
+    """
 
     def __init__(self) -> None:
-        self._claims: dict[str, set[str]] = {}
+        self._claims: dict[str, frozenset[str]] = {}
 
     def take(self, claim: str) -> None:
         if claim:
-            self._claims.setdefault(claim.partition(' (')[0], set()).add(claim)
+            name = claim.partition(' (')[0]
+            self._claims = {**self._claims, name: self._claims.get(name, frozenset()) | {claim}}
 
     @property
     def names(self) -> list[str]:
@@ -196,35 +201,14 @@ class Officials:
     def called(self, claim: str) -> str:
         """Return the name shown for an official."""
         name = claim.partition(' (')[0]
-        return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
+        return claim if len(self._claims.get(name, ())) > 1 or name == UNNAMED else name
 
     def in_text(self, text: str) -> str:
         """Return a sentence from race control with each official named as on the screen."""
-        for claims in self._claims.values():
-            for claim in claims:
-                text = text.replace(f' by {claim}', f' by {self.called(claim)}')
+        claims = self._claims.values() if ' by ' in text else ()
+        for claim in itertools.chain(*claims):
+            text = text.replace(f' by {claim}', f' by {self.called(claim)}')
         return text
-
-    def in_race(self, race: Snapshot) -> Snapshot:
-        """Return a snapshot with each official named as on the screen."""
-
-        def offered(commands: tuple[Availability, ...]) -> tuple[Availability, ...]:
-            said = [self.in_text(each.reason) for each in commands]
-            return tuple(
-                each if each.reason == reason else each._replace(reason=reason)
-                for each, reason in zip(commands, said, strict=True)
-            )
-
-        return race._replace(
-            state_cause=self.in_text(race.state_cause),
-            karts=tuple(
-                kart._replace(
-                    hold_reason=self.in_text(kart.hold_reason), commands=offered(kart.commands)
-                )
-                for kart in race.karts
-            ),
-            commands=offered(race.commands),
-        )
 
 
 class Line(NamedTuple):
@@ -273,10 +257,10 @@ class EventLog:
     karts in a row, they share one line.
     """
 
-    def __init__(self, most: int = 2000) -> None:
+    def __init__(self, officials: OfficialNames, most: int = 2000) -> None:
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
-        self.officials = Officials()
+        self._officials = officials
 
     def add(self, stamped: StampedEvent) -> None:
         """Add an event as a new line or to the last line, or leave it out if shown elsewhere."""
@@ -332,15 +316,14 @@ class EventLog:
 
     def _told(self, event: Event) -> str:
         """Return the event's sentence or its command's label, and the official who caused it."""
-        self.officials.take(event.official)
-        text = self.officials.in_text(event.text).removesuffix('.')
+        text = event.text.removesuffix('.')
         if event.kind is EventKind.COMMAND and event.success and event.command in _BY_LABEL:
             text = texts.command_name(event.command, event.kart)
             if event.after:
                 text += f', pressed {round(event.after)} s ago'
             if event.command is CommandKind.KART_FINISH:
                 text += f', P{event.place}'
-        return f'{text} · {self.officials.called(event.official)}' if event.official else text
+        return f'{text} · {self._officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Line]:
         """Return the lines about a kart, and those about no kart, oldest first; 0: all lines."""

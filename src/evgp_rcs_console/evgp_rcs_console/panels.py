@@ -12,7 +12,7 @@ from evgp_rcs.rules.race import StampedEvent
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE
-from evgp_rcs_console.notices import EventLog
+from evgp_rcs_console.notices import EventLog, OfficialNames
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import look, SMALL
 from evgp_rcs_console.view import Danger, RACE_COMMANDS, Row, Screen
@@ -213,9 +213,9 @@ class NumberField(Panel):
 class EventPanel(Panel):
     """Shows the events of all karts or of one kart, newest first, with commands in bold."""
 
-    def __init__(self) -> None:
+    def __init__(self, officials: OfficialNames) -> None:
         super().__init__('events')
-        self.log = EventLog()
+        self.log = EventLog(officials)
         self._kart = 0
         self._teams: dict[int, str] = {}
         self._list = QtWidgets.QListWidget()

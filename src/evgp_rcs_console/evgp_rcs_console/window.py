@@ -28,11 +28,11 @@ class ConsoleWindow(Areas):
     """The window of one official."""
 
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
-        super().__init__()
+        super().__init__(inbox.names)
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         look.palette = NIGHT if is_night() else DAY
-        self.display = display = Display(self, looking, inbox.waiting)
+        self.display = display = Display(self, looking, inbox)
         self._late = LateInput(LOOK / 1000, display)
         presses = CommandInput(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)

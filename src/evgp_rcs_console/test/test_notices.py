@@ -5,13 +5,16 @@
 
 from __future__ import annotations
 
+from evgp_node.codec import message_of, value_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import Alert, AlertKind, Availability, Event, EventKind, StampedEvent
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import texts
 from evgp_rcs_console.client import spoken
-from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
+from evgp_rcs_console.notices import AlertBook, EventLog, OfficialNames, summary
+from evgp_rcs_msgs import msg
 from example_race import KART, offers, RACE, replace
 from recorded_races import PaperRace
 
@@ -180,7 +183,7 @@ def test_a_new_text_of_an_alert_is_shown() -> None:
 
 
 def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
-    log = EventLog()
+    log = EventLog(OfficialNames())
     for sequence, kart in enumerate((0, 1, 2), start=1):
         log.add(event(sequence, f'event of {kart}', kart))
 
@@ -189,7 +192,7 @@ def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
 
 
 def test_a_refusal_is_marked_in_the_log() -> None:
-    log = EventLog()
+    log = EventLog(OfficialNames())
 
     log.add(event(1, 'GREEN_GREEN refused', success=False))
     (line,) = log.lines()
@@ -198,7 +201,7 @@ def test_a_refusal_is_marked_in_the_log() -> None:
 
 
 def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
-    log = EventLog()
+    log = EventLog(OfficialNames())
     log.add(event(1, 'one'))
     log.add(event(2, 'two'))
 
@@ -209,7 +212,8 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
 
 def said_in_a_race(*karts: int) -> list[str]:
     """Return the log of a race in which the first two karts finish."""
-    paper, log = PaperRace({each: f'Team {each} (FH)' for each in karts}), EventLog()
+    paper = PaperRace({each: f'Team {each} (FH)' for each in karts})
+    log = EventLog(OfficialNames())
     official = 'Anna (pc 1)'
     paper.connect(*karts)
     for kind in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
@@ -252,7 +256,7 @@ def test_the_log_says_a_race_in_a_few_short_lines_without_teams() -> None:
 def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_seen() -> None:
     for kind in AlertKind:
         kart = 7 if kind in KART_ALERTS else 0
-        book, log = AlertBook(), EventLog()
+        book, log = AlertBook(), EventLog(OfficialNames())
         book.update([Alert(kind, kart, 0.0, 'it is so', True)])
         book.update([])
         (ended,) = book.shown
@@ -266,7 +270,7 @@ def test_every_alert_that_has_ended_is_told_in_words_in_the_log_and_until_it_is_
 
 
 def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_joins_it() -> None:
-    log = EventLog()
+    log = EventLog(OfficialNames())
 
     def add(sequence: int, kart: int, kind: EventKind, state: RaceState | None = None) -> int:
         """Add an event; return the number of lines afterwards."""
@@ -295,14 +299,14 @@ def test_a_line_of_several_karts_is_of_each_of_them_and_only_what_is_the_same_jo
 def test_a_stop_that_came_late_says_so_in_the_log() -> None:
     kill = Event(EventKind.COMMAND, 'so it is', command=CommandKind.ALL_KILL)
     happened = kill._replace(official='Anna (pc 1)', after=65.0)
-    log = EventLog()
+    log = EventLog(OfficialNames())
     log.add(StampedEvent(1, 0, 0.0, happened))
 
     assert [line.text for line in log.lines()] == ['ALL KILL, pressed 65 s ago · Anna']
 
 
 def test_the_log_keeps_the_newest() -> None:
-    log = EventLog(most=3)
+    log = EventLog(OfficialNames(), most=3)
     for sequence in range(1, 10):
         log.add(event(sequence, str(sequence)))
 
@@ -310,7 +314,7 @@ def test_the_log_keeps_the_newest() -> None:
 
 
 def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
-    officials = Officials()
+    officials = OfficialNames()
     held = 'ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'
     why = f'kart 7 (Purdue) is held: {held}'
     refused = offers(Availability(CommandKind.KART_FINISH, False, why))
@@ -319,14 +323,15 @@ def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_ha
     for claim in ('Anna (pc 1)', 'Bob (pc 2)'):
         officials.take(claim)
 
-    named = officials.in_race(race)
+    def named() -> Snapshot:
+        return value_of(message_of(race, msg.Race), Snapshot, officials.in_text)
 
     told = 'ALL KILL by Anna; RED RED by Bob'
-    assert (named.state_cause, named.karts[0].hold_reason) == ('ALL KILL by Anna', told)
-    for commands in (named.commands, named.karts[0].commands):
+    assert (named().state_cause, named().karts[0].hold_reason) == ('ALL KILL by Anna', told)
+    for commands in (named().commands, named().karts[0].commands):
         assert [each.reason for each in commands if each.reason] == [
             f'kart 7 (Purdue) is held: {told}'
         ]
     officials.take('Anna (pc 3)')
-    assert officials.in_race(race).state_cause == race.state_cause
+    assert named().state_cause == race.state_cause
     assert officials.names == ['Anna', 'Bob']

@@ -385,7 +385,7 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
     console = opened(*size)
     found = [f'first: {each}' for each in misfits(console.window)]
     for number, name in enumerate(('Anna-Katharina', 'Bartholomäus', 'Maximiliane'), 1):
-        console.window.display.take_event(event(number, 'so it is', f'{name} (pc 1)'))
+        console.inbox.on_event(event(number, 'so it is', f'{name} (pc 1)'))
     for name, race in STATES.items():
         console.tell(race)
         console.settle(0.05)
@@ -945,19 +945,19 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
 def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
     console = opened()
     console.tell(race_of(1))
-    log, display = console.find('log'), console.window.display
-    display.take_event(event(1, 'RED RED sent to ' + 'kart 99, ' * 200))
-    display.take_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
+    log = console.find('log')
+    console.inbox.on_event(event(1, 'RED RED sent to ' + 'kart 99, ' * 200))
+    console.inbox.on_event(event(2, f'Kart 1 ({NAME}): the newest', 'Anna (pc 1)'))
     console.settle()
 
     assert not log.horizontalScrollBar().isVisible()
     assert log.item(0).text().endswith('Kart 1: the newest · Anna')
     assert log.viewport().rect().contains(log.visualItemRect(log.item(0)))
     assert log.item(0).font().bold()
-    display.take_event(event(3, 'more', 'Anna (pc 2)'))
+    console.inbox.on_event(event(3, 'more', 'Anna (pc 2)'))
     console.settle()
     assert log.item(0).text().endswith('more · Anna (pc 2)')  # two windows of one name
-    display.take_event(event(4, 'it has arrived', kind=EventKind.DELIVERED))
+    console.inbox.on_event(event(4, 'it has arrived', kind=EventKind.DELIVERED))
     console.settle()
     assert 'arrived' not in log.item(0).text()
 
