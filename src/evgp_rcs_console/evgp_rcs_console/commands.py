@@ -149,48 +149,14 @@ def effects(
     )
 
 
-SETTLED = 1.0
-"""Time after an answer from which every snapshot that arrives is newer than the answer, in
-seconds. Race control publishes a snapshot at least every 0.5 s."""
-
-
-class Outcome:
-    """Compares the answer to an accepted command with the snapshots that follow."""
-
-    def __init__(self, given: Given, at: float) -> None:
-        self._given = given
-        self._at = at
-        self._seen: object = None
-
-    def agrees_with(self, race: Snapshot, at: float) -> bool:
-        """Return whether this snapshot and all earlier ones agree with the answer."""
-        shown = self._shown(race)
-        if self._seen is None and self._is_done(race):
-            self._seen = shown
-        if self._seen is None:
-            return at - self._at < SETTLED  # the snapshot may be older than the answer
-        return shown == self._seen
-
-    def _shown(self, race: Snapshot) -> object:
-        """Return what the command can change, as the snapshot shows it."""
-        entry = CATALOGUE[self._given.command]
-        if entry.result.track_open is not None:
-            return race.track.open
-        if entry.names_heat:
-            return race.state, _racing(race)
-        kart = race.kart(self._given.kart)
-        if kart is None:
-            return (race.state,)
-        return kart.sent, kart.hold, kart.in_race, kart.place
-
-    def _is_done(self, race: Snapshot) -> bool:
-        given = self._given
-        entry = CATALOGUE[given.command]
-        if entry.names_heat:
-            return any(
-                heat.name == given.heat and heat.karts == _racing(race) for heat in race.heats
-            )
-        return shows_result(entry.result, race, race.kart(given.kart))
+def shows(race: Snapshot, given: Given) -> bool:
+    """Return whether a snapshot shows the result of this command, or could not show it at all."""
+    if not CATALOGUE[given.command].is_seen:
+        return True
+    if given.heat:
+        racing = tuple(kart.number for kart in race.karts if kart.in_race)
+        return any((heat.name, heat.karts) == (given.heat, racing) for heat in race.heats)
+    return shows_result(CATALOGUE[given.command].result, race, race.kart(given.kart))
 
 
 def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> bool:
@@ -207,10 +173,6 @@ def shows_result(result: Result, race: Snapshot, kart: KartSnapshot | None) -> b
     if kart is not None and result.placed is not None:
         shown.append((kart.place > 0) is result.placed)
     return bool(shown) and all(shown)
-
-
-def _racing(race: Snapshot) -> tuple[int, ...]:
-    return tuple(kart.number for kart in race.karts if kart.in_race)
 
 
 PRESS_AGAIN = 0.5

@@ -12,7 +12,7 @@ may have aimed at the button that was there before.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass
 import time
@@ -26,8 +26,8 @@ from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea
-from evgp_rcs_console.catalogue import CATALOGUE, Kind
-from evgp_rcs_console.commands import Given, LATE, Outcome, Standing, Unanswered
+from evgp_rcs_console.catalogue import Kind
+from evgp_rcs_console.commands import Given, LATE, shows, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
@@ -320,6 +320,14 @@ class ChosenKart(KartField):
 READ = 5.0
 """Minimum time that a message stays before an older unanswered command replaces it, in seconds."""
 
+SETTLED = 1.0
+"""Time after an answer from which every snapshot that arrives is newer than the answer, in
+seconds. Race control publishes a snapshot at least every 0.5 s."""
+
+
+Holds = Callable[[Snapshot, Screen], bool]
+"""Returns whether a snapshot, and the screen made from it, agree with a message."""
+
 
 class BottomLine:
     """
@@ -335,54 +343,50 @@ class BottomLine:
         self._unanswered = unanswered
         self._message = Cell('Ready.  F1 shows the keys.')
         self._said_at = 0.0
-        self._outcome: Outcome | None = None
-        # The command and kart of the last refusal, and whether the kart's letter was pressed.
-        self._refused: tuple[Kind, int, bool] | None = None
-        self._holds = False  # whether the screen has shown that refusal
+        self._holds: Holds | None = None
         self._pointed: object = None
 
-    def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Replace the last message with a new one, and put the time of day before it."""
+    def say(self, text: str, tone: Tone = Tone.PLAIN, holds: Holds | None = None) -> None:
+        """
+        Replace the last message with a new one, and put the time of day before it.
+
+        :param holds: for a message that is removed once a snapshot contradicts it.
+        """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
-        self._outcome = None
-        self._refused = None
+        self._holds = holds
         self._pointed = None
         self.show()
 
     def say_answer(self, given: Given, answer: Answer) -> None:
-        """Show race control's answer until a snapshot contradicts it."""
-        mark = '✓ ' if answer.success else texts.REFUSED
-        tone = Tone.GOOD if answer.success else Tone.BAD
-        self.say(f'{mark}{answer.message}', tone)
-        if answer.success and CATALOGUE[given.command].is_seen:
-            self._outcome = Outcome(given, clock.now())
-        elif not answer.success:
-            self._refused, self._holds = (given.command, given.kart, False), False
+        """Show race control's answer while its snapshots agree with the answer."""
+        if answer.success:
+            self.say(f'✓ {answer.message}', Tone.GOOD, lambda race, _: shows(race, given))
+        else:
+            self._refuse(f'{texts.REFUSED}{answer.message}', Tone.BAD, given.command, given.kart)
 
     def say_barred(self, button: Button) -> None:
         """Show why a command is not possible, until it is possible."""
-        self.say(button.explanation, Tone.WAIT)
-        self._refused = button.command, button.kart, bool(button.kart and button.key)
-        self._holds = True
+        by_letter = bool(button.kart and button.key)
+        self._refuse(button.explanation, Tone.WAIT, button.command, button.kart, by_letter)
 
-    def take_screen(self, screen: Screen) -> None:
-        """Remove a refusal from the line once the screen shows that the command is possible."""
-        button = screen.shown(*self._refused) if self._refused is not None else None
-        if button is None or button.is_stop:
-            return
-        if not button.enabled:
-            self._holds = True
-        elif self._holds or clock.now() - self._said_at > READ:
-            self.say('')
+    def _refuse(
+        self, text: str, tone: Tone, command: Kind, kart: int, by_letter: bool = False
+    ) -> None:
+        def holds(_: Snapshot, screen: Screen) -> bool:
+            button = screen.shown(command, kart, by_letter)
+            return button is None or button.is_stop or not button.enabled
 
-    def take_race(self, race: Snapshot, at: float) -> None:
+        self.say(text, tone, holds)
+
+    def take_race(self, race: Snapshot, at: float, screen: Screen) -> None:
         """
-        Remove an answer from the line if this snapshot contradicts it.
+        Remove the message if a snapshot contradicts it that is certainly newer.
 
         :param at: when the snapshot arrived, in seconds.
         """
-        if self._outcome is not None and not self._outcome.agrees_with(race, at):
+        is_newer = at - self._said_at >= SETTLED
+        if self._holds is not None and is_newer and not self._holds(race, screen):
             self.say('')
 
     def point_at(self, widget: object) -> None:
@@ -469,7 +473,6 @@ class Display(QtCore.QObject):
         while self._waiting:
             self._race, self._heard_at, self._two = self._waiting.popleft()
             self.alarm.take_race(self._race, self._two)
-            self.bottom.take_race(self._race, self._heard_at)
             before, self._news = self._news, self._without_measurements()
             changed = changed or self._news != before
         if changed:
@@ -556,7 +559,7 @@ class Display(QtCore.QObject):
         if areas.question.isVisible() and asked is not None:
             areas.question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
-        self.bottom.take_screen(screen)
+        self.bottom.take_race(race, self._heard_at, screen)
         self.bottom.show()
 
     @property
