@@ -43,6 +43,63 @@ TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
 """Frequency (Hz) and length (s) of each tone of the alarm."""
 
 
+def alarm() -> bytes:
+    """Return the sound of the alarm as 16-bit mono samples."""
+    samples = array.array('h')
+    for frequency, length in TONES:
+        count = int(RATE * length)
+        samples.extend(
+            int(24000 * math.sin(2 * math.pi * frequency * n / RATE)) for n in range(count)
+        )
+    return samples.tobytes()
+
+
+class Alarm:
+    """
+    Plays the alarm in the background, again and again while there is a reason.
+
+    If no player is found, the system's bell rings instead. Many machines have it turned off.
+    """
+
+    def __init__(self) -> None:
+        self.muted = False
+        self._sounded_at = 0.0
+        self._player = next(filter(None, map(shutil.which, PLAYERS)), None)
+        self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')
+        self._file = pathlib.Path(self._folder.name, 'alarm.wav')
+        with wave.open(str(self._file), 'wb') as out:
+            out.setnchannels(1)
+            out.setsampwidth(2)
+            out.setframerate(RATE)
+            out.writeframes(alarm())
+
+    def toggle(self) -> None:
+        self.muted = not self.muted
+        self.sound_soon()
+
+    def sound_soon(self) -> None:
+        """Let the next ``look`` sound the alarm at once, if there is a reason to."""
+        self._sounded_at = 0.0
+
+    def look(self, now: float, alarming: bool) -> None:
+        """Sound the alarm if there is a reason and it has not sounded too recently."""
+        if alarming and now - self._sounded_at >= SOUND_AGAIN:
+            self._sounded_at = now
+            self.sound()
+
+    def sound(self) -> None:
+        """Sound the alarm once, immediately."""
+        if self.muted:
+            return
+        if self._player is None:
+            QtWidgets.QApplication.beep()
+        else:
+            QtCore.QProcess.startDetached(self._player, [str(self._file)])
+
+    def close(self) -> None:
+        self._folder.cleanup()
+
+
 def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
     """
     Return alerts as HTML, on a coloured background until they are seen.
@@ -78,29 +135,34 @@ def page(notices: Sequence[Notice], at: float, sentences: int) -> str:
 
 class AlertsArea(Panel):
     """
-    Shows the alerts that are not marked as seen, and those whose cause still exists.
+    Keeps and shows the alerts that are not marked as seen, and those whose cause still exists.
 
     SEEN marks the first unseen alert. If a different alert has just become the first one, SEEN
     marks nothing.
+
+    :ivar alarm: sounds while an alert is not marked as seen.
     """
 
-    seen = Signal(list)
-    """Emitted when the official has seen alerts. Carries the numbers of these alerts."""
     changed = Signal()
     """Emitted when SEEN marks nothing, because the alerts had just changed."""
 
     def __init__(self) -> None:
         super().__init__('banner')
+        self.alarm = Alarm()
+        self._book = AlertBook()
+        self._state: RaceState | None = None
+        self._at, self._known = 0.0, False
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._summary = Text('standing', 'small bold', wrap=True)
         self._see = Push('seen', texts.SEEN, 'F10', kind='quiet small')
         self._see_all = Push('seen_all', 'ALL SEEN', kind='quiet small')
-        self.mute = Push('mute', kind='quiet small')
+        self._mute = Push('mute', '♪ ON', 'F11', kind='quiet small')
         self._see.pressed.connect(self.press_first)
         self._see_all.clicked.connect(lambda: self._press(None))
+        self._mute.clicked.connect(self.toggle_sound)
         fixed(self._summary, height=26)
-        buttons = self._see, self._see_all, self.mute
+        buttons = self._see, self._see_all, self._mute
         for button in buttons:
             fixed(button, height=24)
         self._body = QtWidgets.QLabel()
@@ -124,24 +186,44 @@ class AlertsArea(Panel):
     def cut(self) -> bool:
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
-    def show_sound(self, muted: bool) -> None:
-        self.mute.show_words('♪ OFF' if muted else '♪ ON', 'F11')
+    def take_race(self, race: Snapshot, two: bool) -> None:
+        """Update the alerts from a snapshot, and sound the alarm soon if one of them is new."""
+        if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
+            self._book.begin_race()
+        self._state = race.state
+        if self._book.update(race.alerts, two):
+            self.alarm.sound_soon()
 
-    def show_notices(
-        self, notices: Sequence[Notice], at: float, own: bool = False, known: bool = True
-    ) -> None:
+    def take_own(self, text: str) -> None:
+        """Add an alert that this window raises itself, and sound the alarm soon."""
+        self._book.add_own(text)
+        self.alarm.sound_soon()
+
+    def look(self, now: float, alarming: bool) -> None:
+        """Sound the alarm if that is due, for an unseen alert or for another reason."""
+        self.alarm.look(now, alarming or bool(self._book.unseen))
+
+    def toggle_sound(self) -> None:
+        self.alarm.toggle()
+        self._mute.show_words('♪ OFF' if self.alarm.muted else '♪ ON', 'F11')
+
+    def show_alerts(self, at: float, known: bool) -> None:
         """
-        Show alerts, the most important first.
+        Show the alerts, the most important first.
 
         :param at: race control's time now, in seconds.
-        :param own: whether the official has just marked alerts as seen, and so expects a change.
         :param known: whether snapshots arrive; if they do not, an empty list does not mean that
             all is well.
         """
         before = self._unseen
-        self._notices = list(notices)
-        if before != self._unseen and before and not own:
+        self._at, self._known = at, known
+        self._show()
+        if before and before != self._unseen:
             self._aim.change(before, clock.now())
+
+    def _show(self) -> None:
+        at = self._at
+        self._notices = notices = self._book.shown
         looks = self._notices, int(at), self._body.size(), look.palette
         if looks != self._looks:
             self._looks, self._shown = looks, self._place(at)
@@ -150,7 +232,7 @@ class AlertsArea(Panel):
             unseen = any(not each.seen and each.lasts for each in notices)
             tone = Tone.BAD if unseen else Tone.PLAIN
         text = summary(notices, self._shown)
-        if not notices and not known:
+        if not notices and not self._known:
             text, tone = '? not known', Tone.FAINT
         shown = self._shown
         others = sorted({each.kart for each in notices[shown:] if each.use_msr and each.kart})
@@ -189,109 +271,5 @@ class AlertsArea(Panel):
         if before is not None and set(self._unseen[:count]) - set(before[:count]):
             self.changed.emit()
         else:
-            self.seen.emit(self._unseen[:count])
-
-
-class Alarm:
-    """Keeps and shows the alerts, and sounds the alarm."""
-
-    def __init__(self, area: AlertsArea) -> None:
-        self._area = area
-        self._book = AlertBook()
-        self._known = False
-        self._at = 0.0
-        self._sound = Sound()
-        self._muted = False
-        self._sounded_at = 0.0
-        self._state: RaceState | None = None
-        area.show_sound(muted=False)
-
-    def take_race(self, race: Snapshot, two: bool) -> None:
-        """Update the alerts from a snapshot, and sound the alarm soon if one of them is new."""
-        if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
-            self._book.begin_race()
-        self._state = race.state
-        if self._book.update(race.alerts, two):
-            self.sound_soon()
-
-    def take_own(self, text: str) -> None:
-        """Add an alert that this window raises itself, and sound the alarm soon."""
-        self._book.add_own(text)
-        self.sound_soon()
-
-    def show(self, at: float, known: bool) -> None:
-        """
-        Show the alerts.
-
-        :param at: race control's time now, in seconds.
-        :param known: whether snapshots arrive; without them, this window may be missing alerts.
-        """
-        self._at, self._known = at, known
-        self._area.show_notices(self._book.shown, at, known=known)
-
-    def see(self, numbers: list[int]) -> None:
-        self._book.see(numbers)
-        self._area.show_notices(self._book.shown, self._at, own=True, known=self._known)
-
-    def toggle_sound(self) -> None:
-        self._muted = not self._muted
-        self.sound_soon()
-        self._area.show_sound(self._muted)
-
-    def sound_soon(self) -> None:
-        """Let the next ``look`` sound the alarm at once, if there is a reason to."""
-        self._sounded_at = 0.0
-
-    def look(self, now: float, alarming: bool) -> None:
-        """Sound the alarm if there is a reason and it has not sounded too recently."""
-        due = now - self._sounded_at >= SOUND_AGAIN
-        if due and (alarming or self._book.unseen) and not self._muted:
-            self._sounded_at = now
-            self._sound.play()
-
-    def sound_now(self) -> None:
-        """Sound the alarm once, immediately, because a stop was not sent."""
-        if not self._muted:
-            self._sound.play()
-
-    def close(self) -> None:
-        self._sound.close()
-
-
-def alarm() -> bytes:
-    """Return the sound of the alarm as 16-bit mono samples."""
-    samples = array.array('h')
-    for frequency, length in TONES:
-        count = int(RATE * length)
-        samples.extend(
-            int(24000 * math.sin(2 * math.pi * frequency * n / RATE)) for n in range(count)
-        )
-    return samples.tobytes()
-
-
-class Sound:
-    """
-    Plays the alarm in the background.
-
-    If no player is found, the system's bell rings instead. Many machines have it turned off.
-    """
-
-    def __init__(self) -> None:
-        found = [path for path in map(shutil.which, PLAYERS) if path]
-        self._player = found[0] if found else None
-        self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')
-        self._file = pathlib.Path(self._folder.name, 'alarm.wav')
-        with wave.open(str(self._file), 'wb') as out:
-            out.setnchannels(1)
-            out.setsampwidth(2)
-            out.setframerate(RATE)
-            out.writeframes(alarm())
-
-    def play(self) -> None:
-        if self._player is None:
-            QtWidgets.QApplication.beep()
-        else:
-            QtCore.QProcess.startDetached(self._player, [str(self._file)])
-
-    def close(self) -> None:
-        self._folder.cleanup()
+            self._book.see(self._unseen[:count])
+            self._show()

@@ -25,7 +25,7 @@ from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import Cell, time_of_day, Tone
 from evgp_rcs_console import style, texts
-from evgp_rcs_console.alerts import Alarm, AlertsArea
+from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.catalogue import Kind
 from evgp_rcs_console.commands import Given, LATE, shows, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
@@ -450,7 +450,6 @@ class Display(QtCore.QObject):
         self.unanswered = Unanswered()
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
         self.chosen = ChosenKart(areas)
-        self.alarm = Alarm(areas.alerts)
         self._looking = looking
         self._waiting, self._names = inbox.waiting, inbox.names
         self._began = clock.now()
@@ -472,7 +471,7 @@ class Display(QtCore.QObject):
         changed = bool(self._danger_title)
         while self._waiting:
             self._race, self._heard_at, self._two = self._waiting.popleft()
-            self.alarm.take_race(self._race, self._two)
+            self.areas.alerts.take_race(self._race, self._two)
             before, self._news = self._news, self._without_measurements()
             changed = changed or self._news != before
         if changed:
@@ -500,7 +499,7 @@ class Display(QtCore.QObject):
 
     def take_dropped(self, why: str) -> None:
         """Alert the official that a stop is no longer being sent."""
-        self.alarm.take_own(why)
+        self.areas.alerts.take_own(why)
         self.refresh()
 
     # ----- what is shown ------------------------------------------------------------------
@@ -521,7 +520,7 @@ class Display(QtCore.QObject):
         if danger_now or self._danger_title or waits or now - self._shown_at >= AGES:
             self.refresh()
         self.areas.clock.look()
-        self.alarm.look(now, alarming=danger_now is not None and self._race is not None)
+        self.areas.alerts.look(now, danger_now is not None and self._race is not None)
 
     def refresh(self) -> None:
         """Show the newest snapshot, with all ages up to date."""
@@ -531,7 +530,7 @@ class Display(QtCore.QObject):
         title = danger_now.title if danger_now else ''
         if title != self._danger_title:
             self._danger_title = title
-            self.alarm.sound_soon()
+            self.areas.alerts.alarm.sound_soon()
         race = self._race or NOTHING
         ages = self.unanswered.ages(now)
         screen = show(race, now - self._heard_at, ages, danger_now, self._results)
@@ -554,7 +553,7 @@ class Display(QtCore.QObject):
         areas.karts.show_rows(screen.rows, stale)
         self.chosen.show_roster({row.number: row.team for row in screen.rows})
         areas.events.show_karts(screen.rows)
-        self.alarm.show(race.stamp + now - self._heard_at, known=not stale)
+        areas.alerts.show_alerts(race.stamp + now - self._heard_at, known=not stale)
         asked = areas.question.button
         if areas.question.isVisible() and asked is not None:
             areas.question.update_button(screen.button(asked.command, asked.kart))

@@ -331,14 +331,13 @@ class Keyboard:
         self._presses = presses
         self._late = late
         self._chosen = presses.display.chosen
-        self._alarm = presses.display.alarm
         self._bottom = presses.display.bottom
         self._repeats = Repeats()
         self._acts: dict[Act, Callable[[], object]] = {
             Act.HELP: presses.toggle_help,
             Act.SEEN: self._areas.alerts.press_first,
             Act.NIGHT: self._areas.toggle_night,
-            Act.SOUND: self._alarm.toggle_sound,
+            Act.SOUND: self._areas.alerts.toggle_sound,
             Act.UP: lambda: self._chosen.choose_next(-1),
             Act.DOWN: lambda: self._chosen.choose_next(1),
             Act.LOG: presses.toggle_events,
@@ -440,7 +439,7 @@ class Keyboard:
             if not kart:
                 self._bottom.say(why, Tone.BAD)
                 if stroke.stop:
-                    self._alarm.sound_now()
+                    self._areas.alerts.alarm.sound()
                 return
         button = _meant(screen, stroke, kart)
         shown = self._areas.seen.seen(at)

@@ -37,7 +37,7 @@ class ConsoleWindow(Areas):
         presses = CommandInput(give, signature, display, self._late)
         self._mouse = Mouse(presses, self._late)
         self._keyboard = Keyboard(presses, self._late)
-        chosen, alarm, bottom = display.chosen, display.alarm, display.bottom
+        chosen, bottom = display.chosen, display.bottom
 
         self.commanded.connect(presses.let_go)
         # It acts on the press, so that a press also counts if the pointer then slips off.
@@ -51,8 +51,6 @@ class ConsoleWindow(Areas):
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
         self.karts.pointed.connect(bottom.point_at)
-        self.alerts.seen.connect(alarm.see)
-        self.alerts.mute.clicked.connect(alarm.toggle_sound)
         self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # The signals come from other threads, so they are always queued.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
@@ -110,5 +108,5 @@ class ConsoleWindow(Areas):
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
         self._timer.stop()
-        self.display.alarm.close()
+        self.alerts.alarm.close()
         super().closeEvent(event)

@@ -39,7 +39,7 @@ from evgp_rcs.rules.race import (
 )
 from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_console import style, texts
-from evgp_rcs_console.alerts import AlertsArea, Sound
+from evgp_rcs_console.alerts import Alarm, AlertsArea
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Inbox, SETTLED
 from evgp_rcs_console.freshness import AIM, InputClock, STALE
@@ -1012,8 +1012,8 @@ def test_all_kill_by_key_whichever_widget_has_the_focus(opened: Any) -> None:
 def test_a_stop_that_is_no_longer_sent_is_an_alert_that_sounds_until_it_is_seen(
     opened: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sounds: list[Sound] = []
-    monkeypatch.setattr(Sound, 'play', lambda each: sounds.append(each))
+    sounds: list[Alarm] = []
+    monkeypatch.setattr(Alarm, 'sound', lambda each: sounds.append(each))
     console = opened()
     console.tell(RACE)
     sounds.clear()
