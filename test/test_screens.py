@@ -137,7 +137,7 @@ def test_window_terminal_and_board_say_of_a_race_what_its_messages_say() -> None
         said = message_of(timed.hear(), msg.Results)
         shown, found = value_of(message, Snapshot), value_of(said, Standings)
         screen = show(shown, 0.0, {}, results=found)
-        lines = table(screen, shown.alerts)
+        lines = table(screen)
         page = board.board(board.Heard(shown, found))
         sheet = board.results(board.Heard(shown, found))
         seen |= {message.heat, race.state.value, *(each.status for each in found.karts)}

@@ -24,6 +24,7 @@ from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.style import LARGE, look, NUMBER, SMALL
+from evgp_rcs_console.view import Screen
 from evgp_rcs_console.widgets import fixed, lay, mark, Panel, Push, Text, TOP
 
 PLACES = 5
@@ -207,16 +208,11 @@ class AlertsArea(Panel):
         self.alarm.toggle()
         self._mute.show_words('♪ OFF' if self.alarm.muted else '♪ ON', 'F11')
 
-    def show_alerts(self, at: float, known: bool) -> None:
-        """
-        Show the alerts, the most important first.
-
-        :param at: race control's time now, in seconds.
-        :param known: whether snapshots arrive; if they do not, an empty list does not mean that
-            all is well.
-        """
+    def show_screen(self, screen: Screen) -> None:
+        """Show the alerts, the most important first."""
         before = self._unseen
-        self._at, self._known = at, known
+        # If no snapshots arrive, an empty list does not mean that all is well.
+        self._at, self._known = screen.now, not screen.stale
         self._show()
         if before and before != self._unseen:
             self._aim.change(before, clock.now())

@@ -19,7 +19,7 @@ from evgp_node.rclpy_private import RCLError, UnknownROSArgsError
 from evgp_node.results import Standings
 from evgp_protocol.clock import now
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
+from evgp_rcs.rules.race import Answer, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
 from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
@@ -28,7 +28,7 @@ from evgp_rcs_console.client import Client, domain_of, join_graph, looking, PRES
 from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.view import aligned, danger, is_gone, present, show, silence, table
+from evgp_rcs_console.view import aligned, Latest, present, show, table
 import rclpy
 
 SETTLED = 1.0
@@ -37,21 +37,17 @@ SETTLED = 1.0
 Told = dict[str, object]
 
 
-class Hearing:
+class Hearing(Latest):
     """Keeps what the client receives, so that a caller can wait for it."""
 
     def __init__(self) -> None:
+        super().__init__(now())
         self.news = threading.Condition()
-        self.race: Snapshot | None = None
-        self.two = False
-        self.heard_at = 0.0
         self.given: Given | None = None
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.dropped: tuple[Given, str] | None = None
         self.events: list[StampedEvent] = []
-        self.ended_run: str | None = None
-        self.results: Standings | None = None
 
     @contextlib.contextmanager
     def _hears(self) -> Iterator[None]:
@@ -62,13 +58,12 @@ class Hearing:
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         with self._hears():
-            self.race, self.heard_at, self.two = race, at, two
+            self.take_race(race, at, two)
 
     def on_event(self, event: StampedEvent) -> None:
         with self._hears():
             self.events.append(event)
-            if event.event.kind is EventKind.ENDED and event.event.success and self.race:
-                self.ended_run = self.race.run
+            self.take_event(event.event)
 
     def on_results(self, results: Standings) -> None:
         with self._hears():
@@ -321,34 +316,29 @@ def _watch(
 ) -> Told:
     if wanted.events:
         return _watch_events(client, hearing, wanted, until, alive)
-    began = now()
+    hearing.looking = looking(client.topic)
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
         hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
     redraw = _is_at(wanted)
-    official, said_at = Signature().name, began
+    official, said_at = Signature().name, now()
     while True:
         with hearing.news:
-            race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
-            found, ended = hearing.results, race is not None and hearing.ended_run == race.run
-        at = now()
-        silent_for = at - heard_at if race is not None else None
-        shown = silence(silent_for, at - began, looking(client.topic), race or NOTHING, ended)
-        shown = shown or danger(race or NOTHING, two)
-        lines = []
-        if shown:
-            lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]
-        if race is not None:
-            lines += table(show(race, at - heard_at, {}, shown, found), race.alerts)
+            at = now()
+            screen = hearing.screen(at, {})
+        danger = screen.danger
+        lines = [f'*** {danger.title}: {danger.advice} ***', danger.detail] if danger else []
+        if screen.snapshot is not NOTHING:
+            lines += table(screen)
         text = '\n'.join(lines)
         if wanted.once:
-            code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED
+            code = Exit.NOT_THERE if screen.stale else Exit.ACCEPTED
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         alive()
         # Rounds begin with snapshots, every 0.5 s or a little less; none may be left out.
         if at - said_at >= PRESENCE_PERIOD / 2:
-            client.announce(official, texts.GONE_REASON if is_gone(silent_for) else '')
+            client.announce(official, texts.GONE_REASON if screen.stale else '')
             said_at = at
         with hearing.news:
             hearing.news.wait(1.0)

@@ -48,14 +48,7 @@ from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.settings import keep_night
 from evgp_rcs_console.sheets import Heats, Help, Officials, Question, Sheet
 from evgp_rcs_console.style import DAY, GAP, look, NIGHT
-from evgp_rcs_console.view import (
-    Button,
-    Danger,
-    danger,
-    Screen,
-    show,
-    silence,
-)
+from evgp_rcs_console.view import Button, Latest, Screen
 from evgp_rcs_console.widgets import CENTER, CommandButton, fixed, font, lay, rescale, Text
 
 
@@ -141,7 +134,7 @@ class Areas(QtWidgets.QWidget):
         self.clock = ClockPanel()
         self.kill = KillBox()
         self.steps = Steps(press)
-        self.strip = Strip(press)
+        self.strip = Strip(press, names)
         self.karts = KartList(press, self.seen.scrolling)
         how = '\n\n'.join(texts.HOW_TO_BEGIN)
         self.how_to_begin = Text('how_to_begin', 'large', wrap=True, text=how)
@@ -210,7 +203,17 @@ class Areas(QtWidgets.QWidget):
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         self.fit()
 
-    def show_banner(self, banner: str) -> None:
+    def show_screen(self, screen: Screen) -> None:
+        """Show a screen in every area and sheet."""
+        self._show_banner(screen.snapshot.banner)
+        self.how_to_begin.setVisible(not screen.rows)
+        for part in (self.state, self.track, self.danger, self.clock, self.steps, self.strip):
+            part.show_screen(screen)
+        for part in (self.heats, self.officials, self.karts, self.events, self.alerts):
+            part.show_screen(screen)
+        self.question.show_screen(screen)
+
+    def _show_banner(self, banner: str) -> None:
         if banner != self._banner.text():
             self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
@@ -325,8 +328,8 @@ SETTLED = 1.0
 seconds. Race control publishes a snapshot at least every 0.5 s."""
 
 
-Holds = Callable[[Snapshot, Screen], bool]
-"""Returns whether a snapshot, and the screen made from it, agree with a message."""
+Holds = Callable[[Screen], bool]
+"""Returns whether a screen agrees with a message."""
 
 
 class BottomLine:
@@ -361,7 +364,8 @@ class BottomLine:
     def say_answer(self, given: Given, answer: Answer) -> None:
         """Show race control's answer while its snapshots agree with the answer."""
         if answer.success:
-            self.say(f'✓ {answer.message}', Tone.GOOD, lambda race, _: shows(race, given))
+            text = f'✓ {answer.message}'
+            self.say(text, Tone.GOOD, lambda screen: shows(screen.snapshot, given))
         else:
             self._refuse(f'{texts.REFUSED}{answer.message}', Tone.BAD, given.command, given.kart)
 
@@ -373,20 +377,20 @@ class BottomLine:
     def _refuse(
         self, text: str, tone: Tone, command: Kind, kart: int, by_letter: bool = False
     ) -> None:
-        def holds(_: Snapshot, screen: Screen) -> bool:
+        def holds(screen: Screen) -> bool:
             button = screen.shown(command, kart, by_letter)
             return button is None or button.is_stop or not button.enabled
 
         self.say(text, tone, holds)
 
-    def take_race(self, race: Snapshot, at: float, screen: Screen) -> None:
+    def take_screen(self, screen: Screen, heard_at: float) -> None:
         """
-        Remove the message if a snapshot contradicts it that is certainly newer.
+        Remove the message if a screen contradicts it whose snapshot is certainly newer.
 
-        :param at: when the snapshot arrived, in seconds.
+        :param heard_at: when that snapshot arrived, in seconds.
         """
-        is_newer = at - self._said_at >= SETTLED
-        if self._holds is not None and is_newer and not self._holds(race, screen):
+        is_newer = heard_at - self._said_at >= SETTLED
+        if self._holds is not None and is_newer and not self._holds(screen):
             self.say('')
 
     def point_at(self, widget: object) -> None:
@@ -450,14 +454,8 @@ class Display(QtCore.QObject):
         self.unanswered = Unanswered()
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
         self.chosen = ChosenKart(areas)
-        self._looking = looking
-        self._waiting, self._names = inbox.waiting, inbox.names
-        self._began = clock.now()
-        self._race: Snapshot | None = None
-        self._results: Standings | None = None
-        self._two = False
-        self._ended_run: str | None = None
-        self._heard_at = 0.0
+        self._latest = Latest(clock.now(), looking)
+        self._waiting = inbox.waiting
         self._shown_at = 0.0
         self._danger_title = ''
         self._news: object = None
@@ -470,8 +468,9 @@ class Display(QtCore.QObject):
             return
         changed = bool(self._danger_title)
         while self._waiting:
-            self._race, self._heard_at, self._two = self._waiting.popleft()
-            self.areas.alerts.take_race(self._race, self._two)
+            race, at, two = self._waiting.popleft()
+            self._latest.take_race(race, at, two)
+            self.areas.alerts.take_race(race, two)
             before, self._news = self._news, self._without_measurements()
             changed = changed or self._news != before
         if changed:
@@ -480,13 +479,12 @@ class Display(QtCore.QObject):
     def take_event(self, stamped: StampedEvent) -> None:
         """Show an event. Deliveries in time are left out, as they would crowd out other events."""
         event = stamped.event
-        if event.kind is EventKind.ENDED and event.success and self._race is not None:
-            self._ended_run = self._race.run
+        self._latest.take_event(event)
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
             self.areas.events.add(stamped)
 
     def take_results(self, results: Standings) -> None:
-        self._results = results
+        self._latest.results = results
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         self.unanswered.answered(given)
@@ -506,66 +504,43 @@ class Display(QtCore.QObject):
 
     def _without_measurements(self) -> object:
         """Return the newest snapshot and results without time stamps and the links' figures."""
-        race = self._race or NOTHING
-        results = None if self._results is None else self._results._replace(stamp=0.0)
+        race, results = self._latest.race or NOTHING, self._latest.results
+        results = None if results is None else results._replace(stamp=0.0)
         karts = [
             each._replace(link=NOT_MEASURED._replace(grade=each.link.grade)) for each in race.karts
         ]
-        return race._replace(stamp=0.0, karts=()), karts, results, self._two
+        return race._replace(stamp=0.0, karts=()), karts, results, self._latest.two
 
     def look(self, now: float) -> None:
         """Update what depends on the time (s), and sound the alarm if that is due."""
-        danger_now = self._danger(now)
+        danger = self._latest.danger(now)
         waits = self.unanswered or self.unanswered.stops
-        if danger_now or self._danger_title or waits or now - self._shown_at >= AGES:
+        if danger or self._danger_title or waits or now - self._shown_at >= AGES:
             self.refresh()
         self.areas.clock.look()
-        self.areas.alerts.look(now, danger_now is not None and self._race is not None)
+        self.areas.alerts.look(now, danger is not None and self._latest.race is not None)
 
     def refresh(self) -> None:
         """Show the newest snapshot, with all ages up to date."""
         now = clock.now()
         self._shown_at = now
-        danger_now = self._danger(now)
-        title = danger_now.title if danger_now else ''
+        screen = self._latest.screen(now, self.unanswered.ages(now))
+        title = screen.danger.title if screen.danger else ''
         if title != self._danger_title:
             self._danger_title = title
             self.areas.alerts.alarm.sound_soon()
-        race = self._race or NOTHING
-        ages = self.unanswered.ages(now)
-        screen = show(race, now - self._heard_at, ages, danger_now, self._results)
         self._see(screen, now)
-        areas, stale = self.areas, danger_now is not None and danger_now.stale
-        areas.show_banner(screen.banner)
-        areas.how_to_begin.setVisible(not screen.rows)
-        areas.danger.setVisible(danger_now is not None)
-        for area in (areas.state, areas.track):
-            area.setVisible(danger_now is None)
-        if danger_now is not None:
-            areas.danger.show_danger(danger_now)
-        areas.state.show_screen(screen, stale)
-        areas.track.show_screen(screen, stale)
-        areas.clock.show_screen(screen, stale)
-        areas.steps.show_screen(screen)
-        areas.strip.show_screen(screen, self._names.names, stale)
-        areas.heats.show_heats(screen.heats, screen.rosters)
-        areas.officials.show_names(race.officials)
-        areas.karts.show_rows(screen.rows, stale)
-        self.chosen.show_roster({row.number: row.team for row in screen.rows})
-        areas.events.show_karts(screen.rows)
-        areas.alerts.show_alerts(race.stamp + now - self._heard_at, known=not stale)
-        asked = areas.question.button
-        if areas.question.isVisible() and asked is not None:
-            areas.question.update_button(screen.button(asked.command, asked.kart))
-        self._show_kill()
-        self.bottom.take_race(race, self._heard_at, screen)
+        self.areas.show_screen(screen)
+        self.chosen.show_roster(screen.teams)
+        self._show_kill(screen, now)
+        self.bottom.take_screen(screen, self._latest.heard_at)
         self.bottom.show()
 
     @property
     def unheard(self) -> str:
         """Return why stops may not reach race control; empty if race control is not silent."""
-        danger_now = self._danger(clock.now())
-        return danger_now.barred if danger_now is not None and danger_now.stale else ''
+        danger = self._latest.danger(clock.now())
+        return danger.barred if danger is not None and danger.stale else ''
 
     def _see(self, screen: Screen, now: float) -> None:
         """Record the old screen as seen, and close the sheet of heats if the heats change."""
@@ -580,21 +555,13 @@ class Display(QtCore.QObject):
             self.areas.heats.close_sheet()
             self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
 
-    def _danger(self, now: float) -> Danger | None:
-        race = self._race or NOTHING
-        silent_for = now - self._heard_at if self._race is not None else None
-        ended = self._ended_run == race.run
-        said = silence(silent_for, now - self._began, self._looking, race, ended)
-        return said or danger(race, self._two)
-
-    def _show_kill(self) -> None:
-        now = clock.now()
+    def _show_kill(self, screen: Screen, now: float) -> None:
         stop = self.unanswered.all_kill(now)
         if stop is not None:
             age = clock.duration(now - stop.since)
             hint = Cell(f'SENT {stop.presses} times in {age}: no answer', Tone.BAD)
         elif self.areas.isActiveWindow():
-            karts = texts.count(self._race.karts) if self._race and self._race.karts else 'karts'
+            karts = texts.count(screen.rows) if screen.rows else 'karts'
             hint = Cell(f'all {karts} · SPACE BAR or F12')
         else:
             hint = Cell('KEYS OFF: click this window', Tone.BAD)

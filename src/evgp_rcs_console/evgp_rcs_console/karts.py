@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager
 from evgp_rcs.words import Cell, Tone
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, RADIUS, SMALL, TEXT
-from evgp_rcs_console.view import Column, COLUMNS, KART_COMMANDS, MOST_BARS, Row
+from evgp_rcs_console.view import Column, COLUMNS, KART_COMMANDS, MOST_BARS, Row, Screen
 from evgp_rcs_console.widgets import (
     CENTER,
     CommandButton,
@@ -352,7 +352,8 @@ class KartList(Panel):
         self.table.viewport().update()
         self._tiles.update()
 
-    def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
+    def show_screen(self, screen: Screen) -> None:
+        rows, stale = screen.rows, screen.stale
         count, before = len(self.table.rows), _tiles(self.table.rows, self.table.stale)
         self.table.show_rows(rows, stale)
         if before != _tiles(rows, stale):

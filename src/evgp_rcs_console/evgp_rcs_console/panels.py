@@ -15,7 +15,7 @@ from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.notices import EventLog, OfficialNames
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import look, SMALL
-from evgp_rcs_console.view import Danger, RACE_COMMANDS, Row, Screen
+from evgp_rcs_console.view import RACE_COMMANDS, Screen
 from evgp_rcs_console.widgets import (
     BOTTOM,
     CENTER,
@@ -52,10 +52,11 @@ class StatePanel(Panel):
         fixed(self._title, height=42)
         lay(self, *parts, margins=(10, 2, 2, 4), heights=(0, 1))
 
-    def show_screen(self, screen: Screen, stale: bool) -> None:
-        self._title.show_cell(screen.state, stale)
+    def show_screen(self, screen: Screen) -> None:
+        self.setVisible(screen.danger is None)
+        self._title.show_cell(screen.state, screen.stale)
         self._since.show_text(screen.since)
-        mark(self, ground=(Tone.FAINT if stale else screen.state.tone).value)
+        mark(self, ground=(Tone.FAINT if screen.stale else screen.state.tone).value)
 
 
 class TrackPanel(Panel):
@@ -76,11 +77,12 @@ class TrackPanel(Panel):
         grid.addWidget(self._reason, 1, 1)
         grid.addWidget(self.button, 0, 2, 2, 1)
 
-    def show_screen(self, screen: Screen, stale: bool) -> None:
-        self._humans.show_cell(screen.humans, stale)
+    def show_screen(self, screen: Screen) -> None:
+        self.setVisible(screen.danger is None)
+        self._humans.show_cell(screen.humans, screen.stale)
         self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
         self.button.show_button(screen.track_button)
-        tone = Tone.FAINT if stale else screen.humans.tone
+        tone = Tone.FAINT if screen.stale else screen.humans.tone
         mark(self._edge, ground=(Tone.GREEN if tone is Tone.GOOD else tone).value)
 
 
@@ -94,9 +96,8 @@ class ClockPanel(Panel):
         parts = [self._now], [self._race], [self._heat]
         lay(self, *parts, margins=(0, 4, 4, 3), heights=(34, 20, 18))
 
-    def show_screen(self, screen: Screen, stale: bool) -> None:
-        age = screen.clock * (not stale)
-        self._race.show_text(f'GREEN for {age}' if age else '')
+    def show_screen(self, screen: Screen) -> None:
+        self._race.show_text(f'GREEN for {screen.clock}' if screen.clock else '')
         self._heat.show_text(screen.heat)
 
     def look(self) -> None:
@@ -138,8 +139,9 @@ class Steps(QtWidgets.QWidget):
 class Strip(Panel):
     """Shows the race in one line: what the karts do, which are missing, and who commands."""
 
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self, pressed: Pressed, names: OfficialNames) -> None:
         super().__init__('strip')
+        self._names = names
         self._tally, self._rest = Text('tally', 'bold', flows=True), Text('rest')
         self._reminder = Text('reminder', 'bold', fills=True, flows=True)
         self._msr = Text('msr', 'bold', fills=True, flows=True)
@@ -152,14 +154,15 @@ class Strip(Panel):
         parts = self._tally, self._msr, self._reminder, self._rest, self._officials, self.heat
         lay(self, parts, gap=10, margins=(10, 1, 6, 1), columns=(0, 0, 0, 1, 0, 0))
 
-    def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
+    def show_screen(self, screen: Screen) -> None:
+        officials = self._names.names
         by = f'commands by {", ".join(officials)}' * bool(officials)
         self._officials.show_text(
             ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
         )
         rest = screen.missing, screen.timing, screen.order, screen.places
-        self._rest.show_cell(Cell(' · '.join(filter(None, rest))), stale)
-        self._tally.show_cell(Cell(screen.tally or 'no kart is in the race'), stale)
+        self._rest.show_cell(Cell(' · '.join(filter(None, rest))), screen.stale)
+        self._tally.show_cell(Cell(screen.tally or 'no kart is in the race'), screen.stale)
         for part, cell in (
             (self._msr, screen.msr),
             (self._reminder, Cell(screen.reminder, Tone.WAIT)),
@@ -183,7 +186,11 @@ class DangerPanel(Panel):
         grid.addWidget(self._detail, 1, 0)
         grid.addWidget(self._advice, 0, 1, 2, 1)
 
-    def show_danger(self, danger: Danger) -> None:
+    def show_screen(self, screen: Screen) -> None:
+        danger = screen.danger
+        self.setVisible(danger is not None)
+        if danger is None:
+            return
         self._title.show_text(danger.title)
         self._advice.show_text(danger.advice)
         mark(self._advice, kind='huge bold' if len(danger.advice) < LONG else 'large bold')
@@ -213,9 +220,9 @@ class NumberField(Panel):
 class EventPanel(Panel):
     """Shows the events of all karts or of one kart, newest first, with commands in bold."""
 
-    def __init__(self, officials: OfficialNames) -> None:
+    def __init__(self, names: OfficialNames) -> None:
         super().__init__('events')
-        self.log = EventLog(officials)
+        self.log = EventLog(names)
         self._kart = 0
         self._teams: dict[int, str] = {}
         self._list = QtWidgets.QListWidget()
@@ -240,10 +247,9 @@ class EventPanel(Panel):
         self.log.add(event)
         self._later.start()
 
-    def show_karts(self, rows: tuple[Row, ...]) -> None:
-        teams = {row.number: row.team for row in rows}
-        if teams != self._teams:
-            self._teams = teams
+    def show_screen(self, screen: Screen) -> None:
+        if screen.teams != self._teams:
+            self._teams = screen.teams
             self.restyle()
 
     def toggle(self, kart: int) -> bool:

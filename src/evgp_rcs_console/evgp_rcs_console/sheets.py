@@ -22,7 +22,7 @@ from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.style import look
-from evgp_rcs_console.view import Button
+from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import (
     CommandButton,
     fixed,
@@ -150,6 +150,11 @@ class Question(Sheet):
             self.also.show_words('YES, and also', key, texts.also(button.also))
         self.update_button(button)
 
+    def show_screen(self, screen: Screen) -> None:
+        """Compare an open question with the command that a screen offers now."""
+        if self.button is not None and self.isVisible():
+            self.update_button(screen.button(self.button.command, self.button.kart))
+
     def update_button(self, button: Button | None) -> None:
         """
         Compare the question with the command that race control offers now.
@@ -233,9 +238,9 @@ class Heats(Choice):
         super().__init__(parent, 'heats', 'Which heat?', texts.HEATS_CONSEQUENCE)
         self._pressed = pressed
 
-    def show_heats(self, heats: Sequence[Button], rosters: Sequence[Button]) -> None:
+    def show_screen(self, screen: Screen) -> None:
         """Show the buttons. All except the one that reads the roster close the sheet."""
-        buttons = *heats, *rosters
+        heats, buttons = screen.heats, (*screen.heats, *screen.rosters)
         if len(buttons) != len(self._offered):
             chosen = [CommandButton(self._choose) for _ in buttons[1:]]
             chosen.insert(len(heats), CommandButton(self._pressed))
@@ -260,7 +265,8 @@ class Officials(Choice):
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         super().__init__(parent, 'officials', 'Who commands from here?', texts.NAME_ABOUT)
 
-    def show_names(self, names: Sequence[str]) -> None:
+    def show_screen(self, screen: Screen) -> None:
+        names = screen.snapshot.officials
         if [each.words for each in self._offered] == [*names]:
             return
         self._offer([Push(f'official_{place}', name) for place, name in enumerate(names, 1)])

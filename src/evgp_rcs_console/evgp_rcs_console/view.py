@@ -11,7 +11,7 @@ uses neither Qt nor ROS, so both the window and the terminal client can use it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import string
 
@@ -21,8 +21,8 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import LinkQuality
-from evgp_rcs.rules.race import Alert, AlertKind, Availability, Heat
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.race import AlertKind, Availability, Event, EventKind, Heat
+from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import (
     Cell,
     clock,
@@ -291,6 +291,8 @@ class Screen:
     """
     Everything that a screen shows about the race itself.
 
+    :param now: the time by race control's clock, in seconds.
+    :param danger: the warning to show in the largest type; None if there is none.
     :param state: the state of the race, in the largest type; if no kart is being sent that state,
         what the karts are doing instead.
     :param clock: the time since GREEN GREEN; empty if the race is not in GREEN GREEN.
@@ -306,7 +308,9 @@ class Screen:
     :param places: the results of this race or the last one; without timing, the order of FINISH.
     """
 
-    banner: str
+    snapshot: Snapshot
+    now: float
+    danger: Danger | None
     state: Cell
     since: str
     clock: str
@@ -329,6 +333,16 @@ class Screen:
     track_button: Button
     rows: tuple[Row, ...]
 
+    @property
+    def stale(self) -> bool:
+        """Return whether the screen is out of date."""
+        return self.danger is not None and self.danger.stale
+
+    @property
+    def teams(self) -> dict[int, str]:
+        """Return the team of each kart on the roster."""
+        return {row.number: row.team for row in self.rows}
+
     def button(self, command: Kind, kart: int = 0) -> Button | None:
         buttons = [*self.race, self.msr_button, self.track_button, self.heat_button, *self.rosters]
         for row in self.rows:
@@ -344,59 +358,75 @@ class Screen:
         return next(letters, None) if by_letter else self.button(command, kart)
 
 
-def is_gone(silent_for: float | None) -> bool:
-    """Return whether race control counts as gone; None means that no snapshot ever arrived."""
-    return silent_for is None or silent_for >= GONE_AFTER
-
-
-def silence(
-    silent_for: float | None,
-    looking_for: float,
-    looking: str,
-    race: Snapshot,
-    ended: bool,
-) -> Danger | None:
+class Latest:
     """
-    Return the warning that race control is silent; None while its snapshots arrive.
+    The latest that a program has heard of the race.
 
-    The warning says to use the MSR, except before the first snapshot and after a normal shutdown
-    with no kart in doubt.
-
-    :param silent_for: time since the last snapshot, in seconds; None if there never was one.
-    :param looking_for: time since the search for race control began, in seconds.
-    :param looking: where the search looks, as part of a sentence.
-    :param ended: whether race control has announced a normal shutdown.
+    :param began: when the program began to look for race control, in seconds.
+    :ivar looking: where it looks, as part of a sentence.
+    :ivar race: the newest snapshot; None if there never was one.
+    :ivar results: the newest results; None if there never were any.
     """
-    if not is_gone(silent_for):
+
+    def __init__(self, began: float, looking: str = '') -> None:
+        self.race: Snapshot | None = None
+        self.results: Standings | None = None
+        self.heard_at = 0.0
+        self.two = False
+        self.looking, self._began = looking, began
+        self._ended_run: str | None = None
+
+    def take_race(self, race: Snapshot, at: float, two: bool) -> None:
+        """
+        Take a snapshot.
+
+        :param at: when the snapshot arrived, in seconds.
+        :param two: whether snapshots come from two race controls.
+        """
+        self.race, self.heard_at, self.two = race, at, two
+
+    def take_event(self, event: Event) -> None:
+        """Note if race control announces a normal shutdown."""
+        if event.kind is EventKind.ENDED and event.success and self.race is not None:
+            self._ended_run = self.race.run
+
+    def danger(self, at: float) -> Danger | None:
+        """
+        Return the warning to show at a time (s); None if race control is heard and reliable.
+
+        If race control is silent, the warning says to use the MSR, except before the first
+        snapshot and after a normal shutdown with no kart in doubt.
+        """
+        race = self.race
+        if race is None:
+            since = duration(at - self._began, 0)
+            detail = texts.NOT_YET_DETAIL.format(looking=self.looking, age=since)
+            barred = texts.NOT_YET_REASON
+            return Danger(texts.NOT_YET, 'NO STOP WORKS YET', detail, barred, stale=True)
+        silent_for = at - self.heard_at
+        if silent_for >= GONE_AFTER and self._ended_run == race.run and race.no_kart_in_doubt:
+            detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
+            barred = texts.GONE_REASON
+            return Danger(texts.ENDED, 'NO STOP WORKS NOW', detail, barred, stale=True)
+        if silent_for >= GONE_AFTER:
+            age, state = duration(silent_for), STATES[race.state]
+            detail = texts.GONE_SINCE.format(age=age, state=state)
+            return Danger(texts.GONE, texts.USE_MSR, detail, texts.GONE_REASON, stale=True)
+        told = {alert.kind: alert.text for alert in race.alerts}
+        if AlertKind.PART_FAILED in told:
+            return Danger(texts.FAILED, texts.USE_MSR, told[AlertKind.PART_FAILED])
+        if self.two or AlertKind.TWO_RACE_CONTROLS in told:
+            found = 'Two race controls are running in this ROS domain'
+            found = told.get(AlertKind.TWO_RACE_CONTROLS, found)
+            detail = f'{found.removesuffix(".")}. Stops go to both. No other command can be sent.'
+            barred = 'two race controls are running: shut one down'
+            return Danger(texts.TWO, texts.TWO_ADVICE, detail, barred)
         return None
-    if silent_for is None:
-        title, advice, barred = texts.NOT_YET, 'NO STOP WORKS YET', texts.NOT_YET_REASON
-        detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
-    elif ended and race.no_kart_in_doubt:
-        title, advice, barred = texts.ENDED, 'NO STOP WORKS NOW', texts.GONE_REASON
-        detail = texts.ENDED_SINCE.format(age=duration(silent_for, 0))
-    else:
-        title, advice, barred = texts.GONE, texts.USE_MSR, texts.GONE_REASON
-        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=STATES[race.state])
-    return Danger(title, advice, detail, barred, stale=True)
 
-
-def danger(race: Snapshot, two: bool) -> Danger | None:
-    """
-    Return a warning if race control is unreliable although its snapshots arrive; otherwise None.
-
-    :param two: whether snapshots come from two race controls.
-    """
-    told = {alert.kind: alert.text for alert in race.alerts}
-    if AlertKind.PART_FAILED in told:
-        return Danger(texts.FAILED, texts.USE_MSR, told[AlertKind.PART_FAILED])
-    if two or AlertKind.TWO_RACE_CONTROLS in told:
-        found = 'Two race controls are running in this ROS domain'
-        found = told.get(AlertKind.TWO_RACE_CONTROLS, found)
-        detail = f'{found.removesuffix(".")}. Stops go to both. No other command can be sent.'
-        barred = 'two race controls are running: shut one down'
-        return Danger(texts.TWO, texts.TWO_ADVICE, detail, barred)
-    return None
+    def screen(self, at: float, pending: Pending) -> Screen:
+        """Return what a screen shows at a time (s)."""
+        age = at - self.heard_at
+        return show(self.race or NOTHING, age, pending, self.danger(at), self.results)
 
 
 STEP_STATES = {kind: CATALOGUE[kind].result.race[0] for kind in RACE_COMMANDS}
@@ -427,19 +457,22 @@ def show(
     :param age: time since the snapshot arrived, in seconds.
     """
     barred, now = danger.barred if danger else '', race.stamp + age
+    is_green, stale = race.state is RaceState.GREEN_GREEN, danger is not None and danger.stale
     timing = present(results, now)
     own = timing is not None and (timing.run, timing.race) == (race.run, race.number)
     buttons = _Buttons(race, pending, now, barred, timing, timing if own else None)
-    untimed = timing is None or (race.state is RaceState.GREEN_GREEN and not own)
+    untimed = timing is None or (is_green and not own)
     track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
         humans, reason = Cell('? KEEP OFF THE TRACK', Tone.BAD), danger.title
     return Screen(
-        banner=race.banner,
+        snapshot=race,
+        now=now,
+        danger=danger,
         state=headline(race),
         since=_since(race, now),
-        clock=clock(now - race.state_since) if race.state is RaceState.GREEN_GREEN else '',
+        clock=clock(now - race.state_since) if is_green and not stale else '',
         heat=texts.heat_in_race(race),
         order=texts.order_of_start(race, timing),
         tally=tally(race),
@@ -891,16 +924,17 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
+def table(screen: Screen) -> list[str]:
     """Return the race as lines of text: state, track, alerts, karts and commands."""
+    banner = screen.snapshot.banner
     found = [
-        screen.banner and texts.BANNER.format(banner=screen.banner),
+        banner and texts.BANNER.format(banner=banner),
         f'Race: {screen.state.text}  ({screen.since})',
         screen.tally and f'Karts: {screen.tally}',
         screen.msr.text,
         screen.reminder and f'{screen.reminder}  {screen.missing}'.rstrip(),
         f'{screen.humans.text}: {screen.humans_reason}.',
-        *(str(Notice(0, alert)) for alert in alerts),
+        *(str(Notice(0, alert)) for alert in screen.snapshot.alerts),
         screen.places,
         screen.timing,
         screen.order,

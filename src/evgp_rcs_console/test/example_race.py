@@ -10,8 +10,9 @@ from typing import Any, TypeVar
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Availability, Kart, Race, TrackAccess
-from evgp_rcs.rules.snapshot import NOTHING, snapshot_of
+from evgp_rcs.rules.race import Availability, Event, EventKind, Kart, Race, TrackAccess
+from evgp_rcs.rules.snapshot import NOTHING, Snapshot, snapshot_of
+from evgp_rcs_console.view import Danger, Latest
 
 _Value = TypeVar('_Value')
 
@@ -49,3 +50,14 @@ RACE = NOTHING._replace(
     commands=EVERYTHING,
     track=TrackAccess(False, False, 'the race is in GRID_ACTIVE', False),
 )
+
+
+def warning(
+    race: Snapshot, two: bool = False, silent_for: float = 0.0, ended: bool = False
+) -> Danger | None:
+    """Return the warning of a screen that heard this race, and then nothing for some time (s)."""
+    latest = Latest(began=0.0, looking='here')
+    latest.take_race(race, 0.0, two)
+    if ended:
+        latest.take_event(Event(EventKind.ENDED, 'it ends'))
+    return latest.danger(silent_for)

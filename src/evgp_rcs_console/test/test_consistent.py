@@ -19,8 +19,8 @@ from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs.words import ALL_LOST, Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table
-from example_race import EVERYTHING, KART, RACE, replace
+from evgp_rcs_console.view import Danger, Screen, show, table
+from example_race import EVERYTHING, KART, RACE, replace, warning
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -98,8 +98,7 @@ def races(draw: st.DrawFn) -> Snapshot:
 
 def dangers(race: Snapshot) -> list[Danger | None]:
     """Return the warnings about race control that are possible with this newest snapshot."""
-    gone = silence(5.0, 60.0, 'here', race, False)
-    return [danger(race, two=False), danger(race, two=True), gone]
+    return [warning(race), warning(race, two=True), warning(race, silent_for=5.0)]
 
 
 def statements(race: Snapshot, screen: Screen, shown_danger: Danger | None) -> list[str]:
@@ -239,7 +238,7 @@ def the_terminal_says_what_the_window_says(race: Snapshot, _: Screen) -> None:
     for shown in dangers(race):
         screen = show(race, 0.0, {}, shown)
 
-        lines = '\n'.join(table(screen, race.alerts))
+        lines = '\n'.join(table(screen))
 
         for each in (screen.state.text, screen.since, screen.tally, screen.humans.text):
             assert each in lines

@@ -38,19 +38,18 @@ from evgp_rcs_console.view import (
     BEGINS_WITHIN,
     Button,
     Danger,
-    danger,
     FINISH_KEYS,
     GONE_AFTER,
     KART_COMMANDS,
+    Latest,
     RACE_COMMANDS,
     REMINDS_FOR,
     Screen,
     show,
-    silence,
     table,
     UNDONE_BY,
 )
-from example_race import KART, offers, RACE, replace
+from example_race import KART, offers, RACE, replace, warning
 import pytest
 
 OFFERED = Availability(CommandKind.GREEN_GREEN, True)
@@ -379,7 +378,7 @@ def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time
         'TT 3: 3  (next)',
         'Next: 3, 9',
     ]
-    assert screen.order in table(screen, ())
+    assert screen.order in table(screen)
     driving = show(replace(race, state=RaceState.GREEN_GREEN), 0.0, {}, None, known)
     assert driving.order == 'Next: kart 3 (TT 3)'
 
@@ -420,7 +419,7 @@ def test_places_are_the_timekeepers_and_without_timing_the_order_of_finish_by_th
             screen = show(race, 0.0, {}, None, results)
             assert screen.places == said
             assert [row.place for row in screen.rows] == places
-            assert said in table(screen, ())
+            assert said in table(screen)
 
 
 def test_the_last_results_are_shown_until_the_next_race_is_green_and_never_in_it() -> None:
@@ -436,17 +435,17 @@ def alerting(kind: AlertKind) -> Snapshot:
 
 
 def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
-    told = danger(alerting(AlertKind.PART_FAILED), two=False)
+    told = warning(alerting(AlertKind.PART_FAILED))
 
     assert told is not None
     assert (told.title, told.advice, told.detail) == (texts.FAILED, texts.USE_MSR, 'It is so.')
-    assert danger(alerting(AlertKind.KART_LOST), two=False) is None
+    assert warning(alerting(AlertKind.KART_LOST)) is None
 
 
 def test_without_race_control_or_with_two_only_stops_can_be_pressed() -> None:
     two = [
-        danger(RACE, two=True),
-        danger(alerting(AlertKind.TWO_RACE_CONTROLS), two=False),
+        warning(RACE, two=True),
+        warning(alerting(AlertKind.TWO_RACE_CONTROLS)),
     ]
     assert [each.title for each in two if each is not None] == [texts.TWO, texts.TWO]
     stops = {command for command, entry in CATALOGUE.items() if entry.stop}
@@ -515,7 +514,7 @@ def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
         screen = with_kart(link=link(grade, round_trip=0.0121, worst_answer=0.6201))
         row = screen.rows[0]
         told[grade] = row.bars, row.link.text, row.link_time, row.link.tone
-        assert f'{row.link.text} {row.link_time}'.strip() in '\n'.join(table(screen, ()))
+        assert f'{row.link.text} {row.link_time}'.strip() in '\n'.join(table(screen))
 
     assert told == {
         Grade.UNKNOWN: (0, '✓ linked', '', Tone.PLAIN),
@@ -538,7 +537,7 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert green is not None
     assert before is not None
 
-    for said in (green.caution, screen.can_stop, '\n'.join(table(screen, ()))):
+    for said in (green.caution, screen.can_stop, '\n'.join(table(screen))):
         assert '2 officials can stop the race' in said
         assert 'Anna (window), button' in said
     assert '0' not in before.caution
@@ -552,7 +551,7 @@ def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_beg
         kart = replace(driving, **changes)  # type: ignore[arg-type]
         race = replace(RACE, state=RaceState.GREEN_GREEN, stamp=green_for, karts=(kart,))
         screen = show(race, age, {})
-        assert screen.reminder in '\n'.join(table(screen, ()))
+        assert screen.reminder in '\n'.join(table(screen))
         assert not show(race, age, {}, SILENT).reminder
         return screen.reminder
 
@@ -593,7 +592,7 @@ def test_a_kart_that_was_seen_to_cross_the_line_has_begun_whatever_it_acknowledg
 def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:
     inspected = with_kart(inspected='2026-05-01')
     assert inspected.rows[0].note.text == 'inspected 2026-05-01'
-    assert 'inspected 2026-05-01' in '\n'.join(table(inspected, ()))
+    assert 'inspected 2026-05-01' in '\n'.join(table(inspected))
     held = with_kart(inspected='2026-05-01', hold=RaceState.RED_FLAG, hold_reason='ALL_KILL')
     assert held.rows[0].note.text == 'held: ALL_KILL'
     assert with_kart().rows[0].note.text == ''
@@ -605,7 +604,7 @@ def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None
         screen = show(replace(RACE, karts=(driving,)), age, {})
         assert screen.rows[0].note.text == f'F1, flag in {seconds} s'
         assert screen.tally == '1 driving'
-        assert f'Purdue F1, flag in {seconds} s' in '\n'.join(table(screen, ()))
+        assert f'Purdue F1, flag in {seconds} s' in '\n'.join(table(screen))
 
     not_due, without_link = replace(driving, flag_at=None), replace(driving, connected=False)
     for kart in (not_due, without_link, replace(driving, sent=RaceState.RED_RED)):
@@ -647,7 +646,9 @@ def test_no_state_is_told_by_its_colour_alone() -> None:
 def test_race_control_is_gone_within_a_second(
     silent_for: float | None, title: str, barred: str
 ) -> None:
-    said = silence(silent_for, 3.0, 'here', replace(RACE, state=RaceState.GREEN_GREEN), False)
+    green = replace(RACE, state=RaceState.GREEN_GREEN)
+    never = Latest(began=0.0).danger(3.0)
+    said = never if silent_for is None else warning(green, silent_for=silent_for)
 
     assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
@@ -678,7 +679,7 @@ def test_the_msr_is_asked_for_when_race_control_is_gone_but_for_a_good_end_witho
 ) -> None:
     rest = replace(RACE, track=replace(RACE.track, allowed=True, reason='all are in the garage'))
 
-    said = silence(5.0, 60.0, 'here', replace(rest, **changes), ended)
+    said = warning(replace(rest, **changes), silent_for=5.0, ended=ended)
 
     assert said is not None
     assert (said.title == texts.ENDED, said.advice == texts.USE_MSR) == (calm, not calm)
@@ -697,7 +698,7 @@ def test_every_kart_that_needs_the_msr_is_named_and_that_it_is_in_use_stays_to_b
 
     def said(race: Snapshot) -> tuple[str, Tone]:
         screen = show(race, 0.0, {})
-        assert screen.msr.text in '\n'.join(table(screen, ()))
+        assert screen.msr.text in '\n'.join(table(screen))
         return screen.msr.text, screen.msr.tone
 
     assert said(race) == ('USE THE MSR: karts 1, 2, 3, 4, 5, 6, 7', Tone.BAD)
@@ -716,7 +717,7 @@ def test_the_terminal_shows_the_same() -> None:
     commands = offers(Availability(CommandKind.GREEN_GREEN, False, 'waiting for kart 7'))
     race = replace(RACE, commands=commands, alerts=(alert,))
 
-    lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
+    lines = '\n'.join(table(show(race, 0.0, {})))
 
     assert f'Race: ▦ GRID ACTIVE  (0:40, {time_of_day(RACE.state_since)})' in lines
     assert '⚠ USE THE MSR: Kart 7 drives\n' in lines
@@ -888,7 +889,7 @@ def test_race_over_is_said_and_not_as_old_as_the_state_in_which_it_was_declared(
     over = replace(RACE, state=RaceState.RED_RED, over=True)
 
     assert phrases(over)[CommandKind.RACE_OVER] == 'the race is over'
-    assert 'the race is over' in '\n'.join(table(show(over, 0.0, {}), ()))
+    assert 'the race is over' in '\n'.join(table(show(over, 0.0, {})))
 
 
 def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
@@ -929,7 +930,7 @@ def test_results_that_are_out_of_date_or_of_the_future_are_no_timing() -> None:
             screen = show(RACE, 0.0, {}, None, known)
             assert (screen.timing, bool(screen.places)) == (said, not said)
     assert show(RACE, 0.0, {}).timing == texts.NO_TIMING
-    assert texts.NO_TIMING in table(show(RACE, 0.0, {}), ())
+    assert texts.NO_TIMING in table(show(RACE, 0.0, {}))
     assert show(GREEN, 0.0, {}, None, timing(race=2)).timing == texts.NO_TIMING
 
 
@@ -976,5 +977,5 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
     assert screen.reminder == 'FINISH 7: last lap done'
     assert texts.LAST_LAP_DONE in screen.rows[0].note.text
     assert screen.rows[0].note.tone is Tone.WAIT
-    assert screen.reminder in '\n'.join(table(screen, ()))
+    assert screen.reminder in '\n'.join(table(screen))
     assert not show(race, 0.0, {}, SILENT, known).reminder
