@@ -28,7 +28,6 @@ from evgp_node.entries import Result
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CommandKind
-from evgp_rcs.rules.race import Availability
 from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
 
@@ -99,54 +98,6 @@ def request(given: Given, at: float) -> dict[str, object]:
     if entry.stop:
         fields['age'] = max(0.0, at - given.at) + given.waited
     return fields
-
-
-@dataclass(frozen=True)
-class Effects:
-    """
-    The effects of a command. Each kart on the roster is in one of these groups.
-
-    :param state: the state that the command sends to karts; None if it sends no state.
-    :param now: karts that are sent the state at once.
-    :param later: karts without a connection, which are sent the state when they connect.
-    :param held: karts to which the command sends nothing, and which remain held.
-    :param rest: the other karts to which the command sends nothing.
-    """
-
-    state: RaceState | None
-    now: tuple[KartSnapshot, ...] = ()
-    later: tuple[KartSnapshot, ...] = ()
-    held: tuple[KartSnapshot, ...] = ()
-    rest: tuple[KartSnapshot, ...] = ()
-
-
-def effects(
-    command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
-) -> Effects:
-    sends = CATALOGUE[command].sends
-    if sends is None:
-        concerned: set[int] = set()
-    elif kart is not None:
-        concerned = {kart.number}
-    elif command is CommandKind.RECORD_MSR:
-        concerned = {each.number for each in race.karts}
-    else:
-        # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
-        concerned = {
-            each.number
-            for each in race.karts
-            if each.number in offered.karts and each.sent is not sends
-        }
-
-    sent = [each for each in race.karts if each.number in concerned]
-    others = [each for each in race.karts if each.number not in concerned]
-    return Effects(
-        sends,
-        now=tuple(each for each in sent if each.connected),
-        later=tuple(each for each in sent if not each.connected),
-        held=tuple(each for each in others if each.hold is not None),
-        rest=tuple(each for each in others if each.hold is None),
-    )
 
 
 def shows(race: Snapshot, given: Given) -> bool:

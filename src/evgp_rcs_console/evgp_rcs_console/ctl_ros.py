@@ -304,7 +304,8 @@ def _effects(
     """Return the sentences of the window's question before a command."""
     button = show(race, 0.0, {}, None, found).button(command, kart)
     assert button is not None
-    return [*button.sentences, *filter(None, [button.caution])]
+    question = button.question()
+    return [*question.sentences, *filter(None, [question.caution])]
 
 
 def _watch(

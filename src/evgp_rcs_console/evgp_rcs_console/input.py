@@ -111,7 +111,7 @@ class CommandInput(QtCore.QObject):
             self._bottom.say_barred(button)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
             areas.open_sheet(areas.heats, areas.heats.first)
-        elif button.condition:
+        elif button.asks:
             areas.question.ask(button)
             areas.open_sheet(areas.question, areas.question.no)
         else:

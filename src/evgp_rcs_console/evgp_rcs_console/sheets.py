@@ -21,6 +21,7 @@ from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.questions import also, Asked
 from evgp_rcs_console.style import look
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import (
@@ -140,14 +141,14 @@ class Question(Sheet):
         self._settling.start(round(SEEN * 1000))
         command = texts.command_name(button.command, button.kart)
         self.title.show_text(f'{command}?')
-        condition = button.condition[:1].upper() + button.condition[1:]
-        self._statement.show_text(texts.ASK_STATE.format(condition=button.condition))
-        self._show_texts(button)
-        self.yes.show_words('YES', 'Y', condition)
+        condition = button.question().condition
+        self._statement.show_text(texts.ASK_STATE.format(condition=condition))
+        self._show_texts(button.question())
+        self.yes.show_words('YES', 'Y', condition[:1].upper() + condition[1:])
         self.also.setVisible(bool(button.also))
         if button.also:
             key = CATALOGUE[button.also[0].command].key
-            self.also.show_words('YES, and also', key, texts.also(button.also))
+            self.also.show_words('YES, and also', key, also(button.also))
         self.update_button(button)
 
     def show_screen(self, screen: Screen) -> None:
@@ -167,18 +168,23 @@ class Question(Sheet):
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
             if button is not None:
-                self._show_texts(button)
+                self._show_texts(button.question())
         elif button is None or button.reason or not button.asks_the_same(self.button):
             self._spoilt_at = self._spoilt_at or time_of_day(time.time())
-            what = button.differs_from(self.button) if button is not None else texts.ASK_GONE
+            if button is None:
+                what = texts.ASK_GONE
+            elif button.reason:
+                what = f'{button.reason[:1].upper()}{button.reason[1:]}.'
+            else:
+                what = button.question().differs_from(self.button.question())
             self._problem_text = f'Changed at {self._spoilt_at}: {what} Press NO and start again.'
         self._show_problem()
 
-    def _show_texts(self, button: Button) -> None:
-        self._consequence.show_text(button.consequence)
-        warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
+    def _show_texts(self, asked: Asked) -> None:
+        self._consequence.show_text('\n'.join(asked.consequences))
+        warning = texts.ASK_WARNING.format(warning=asked.warning) if asked.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
-        self._caution.show_cell(Cell(button.caution, Tone.WAIT))
+        self._caution.show_cell(Cell(asked.caution, Tone.WAIT))
         for text in self._texts:  # a text keeps its room while a problem hides the text
             policy = text.sizePolicy()
             policy.setRetainSizeWhenHidden(bool(text.text()))

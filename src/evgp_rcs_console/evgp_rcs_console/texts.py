@@ -15,12 +15,11 @@ import math
 
 from evgp_node.results import Act, Standings
 from evgp_protocol.states import RaceState
-from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.race import AlertKind, Heat, NO_RACE_ANYWHERE
-from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs.words import numbered, STATES, time_of_day
 from evgp_rcs_console.catalogue import CATALOGUE, Kind
-from evgp_rcs_console.commands import Effects, Given
+from evgp_rcs_console.commands import Given
 
 TITLE = 'EVGP race control'
 
@@ -282,21 +281,6 @@ def _numbers(karts: Iterable[int]) -> str:
     return ', '.join(map(str, karts))
 
 
-def condition(command: Kind, kart: KartSnapshot | None, race: Snapshot, statement: str) -> str:
-    """
-    Return what an official confirms with YES.
-
-    :param statement: what race control asks the official to state; empty if it asks for nothing.
-    """
-    if command is CommandKind.OPEN_TRACK and race.track.msr_used:
-        return f'{statement}; {OPEN_BY_MSR}' if statement else OPEN_BY_MSR
-    if statement:
-        return statement
-    if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
-        return confirmed.format(kart=kart)
-    return f'{CATALOGUE[command].label} is right'
-
-
 def in_doubt(race: Snapshot) -> str:
     """Return the karts that may be moving although they should not be; empty if there are none."""
     return numbered([kart for kart in race.karts if kart.in_doubt])
@@ -320,33 +304,6 @@ def under_way(race: Snapshot) -> str:
     return f'{sent[0]} is being sent {STATES[sent[0].sent]}' if sent else ''
 
 
-def warning(command: Kind, race: Snapshot) -> str:
-    """
-    Return why an official should not confirm a command; empty if no reason is known.
-
-    A race under way is normal and causes no warning.
-    """
-    track = race.track
-    if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        settled = track.settled_by is command  # the command itself removes the reason
-        barred = not (track.allowed or settled) and race.state not in UNDER_WAY
-        why = track.reason if barred else against_humans(race)
-        if why:
-            return f'humans must stay off the track now: {why}'
-        doubtful = in_doubt(race)
-        if doubtful and command is not CommandKind.KART_IN_GARAGE:
-            return f'only the MSR can stop {doubtful}, so leave the MSR on'
-        return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if race.nobody_is_heard else ''
-    return ''
-
-
-def also(following: Sequence[Given]) -> str:
-    """Return what the second YES of IN GARAGE confirms: an open track, or karts made safe."""
-    if following[0].command is CommandKind.OPEN_TRACK:
-        return ASK_AND_FIRST if following[0].stated else ASK_AND_OPEN
-    return f'{numbered(each.kart for each in following)} made safe by hand'
-
-
 def not_there(command: Kind, name: str) -> str:
     who = 'the timekeeper' if isinstance(command, Act) else 'race control'
     return f'{name} was not sent: {who} was not found.'
@@ -368,25 +325,6 @@ def no_answer(given: Given, waited: float, details: str = '', reason: str = '') 
     return f'{full_name(given)}: {within}. {advice}{because}'
 
 
-def caution(command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None) -> str:
-    """
-    Return what an official should know before a command that is still allowed.
-
-    :param karts: the karts that the command would start or release.
-    """
-    if command is CommandKind.GREEN_GREEN:
-        return f'{can_stop(race)}.'
-    if command is not CommandKind.GRID_ACTIVE:
-        return ''
-    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may arrive late.'
-    told = [late] if poor else []
-    run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
-    times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
-    told += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
-    return ' '.join(told)
-
-
 def can_stop(race: Snapshot) -> str:
     """Return how many officials' programs can stop the race, and which ones."""
     count, who = race.able_to_stop, race.who_can_stop
@@ -394,52 +332,8 @@ def can_stop(race: Snapshot) -> str:
     return f'{count} official{s} can stop the race: {who}' if count else NOBODY_CAN_STOP
 
 
-def kart_list(karts: tuple[KartSnapshot, ...]) -> str:
-    if len(karts) > 1:
-        return f'{len(karts)} karts: {_numbers(kart.number for kart in karts)}'
-    return numbered(karts) or 'no kart'
-
-
-def consequences(
-    command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
-) -> list[str]:
-    """Return, in sentences, what a command would do."""
-    entry = CATALOGUE[command]
-    said = [entry.note] if entry.note else []
-    if command is CommandKind.RECORD_MSR and race.banner:
-        said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
-    if entry.names_hold and kart is not None and kart.hold is not None:
-        said.append(f'Ends the hold of {held(kart)}.')
-    if does.state is not None and (does.now or kart is None):
-        end = entry.then[len(does.now) > 1] if does.now else ''
-        said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}. {end}'.rstrip())
-    if does.later:
-        when = 'when it connects' if len(does.later) == 1 else 'when they connect'
-        said.append(f'Sends {STATES[does.state]} to {numbered(does.later)} {when}.')
-    if kart is not None:
-        if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
-            said.append('Takes the kart out of the race.')
-        if entry.names_hold and (why := under_way(race)):
-            said.append(f'Humans must stay off the track: {why}.')
-        return said
-    if does.held:
-        stays = 'Stays' if len(does.held) == 1 else 'Stay'
-        few = does.held if len(does.held) <= FEW else ()
-        who = '; '.join(map(held, few)) or numbered(does.held)
-        said.append(f'{stays} held: {who}.')
-    if does.rest and does.state is not None:
-        stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
-        said.append(f'{stays}: {numbered(does.rest)}.')
-    if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
-        said.append('Clears the places of the last race.')
-    return said
-
-
 UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 """The states of the race in which humans must always stay off the track."""
-
-FEW = 4
-"""Maximum number of held karts that are shown with reasons; more are shown by number only."""
 
 
 def missing(race: Snapshot, counted: bool = False) -> str:
@@ -470,9 +364,3 @@ def heat_in_race(race: Snapshot) -> str:
 
 def count(karts: Sequence[object]) -> str:
     return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
-
-
-def held(kart: KartSnapshot) -> str:
-    hold = STATES[kart.hold]
-    said = kart.hold_reason.startswith(f'{hold} by ')
-    return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'

@@ -12,7 +12,8 @@ uses neither Qt nor ROS, so both the window and the terminal client can use it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+import functools
 import string
 
 from evgp_node.results import Act, Standings, TIMING_GONE
@@ -39,8 +40,9 @@ from evgp_rcs.words import (
 from evgp_rcs_console import results as timed
 from evgp_rcs_console import texts
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
-from evgp_rcs_console.commands import effects, Given, shows_result
+from evgp_rcs_console.commands import Given, shows_result
 from evgp_rcs_console.notices import Notice
+from evgp_rcs_console.questions import Asked, question
 
 GONE_AFTER = 0.9
 """
@@ -108,13 +110,11 @@ class Button:
 
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
-    :param condition: what the official confirms; empty if the command needs no confirmation.
-    :param consequence: what the command would do to each kart on the roster.
+    :param asks: whether an official must confirm the command.
+    :param question: returns what the official confirms.
+    :param statement: the statement that race control asks for; empty if it asks for none.
     :param karts: the karts that the command would start or release, according to race control. For
         a heat, the karts in that heat.
-    :param warning: why an official should not confirm the command; empty if no reason is known.
-    :param caution: what else an official should know before confirming; if it changes, the
-        question remains valid.
     :param number: the number of the track's last opening or of the roster reading, for a command
         that names one of them.
     :param also: the further commands that the button ``YES, and also`` confirms.
@@ -131,13 +131,11 @@ class Button:
     label: str
     enabled: bool
     reason: str
-    condition: str
-    consequence: str
+    asks: bool
+    question: Callable[[], Asked] = field(compare=False)
     statement: str = ''
     karts: tuple[int, ...] = ()
     hold: RaceState | None = None
-    warning: str = ''
-    caution: str = ''
     heat: str = ''
     number: int = 0
     also: tuple[Given, ...] = ()
@@ -167,26 +165,9 @@ class Button:
 
     def asks_the_same(self, other: Button) -> bool:
         """Return whether both buttons would do the same, so that one confirmation covers both."""
-        shown = 'condition', 'consequence', 'warning', 'statement'
-        bound = 'karts', 'hold', 'number', 'also'
-        return all(getattr(self, each) == getattr(other, each) for each in shown + bound)
-
-    def differs_from(self, asked: Button) -> str:
-        """Return what has changed since the official was asked."""
-        if self.reason:
-            return f'{self.reason[:1].upper()}{self.reason[1:]}.'
-        now, before = (
-            [texts.ASK_STATE.format(condition=each.condition), *each.sentences]
-            for each in (self, asked)
-        )
-        new = [each for each in now if each not in before]
-        return ' '.join(new or [f'No longer true: {each}' for each in before if each not in now])
-
-    @property
-    def sentences(self) -> list[str]:
-        """Return the warning against the command, if any, and the command's consequences."""
-        warning = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
-        return [*warning, *self.consequence.splitlines()]
+        bound = 'statement', 'karts', 'hold', 'number', 'also'
+        is_same = all(getattr(self, each) == getattr(other, each) for each in bound)
+        return is_same and self.question() == other.question()
 
     @property
     def is_stop(self) -> bool:
@@ -195,7 +176,7 @@ class Button:
     @property
     def is_instant(self) -> bool:
         """Return whether the command is a stop that acts when pressed, without confirmation."""
-        return self.is_stop and not self.condition
+        return self.is_stop and not self.asks
 
     def is_same_command(self, other: Button) -> bool:
         """Return whether both buttons have the same command for the same kart or heat."""
@@ -887,29 +868,21 @@ class _Buttons:
             reason = self.barred
         elif not entry.stop and waits is not None:
             reason = f'no answer yet ({duration(waits)})'
-        condition = consequence = warning = caution = ''
-        if entry.asks or (offered.statement and not entry.stop):
-            race = self.snapshot
-            does = effects(command, race, offered, kart)
-            condition = texts.condition(command, kart, race, offered.statement)
-            consequence = '\n'.join(texts.consequences(command, does, race, kart))
-            warning = texts.warning(command, race)
-            caution = texts.caution(command, race, offered.karts, self.results)
         return Button(
             command=command,
             kart=kart.number if kart else 0,
             label=entry.label,
             enabled=entry.stop or (offered.available and not reason),
             reason=reason,
-            condition=condition,
-            consequence=consequence,
+            asks=entry.asks or (bool(offered.statement) and not entry.stop),
+            question=functools.partial(
+                question, command, self.snapshot, offered, kart, self.results
+            ),
             statement=offered.statement,
             karts=offered.karts,
             hold=kart.hold if kart and entry.names_hold else None,
             number=self.snapshot.numbered(entry.names_number),
             also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
-            warning=warning,
-            caution=caution,
             key=key,
             recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),
         )

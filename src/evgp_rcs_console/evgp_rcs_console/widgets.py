@@ -301,9 +301,9 @@ class CommandButton(Push):
 
     def show_button(self, button: Button) -> None:
         """Show a command, and whether that command is possible."""
-        if button == self.button:
+        before, self.button = self.button, button  # an equal one asks about an older race
+        if button == before:
             return
-        self.button = button
         name = button.command.name.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         label = CATALOGUE[button.command].short or button.label

@@ -32,6 +32,7 @@ from evgp_rcs.rules.snapshot import KartSnapshot, NOTHING, Snapshot
 from evgp_rcs.words import Cell, STATE_CELLS, STATES, time_of_day, Tone
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
+from evgp_rcs_console.questions import question
 from evgp_rcs_console.results import races
 from evgp_rcs_console.view import (
     BARS,
@@ -96,7 +97,7 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
     screen = show(RACE, 0.0, {})
     buttons = [*screen.race, screen.msr_button, *screen.rows[0].buttons]
 
-    asking = {button.command for button in buttons if button.condition}
+    asking = {button.command for button in buttons if button.asks}
 
     assert asking == {
         CommandKind.GRID_ACTIVE,
@@ -105,7 +106,7 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
         CommandKind.RECORD_MSR,
         CommandKind.KART_IN_GARAGE,
     }
-    assert screen.track_button.condition
+    assert screen.track_button.asks
 
 
 def button_of(command: CommandKind, offered: Availability, **changes: object) -> Button:
@@ -125,7 +126,9 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
         CommandKind.KART_IN_GARAGE, offered, hold=RaceState.RED_RED, hold_reason='ALL_KILL'
     )
 
-    assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
+    assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in (
+        button.question().consequences
+    )
     assert request(button.given(), 0.0)['hold'] is RaceState.RED_RED
 
 
@@ -143,10 +146,10 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
     asked = button_of(command, OFFERED._replace(statement='something is so'))
     not_asked = button_of(command, OFFERED)
 
-    assert 'something is so' in asked.condition
+    assert 'something is so' in asked.question().condition
     assert asked.given().stated
     assert request(asked.given(), 0.0)[field] is True
-    assert not_asked.condition
+    assert not_asked.question().condition
     assert request(not_asked.given(), 0.0)[field] is False
 
 
@@ -187,8 +190,9 @@ def test_a_question_names_the_karts_that_stay_held_and_why() -> None:
 
     button = offering(CommandKind.IN_GARAGE, (held, KART))
 
-    assert 'now to kart 7.' in button.consequence
-    assert 'Stays held: kart 4 (Purdue): RED RED, lost its connection.' in button.consequence
+    said = '\n'.join(button.question().consequences)
+    assert 'now to kart 7.' in said
+    assert 'Stays held: kart 4 (Purdue): RED RED, lost its connection.' in said
 
 
 NO_RACE_YET = replace(
@@ -212,9 +216,11 @@ def test_no_question_warns_of_what_it_settles_by_itself(
     track = replace(RACE.track, reason='look at every kart, then send it', settled_by=settled_by)
     race = replace(RACE, state=RaceState.RED_RED, track=track)
 
-    assert bool(texts.warning(command, race)) is warned
+    offered = Availability(command, True)
+    assert bool(question(command, race, offered, None, None).warning) is warned
     doubtful = replace(KART, sent=RaceState.RED_RED, may_be_moving=True)
-    assert texts.warning(command, replace(race, karts=(doubtful,)))
+    doubted = replace(race, karts=(doubtful,))
+    assert question(command, doubted, offered, None, None).warning
 
 
 @pytest.mark.parametrize('statement', ['', 'no race is under way anywhere'])
@@ -225,8 +231,8 @@ def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_sta
         track = replace(RACE.track, allowed=True, msr_used=msr_used)
         offered = Availability(CommandKind.OPEN_TRACK, True, statement=statement)
         button = show(replace(RACE, track=track, commands=offers(offered)), 0.0, {}).track_button
-        assert statement in button.condition
-        return button.condition
+        assert statement in button.question().condition
+        return button.question().condition
 
     assert 'every kart stands still' in condition(True)
     assert 'every kart stands still' not in condition(False)
@@ -537,10 +543,10 @@ def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_q
     assert green is not None
     assert before is not None
 
-    for said in (green.caution, screen.can_stop, '\n'.join(table(screen))):
+    for said in (green.question().caution, screen.can_stop, '\n'.join(table(screen))):
         assert '2 officials can stop the race' in said
         assert 'Anna (window), button' in said
-    assert '0' not in before.caution
+    assert '0' not in before.question().caution
     assert green.asks_the_same(before)
 
 
@@ -738,11 +744,11 @@ def test_a_question_speaks_of_one_kart_and_of_several() -> None:
     said = [offering(CommandKind.GREEN_GREEN, (KART,)), offering(CommandKind.IN_GARAGE, (KART,))]
     away = button_of(CommandKind.KART_IN_GARAGE, OFFERED, connected=False)
 
-    assert [button.consequence.splitlines()[0] for button in said] == [
+    assert [button.question().consequences[0] for button in said] == [
         'Sends GREEN GREEN now to kart 7. It will start to drive.',
         'Sends IN GARAGE now to kart 7. The team has its kart back.',
     ]
-    assert 'no kart' not in away.consequence
+    assert 'no kart' not in ' '.join(away.question().consequences)
 
 
 @pytest.mark.parametrize(('command', 'by'), UNDONE_BY.items())
@@ -953,9 +959,10 @@ def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_q
 
     again, first = question(ran, practised), question(practised)
     clock = time_of_day(ran.stamp)[:5]
-    assert again.caution == f'Heat 1 was already run at {clock}. This run will count instead.'
-    assert not first.caution
-    assert not question(ran._replace(counts=False)).caution
+    said = f'Heat 1 was already run at {clock}. This run will count instead.'
+    assert again.question().caution == said
+    assert not first.question().caution
+    assert not question(ran._replace(counts=False)).question().caution
     assert again.asks_the_same(first)
 
 

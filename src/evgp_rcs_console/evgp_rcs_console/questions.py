@@ -1,0 +1,238 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What a confirmation asks: the condition, what the command would do, and what speaks against it.
+
+The module is pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from evgp_node.results import Standings
+from evgp_protocol.states import RaceState
+from evgp_rcs.rules.catalogue import CommandKind
+from evgp_rcs.rules.race import Availability
+from evgp_rcs.rules.snapshot import KartSnapshot, Snapshot
+from evgp_rcs.words import numbered, STATES, time_of_day
+from evgp_rcs_console import texts
+from evgp_rcs_console.catalogue import CATALOGUE, Kind
+from evgp_rcs_console.commands import Given
+
+FEW = 4
+"""Maximum number of held karts that are shown with reasons; more are shown by number only."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """
+    What an official confirms before a command.
+
+    :param condition: what the official confirms.
+    :param consequences: sentences that say what the command would do to each kart on the roster.
+    :param warning: why an official should not confirm the command; empty if no reason is known.
+    :param caution: what else an official should know before confirming. If only this changes, the
+        question stays the same.
+    """
+
+    condition: str
+    consequences: tuple[str, ...]
+    warning: str
+    caution: str = field(compare=False)
+
+    @property
+    def sentences(self) -> list[str]:
+        """Return the warning against the command, if any, and the command's consequences."""
+        warning = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
+        return [*warning, *self.consequences]
+
+    def differs_from(self, asked: Asked) -> str:
+        """Return what has changed since the official was asked."""
+        now, before = (
+            [texts.ASK_STATE.format(condition=each.condition), *each.sentences]
+            for each in (self, asked)
+        )
+        new = [each for each in now if each not in before]
+        return ' '.join(new or [f'No longer true: {each}' for each in before if each not in now])
+
+
+def question(
+    command: Kind,
+    race: Snapshot,
+    offered: Availability,
+    kart: KartSnapshot | None,
+    results: Standings | None,
+) -> Asked:
+    """
+    Return what to ask before a command.
+
+    :param kart: the kart of the command; None if the command is not for a single kart.
+    """
+    return Asked(
+        _condition(command, race, kart, offered.statement),
+        tuple(_consequences(command, effects(command, race, offered, kart), race, kart)),
+        _warning(command, race),
+        _caution(command, race, offered.karts, results),
+    )
+
+
+@dataclass(frozen=True)
+class Effects:
+    """
+    The effects of a command. Each kart on the roster is in one of these groups.
+
+    :param state: the state that the command sends to karts; None if it sends no state.
+    :param now: karts that are sent the state at once.
+    :param later: karts without a connection, which are sent the state when they connect.
+    :param held: karts to which the command sends nothing, and which remain held.
+    :param rest: the other karts to which the command sends nothing.
+    """
+
+    state: RaceState | None
+    now: tuple[KartSnapshot, ...] = ()
+    later: tuple[KartSnapshot, ...] = ()
+    held: tuple[KartSnapshot, ...] = ()
+    rest: tuple[KartSnapshot, ...] = ()
+
+
+def effects(
+    command: Kind, race: Snapshot, offered: Availability, kart: KartSnapshot | None
+) -> Effects:
+    sends = CATALOGUE[command].sends
+    if sends is None:
+        concerned: set[int] = set()
+    elif kart is not None:
+        concerned = {kart.number}
+    elif command is CommandKind.RECORD_MSR:
+        concerned = {each.number for each in race.karts}
+    else:
+        # A repeated GRID_ACTIVE is not sent again to the karts that already have it.
+        concerned = {
+            each.number
+            for each in race.karts
+            if each.number in offered.karts and each.sent is not sends
+        }
+
+    sent = [each for each in race.karts if each.number in concerned]
+    others = [each for each in race.karts if each.number not in concerned]
+    return Effects(
+        sends,
+        now=tuple(each for each in sent if each.connected),
+        later=tuple(each for each in sent if not each.connected),
+        held=tuple(each for each in others if each.hold is not None),
+        rest=tuple(each for each in others if each.hold is None),
+    )
+
+
+def _condition(command: Kind, race: Snapshot, kart: KartSnapshot | None, statement: str) -> str:
+    """
+    Return what an official confirms with YES.
+
+    :param statement: what race control asks the official to state; empty if it asks for nothing.
+    """
+    if command is CommandKind.OPEN_TRACK and race.track.msr_used:
+        return f'{statement}; {texts.OPEN_BY_MSR}' if statement else texts.OPEN_BY_MSR
+    if statement:
+        return statement
+    if (confirmed := CATALOGUE[command].condition) and (kart or '{kart}' not in confirmed):
+        return confirmed.format(kart=kart)
+    return f'{CATALOGUE[command].label} is right'
+
+
+def _warning(command: Kind, race: Snapshot) -> str:
+    """
+    Return why an official should not confirm a command; empty if no reason is known.
+
+    A race under way is normal and causes no warning.
+    """
+    track = race.track
+    if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
+        settled = track.settled_by is command  # the command itself removes the reason
+        barred = not (track.allowed or settled) and race.state not in texts.UNDER_WAY
+        why = track.reason if barred else texts.against_humans(race)
+        if why:
+            return f'humans must stay off the track now: {why}'
+        doubtful = texts.in_doubt(race)
+        if doubtful and command is not CommandKind.KART_IN_GARAGE:
+            return f'only the MSR can stop {doubtful}, so leave the MSR on'
+        if race.nobody_is_heard:
+            return f'no kart is connected; {texts.HUMANS_UNKNOWN_REASON}'
+    return ''
+
+
+def _caution(
+    command: Kind, race: Snapshot, karts: Sequence[int], results: Standings | None
+) -> str:
+    """
+    Return what an official should know before a command that is still allowed.
+
+    :param karts: the karts that the command would start or release.
+    """
+    if command is CommandKind.GREEN_GREEN:
+        return f'{texts.can_stop(race)}.'
+    if command is not CommandKind.GRID_ACTIVE:
+        return ''
+    poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
+    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may arrive late.'
+    told = [late] if poor else []
+    run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
+    times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
+    told += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
+    return ' '.join(told)
+
+
+def _kart_list(karts: tuple[KartSnapshot, ...]) -> str:
+    if len(karts) > 1:
+        return f'{len(karts)} karts: {", ".join(str(kart.number) for kart in karts)}'
+    return numbered(karts) or 'no kart'
+
+
+def _consequences(
+    command: Kind, does: Effects, race: Snapshot, kart: KartSnapshot | None
+) -> list[str]:
+    """Return, in sentences, what a command would do."""
+    entry = CATALOGUE[command]
+    said = [entry.note] if entry.note else []
+    if command is CommandKind.RECORD_MSR and race.banner:
+        said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
+    if entry.names_hold and kart is not None and kart.hold is not None:
+        said.append(f'Ends the hold of {_held(kart)}.')
+    if does.state is not None and (does.now or kart is None):
+        end = entry.then[len(does.now) > 1] if does.now else ''
+        said.append(f'Sends {STATES[does.state]} now to {_kart_list(does.now)}. {end}'.rstrip())
+    if does.later:
+        when = 'when it connects' if len(does.later) == 1 else 'when they connect'
+        said.append(f'Sends {STATES[does.state]} to {numbered(does.later)} {when}.')
+    if kart is not None:
+        if entry.names_hold and kart.in_race and race.state is not RaceState.IN_GARAGE:
+            said.append('Takes the kart out of the race.')
+        if entry.names_hold and (why := texts.under_way(race)):
+            said.append(f'Humans must stay off the track: {why}.')
+        return said
+    if does.held:
+        stays = 'Stays' if len(does.held) == 1 else 'Stay'
+        few = does.held if len(does.held) <= FEW else ()
+        who = '; '.join(map(_held, few)) or numbered(does.held)
+        said.append(f'{stays} held: {who}.')
+    if does.rest and does.state is not None:
+        stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
+        said.append(f'{stays}: {numbered(does.rest)}.')
+    if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
+        said.append('Clears the places of the last race.')
+    return said
+
+
+def _held(kart: KartSnapshot) -> str:
+    hold = STATES[kart.hold]
+    said = kart.hold_reason.startswith(f'{hold} by ')
+    return f'{kart}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
+
+
+def also(following: Sequence[Given]) -> str:
+    """Return what the second YES of IN GARAGE confirms: an open track, or karts made safe."""
+    if following[0].command is CommandKind.OPEN_TRACK:
+        return texts.ASK_AND_FIRST if following[0].stated else texts.ASK_AND_OPEN
+    return f'{numbered(each.kart for each in following)} made safe by hand'
