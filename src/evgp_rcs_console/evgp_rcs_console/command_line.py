@@ -16,7 +16,7 @@ import enum
 import itertools
 import os
 import sys
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs_console.catalogue import CATALOGUE, Kind, OF_RACE_CONTROL
@@ -30,6 +30,14 @@ class Exit(enum.IntEnum):
     USAGE = 2
     NOT_THERE = 3
     OUTLIVED = 4
+
+
+class Told(NamedTuple):
+    """How `rcs_ctl` ends: its exit code, and the texts for stdout and stderr."""
+
+    code: Exit
+    output: str = ''
+    error: str = ''
 
 
 STARTING = 5.0

@@ -20,7 +20,6 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any
 
 from evgp_node.official import tidy
 from evgp_protocol.clock import now
@@ -34,6 +33,7 @@ from evgp_rcs_console.command_line import (
     parse,
     parser,
     STARTING,
+    Told,
 )
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
@@ -79,7 +79,7 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
         end_within(max(seconds, 0.001), Exit.NOT_THERE, _no_answer(wanted, limit, 'ROS has hung'))
 
     hangs(limit)
-    told: dict[str, Any] = {'code': Exit.NOT_THERE}
+    told = Told(Exit.NOT_THERE)
     with contextlib.ExitStack() as parts:
         try:
             from evgp_rcs_console.ctl_ros import attend
@@ -87,25 +87,27 @@ def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
             told = attend(given, wanted, began, parts, lambda: hangs(STALLED))
         except KeyboardInterrupt:
             if wanted.command == 'watch':
-                told['code'] = Exit.ACCEPTED
-            elif wanted.command in COMMANDS and len(told) == 1:  # after sending, ctl_ros reports
+                told = told._replace(code=Exit.ACCEPTED)
+            elif wanted.command in COMMANDS and not (told.output or told.error):
+                # After sending, ctl_ros says what is known.
                 stop = CATALOGUE[COMMANDS[wanted.command]].stop
-                told['error'] = NO_STOP_SENT if stop else NOTHING_SENT
+                told = Told(Exit.NOT_THERE, error=NO_STOP_SENT if stop else NOTHING_SENT)
         except BrokenPipeError:
-            told['code'] = Exit.ACCEPTED  # the reader of a watch has closed the pipe
+            told = told._replace(code=Exit.ACCEPTED)  # the reader of a watch has closed the pipe
         except Exception:  # noqa: BLE001 - tell the official
             traceback.print_exc()
-            told['error'] = _no_answer(wanted, now() - began, 'rcs_ctl failed')
+            error = _no_answer(wanted, now() - began, 'rcs_ctl failed')
+            told = Told(Exit.NOT_THERE, error=error)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         end_within(0.0, 0)
         try:
-            for key, stream in (('output', sys.stdout), ('error', sys.stderr)):
-                if told.get(key):
+            for said, stream in ((told.output, sys.stdout), (told.error, sys.stderr)):
+                if said:
                     with contextlib.suppress(BrokenPipeError):
-                        print(told[key], file=stream, flush=True)
+                        print(said, file=stream, flush=True)
         finally:
-            end_within(TIDY, told['code'])
-    os._exit(told['code'])  # a library's clean-up could hang
+            end_within(TIDY, told.code)
+    os._exit(told.code)  # a library's clean-up could hang
 
 
 def _let_a_second_interrupt_kill() -> None:

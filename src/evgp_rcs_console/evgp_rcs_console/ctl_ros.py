@@ -25,7 +25,7 @@ from evgp_rcs.words import time_of_day
 from evgp_rcs_console import results, texts
 from evgp_rcs_console.catalogue import CATALOGUE
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking, PRESENCE_PERIOD
-from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING
+from evgp_rcs_console.command_line import COMMANDS, Exit, GRACE, STARTING, Told
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import aligned, Latest, present, show, table
@@ -33,8 +33,6 @@ import rclpy
 
 SETTLED = 1.0
 """Time without an event after which all past events count as received, in seconds."""
-
-Told = dict[str, object]
 
 
 class Hearing(Latest):
@@ -94,7 +92,7 @@ def attend(
     alive: Callable[[], object],
 ) -> Told:
     """
-    Carry out a command line; return the exit code and the text to print.
+    Carry out a command line; return what it has come to.
 
     :param began: when `rcs_ctl` was called, in seconds. The time of `--wait` begins once ROS has
         started.
@@ -104,7 +102,7 @@ def attend(
     try:
         join_graph('rcs_ctl', given)
     except (GraphError, UnknownROSArgsError) as error:
-        return {'code': Exit.USAGE, 'error': f'rcs_ctl: {error}'}
+        return Told(Exit.USAGE, error=f'rcs_ctl: {error}')
     parts.callback(rclpy.try_shutdown)
     hearing = Hearing()
     # Watching needs no permission to command, and a spectators' screen has none.
@@ -114,7 +112,7 @@ def attend(
         client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
         said = texts.NOT_ALLOWED.format(error=error)
-        return {'code': Exit.USAGE, 'error': f'rcs_ctl: {said}'}
+        return Told(Exit.USAGE, error=f'rcs_ctl: {said}')
     parts.callback(client.close)
     ready = now()
     until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
@@ -128,7 +126,7 @@ def attend(
         if hearing.given is None:
             raise
         error = hearing.answer[1].message if hearing.answer else _interrupted(hearing)
-        told = {'code': Exit.NOT_THERE, 'error': error}
+        told = Told(Exit.NOT_THERE, error=error)
     return _under_banner(told, hearing.race)
 
 
@@ -152,18 +150,16 @@ def _give(
     waited = until - now()
     details = f'once ROS had started, which took {starting:.1f} s; {where}'
     if not entry.stop and not client.wait_for(command, until - now()):
-        error = f'{texts.not_there(command, entry.label)} ({where})'
-        return {'code': Exit.NOT_THERE, 'error': error}
+        not_there = texts.not_there(command, entry.label)
+        return Told(Exit.NOT_THERE, error=f'{not_there} ({where})')
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = None
     number = getattr(wanted, 'reading', 0)
-    released = ''
+    released: list[str] = []
     if (entry.names_karts and (entry.names_number or not karts)) or entry.names_hold:
         if not hearing.wait_for(lambda: hearing.race is not None, until):
-            return {
-                'code': Exit.NOT_THERE,
-                'error': texts.no_answer(Given(command, kart), waited, details),
-            }
+            error = texts.no_answer(Given(command, kart), waited, details)
+            return Told(Exit.NOT_THERE, error=error)
         assert hearing.race is not None
         assert isinstance(command, CommandKind)
         concerned = hearing.race.offered(command)
@@ -181,7 +177,7 @@ def _give(
         held = hearing.race.kart(kart) if entry.names_hold else None
         if held is not None:
             hold = held.hold
-            released = '\n'.join(_effects(command, hearing.race, kart, hearing.results))
+            released = _effects(command, hearing.race, kart, hearing.results)
     given = Given(
         command,
         kart,
@@ -197,22 +193,19 @@ def _give(
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
     if hearing.dropped is not None:
-        return {'code': Exit.OUTLIVED, 'error': hearing.dropped[1]}
+        return Told(Exit.OUTLIVED, error=hearing.dropped[1])
     if hearing.answer is None:
         reason = ' '.join(stop.said for stop in hearing.standing if stop.said)
         error = texts.no_answer(given, waited, details, reason)
-        return {'code': Exit.NOT_THERE, 'error': error}
+        return Told(Exit.NOT_THERE, error=error)
     answer = hearing.answer[1]
     if answer.success:
-        return {
-            'code': Exit.ACCEPTED,
-            'output': f'{released}\n{answer.message}' if released else answer.message,
-        }
+        return Told(Exit.ACCEPTED, '\n'.join([*released, answer.message]))
     # The race has usually arrived long before; this limits the wait for it if it has not.
     hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
-    return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
+    return Told(Exit.REFUSED, error='\n'.join([answer.message, *steps]))
 
 
 def _where(client: Client) -> str:
@@ -220,7 +213,7 @@ def _where(client: Client) -> str:
 
 
 def _not_found(client: Client) -> Told:
-    return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({_where(client)})'}
+    return Told(Exit.NOT_THERE, error=f'{texts.NOT_YET} ({_where(client)})')
 
 
 def _interrupted(hearing: Hearing) -> str:
@@ -233,13 +226,14 @@ def _interrupted(hearing: Hearing) -> str:
 
 def _under_banner(told: Told, race: Snapshot | None) -> Told:
     """Put race control's banner above each text that does not contain the banner yet."""
-    banner = race.banner if race is not None else ''
-    return {
-        key: f'{texts.BANNER.format(banner=banner)}\n{said}'
-        if isinstance(said, str) and banner and f'{banner}: ' not in said
-        else said
-        for key, said in told.items()
-    }
+    if race is None or not race.banner:
+        return told
+    line, known = texts.BANNER.format(banner=race.banner), f'{race.banner}: '
+    output, error = (
+        f'{line}\n{said}' if said and known not in said else said
+        for said in (told.output, told.error)
+    )
+    return Told(told.code, output, error)
 
 
 def _next_step(
@@ -271,14 +265,14 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
     if not offered.available:
         reason = offered.reason or 'race control does not offer it'
         error = f'{label}: nothing was sent. The command is not possible now: {reason}.'
-        return {'code': Exit.USAGE, 'error': error}
+        return Told(Exit.USAGE, error=error)
     names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
     lines = [
         f'{label}: nothing was sent. The command is for {names}.',
         *_effects(command, race, 0, found),
         _line(wanted, race, offered.karts, '' if wanted.stated else offered.statement),
     ]
-    return {'code': Exit.USAGE, 'error': '\n'.join(lines)}
+    return Told(Exit.USAGE, error='\n'.join(lines))
 
 
 def _line(wanted: argparse.Namespace, race: Snapshot, karts: Sequence[int], unsaid: str) -> str:
@@ -334,7 +328,7 @@ def _watch(
         text = '\n'.join(lines)
         if wanted.once:
             code = Exit.NOT_THERE if screen.stale else Exit.ACCEPTED
-            return {'code': code, 'output': text}
+            return Told(code, text)
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         alive()
         # Rounds begin with snapshots, every 0.5 s or a little less; none may be left out.
@@ -353,7 +347,7 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
         return _not_found(client)
     found = present(found, race.stamp + now() - heard_at)
     if found is None:
-        return _under_banner({'code': Exit.NOT_THERE, 'error': texts.NO_TIMING}, race)
+        return _under_banner(Told(Exit.NOT_THERE, error=texts.NO_TIMING), race)
     teams = {kart.number: kart.team for kart in race.karts}
     lines = [results.title(found)]
     if found.grid:
@@ -365,7 +359,7 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
         lines += ['', texts.RACES, *aligned(results.races(found))]
     if found.passings:
         lines += ['', texts.PASSINGS, *aligned(results.passings(found))]
-    return _under_banner({'code': Exit.ACCEPTED, 'output': '\n'.join(lines)}, race)
+    return _under_banner(Told(Exit.ACCEPTED, '\n'.join(lines)), race)
 
 
 def _watch_events(
@@ -402,4 +396,4 @@ def _watch_events(
         if not wanted.once:
             alive()
         elif not fresh or now() >= until:
-            return {'code': Exit.ACCEPTED}
+            return Told(Exit.ACCEPTED)

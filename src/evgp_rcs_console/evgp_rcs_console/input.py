@@ -23,7 +23,7 @@ from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
-from evgp_rcs_console.keys import Act, Stroke
+from evgp_rcs_console.keys import Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen
@@ -333,15 +333,17 @@ class Keyboard:
         self._chosen = presses.display.chosen
         self._bottom = presses.display.bottom
         self._repeats = Repeats()
-        self._acts: dict[Act, Callable[[], object]] = {
-            Act.HELP: presses.toggle_help,
-            Act.SEEN: self._areas.alerts.press_first,
-            Act.NIGHT: self._areas.toggle_night,
-            Act.SOUND: self._areas.alerts.toggle_sound,
-            Act.UP: lambda: self._chosen.choose_next(-1),
-            Act.DOWN: lambda: self._chosen.choose_next(1),
-            Act.LOG: presses.toggle_events,
-            Act.CANCEL: self._cancel,
+        self._acts: dict[str, Callable[[float], object]] = {
+            'F1': lambda _: presses.toggle_help(),
+            'F8': lambda _: self._areas.toggle_night(),
+            'F10': lambda _: self._areas.alerts.press_first(),
+            'F11': lambda _: self._areas.alerts.toggle_sound(),
+            'Up': lambda _: self._chosen.choose_next(-1),
+            'Down': lambda _: self._chosen.choose_next(1),
+            'Return': self._press_focused,
+            'Ctrl+L': lambda _: presses.toggle_events(),
+            'Backspace': self._chosen.erase,
+            'Esc': lambda _: self._cancel(),
         }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
@@ -367,10 +369,10 @@ class Keyboard:
             return repeated or self._answer(name, stroke, at)
         if stroke is None:
             return name in ANSWER_KEYS
-        if repeated and stroke.act not in (Act.UP, Act.DOWN):
+        if repeated and stroke.window not in ('Up', 'Down'):
             return True
-        if stroke.act is not None:
-            self._do(stroke.act, at)
+        if stroke.window:
+            self._acts[stroke.window](at)
         elif stroke.digit:
             # Even with the heats open, a digit also begins a kart number, as a stop may follow.
             self._chosen.add(stroke.digit, at)
@@ -385,9 +387,9 @@ class Keyboard:
         """Return whether a key acts at any age, because it stops or chooses a kart to stop."""
         if stroke is None:
             return False
-        if stroke.act is Act.PRESS:
+        if stroke.window == 'Return':
             return self._areas.is_stop(QtWidgets.QApplication.focusWidget())
-        chooses_kart = stroke.act in (Act.UP, Act.DOWN, Act.ERASE, Act.CANCEL)
+        chooses_kart = stroke.window in ('Up', 'Down', 'Backspace', 'Esc')
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
@@ -396,7 +398,7 @@ class Keyboard:
         answers = [question.no, question.yes]
         answers += [] if question.also.isHidden() else [question.also]
         focused = next((each for each in answers if each.hasFocus()), question.no)
-        by_enter = focused if stroke is not None and stroke.act is Act.PRESS else None
+        by_enter = focused if stroke is not None and stroke.window == 'Return' else None
         also = question.also in answers and (
             by_enter is question.also or name == question.also.key
         )
@@ -412,8 +414,8 @@ class Keyboard:
         elif name in MOVE_KEYS:
             other = answers[(answers.index(focused) + 1) % len(answers)]
             (other if other.isEnabled() else question.no).setFocus()
-        elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
-            self._do(stroke.act, at)
+        elif stroke is not None and stroke.window in ('Return', 'Backspace'):
+            self._acts[stroke.window](at)
         elif stroke is not None and stroke.digit:
             self._chosen.add(stroke.digit, at)
         elif stroke is not None and stroke.stop and not stroke.asks:
@@ -451,14 +453,6 @@ class Keyboard:
                 return
         if button is not None:
             self._presses.press(button)
-
-    def _do(self, act: Act, at: float) -> None:
-        if act is Act.ERASE:
-            self._chosen.erase(at)
-        elif act is Act.PRESS:
-            self._press_focused(at)
-        else:
-            self._acts[act]()
 
     def _cancel(self) -> None:
         """Delete the typed number; if no number is typed, close the open sheets."""

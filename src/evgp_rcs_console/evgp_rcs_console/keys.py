@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-import enum
 import string
 
 from evgp_rcs.words import Cell, Tone
@@ -66,22 +65,10 @@ def is_kill(name: str, code: int) -> bool:
     return name in _KILL_NAMES or name.isspace() or code in _KILL_CODES
 
 
-class Act(enum.Enum):
-    """An effect of a key other than to send a command. The value is the name of the key."""
-
-    HELP = 'F1'
-    SEEN = 'F10'
-    SOUND = 'F11'
-    NIGHT = 'F8'
-    UP = 'Up'
-    DOWN = 'Down'
-    LOG = 'Ctrl+L'
-    PRESS = 'Return'
-    ERASE = 'Backspace'
-    CANCEL = 'Esc'
-
-
-_KEYS_OF_ACTS = frozenset(act.value for act in Act)
+WINDOW_KEYS = frozenset(
+    {'F1', 'F8', 'F10', 'F11', 'Up', 'Down', 'Return', 'Ctrl+L', 'Backspace', 'Esc'}
+)
+"""The keys that do something in the window other than to send a command or type a number."""
 
 KEYS = {
     key: tuple(kind for kind, entry in OF_RACE_CONTROL.items() if entry.key == key)
@@ -104,13 +91,14 @@ class Stroke:
     :param finish: for a letter, the roster position of the kart that has crossed the line. That
         kart's row determines what the letter does. None for any other key.
     :param digit: the digit, if the key types a part of a kart's number; otherwise empty.
+    :param window: the key, if it is one of ``WINDOW_KEYS``; otherwise empty.
     """
 
     commands: tuple[Kind, ...] = ()
     to_chosen: bool = False
     finish: int | None = None
     digit: str = ''
-    act: Act | None = None
+    window: str = ''
 
     @property
     def stop(self) -> bool:
@@ -128,8 +116,8 @@ def meaning(key: str) -> Stroke | None:
     if key in FINISH_KEYS:
         return Stroke(finish=FINISH_KEYS.index(key))
     key = 'Return' if key == 'Enter' else key
-    if key in _KEYS_OF_ACTS:
-        return Stroke(act=Act(key))
+    if key in WINDOW_KEYS:
+        return Stroke(window=key)
     if len(key) == 1 and key.isdecimal():
         return Stroke(digit=key)
     return None

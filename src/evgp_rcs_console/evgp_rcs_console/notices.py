@@ -223,7 +223,6 @@ class Line(NamedTuple):
     """
 
     clock: str
-    kart: int
     success: bool
     text: str
     is_command: bool = False
@@ -265,7 +264,7 @@ class EventLog:
     def add(self, stamped: StampedEvent) -> None:
         """Add an event as a new line or to the last line, or leave it out if shown elsewhere."""
         if stamped.sequence <= self._last:
-            self._lines.append(Line('', 0, True, texts.NEW_RUN))
+            self._lines.append(Line('', True, texts.NEW_RUN))
         self._last, event = stamped.sequence, stamped.event
         at = time_of_day(stamped.wall_ns // 1_000_000_000)
         line = self._line(at, event)
@@ -307,7 +306,7 @@ class EventLog:
         else:
             told = f'{"" if event.success else texts.REFUSED}{self._told(event)}'
         is_command = event.kind is EventKind.COMMAND
-        return Line(at, event.kart, event.success, told, is_command, karts, what)
+        return Line(at, event.success, told, is_command, karts, what)
 
     @staticmethod
     def _of_karts(karts: Sequence[int], what: str) -> str:
@@ -327,8 +326,4 @@ class EventLog:
 
     def lines(self, kart: int = 0) -> list[Line]:
         """Return the lines about a kart, and those about no kart, oldest first; 0: all lines."""
-        return [
-            each
-            for each in self._lines
-            if not kart or each.kart in (0, kart) or kart in each.karts
-        ]
+        return [each for each in self._lines if not (kart and each.karts) or kart in each.karts]
