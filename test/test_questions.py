@@ -71,7 +71,7 @@ def published(race: Race, now: float) -> Snapshot:
 
 def given(button: Button) -> Command:
     """Return the command of a button as race control gets it."""
-    seen = button.given()
+    seen = button.gives
     return Command(
         seen.command,
         seen.kart,

@@ -569,4 +569,4 @@ class Display(QtCore.QObject):
 
 
 def _heats(screen: Screen) -> list[tuple[str, tuple[int, ...]]]:
-    return [(button.heat, button.karts) for button in screen.heats]
+    return [(button.gives.heat, button.gives.karts) for button in screen.heats]

@@ -109,7 +109,7 @@ class CommandInput(QtCore.QObject):
         areas = self._areas
         if not button.enabled:
             self._bottom.say_barred(button)
-        elif button.command is CommandKind.SET_HEAT and not button.heat:
+        elif button.command is CommandKind.SET_HEAT and not button.gives.heat:
             areas.open_sheet(areas.heats, areas.heats.first)
         elif button.asks:
             areas.question.ask(button)
@@ -182,7 +182,10 @@ class CommandInput(QtCore.QObject):
 
     def _send(self, button: Button, also: bool = False) -> None:
         claim = self._signature.claim
-        given = replace(button.given(also), official=claim, waited=self._late.waited)
+        then = button.also if also else ()
+        given = replace(
+            button.gives, official=claim, then=then, at=clock.now(), waited=self._late.waited
+        )
         self._give(given)
         self._last_sent = given
         if not CATALOGUE[given.command].stop:  # the client keeps track of stops itself

@@ -108,15 +108,13 @@ class Button:
     """
     What the button of a command shows and does.
 
+    :param gives: the command that an official gives by pressing this button and confirming. It
+        makes a statement only if race control asked for one, in which case the question shows the
+        words of the statement.
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
     :param asks: whether an official must confirm the command.
     :param question: returns what the official confirms.
-    :param statement: the statement that race control asks for; empty if it asks for none.
-    :param karts: the karts that the command would start or release, according to race control. For
-        a heat, the karts in that heat.
-    :param number: the number of the track's last opening or of the roster reading, for a command
-        that names one of them.
     :param also: the further commands that the button ``YES, and also`` confirms.
     :param phrase: a few words shown with the label. For a command to the race, they say when its
         result took effect, what the command would do, or what the command is waiting for.
@@ -126,18 +124,12 @@ class Button:
     :param is_next: whether the command is the usual next step.
     """
 
-    command: Kind
-    kart: int
+    gives: Given
     label: str
     enabled: bool
     reason: str
     asks: bool
     question: Callable[[], Asked] = field(compare=False)
-    statement: str = ''
-    karts: tuple[int, ...] = ()
-    hold: RaceState | None = None
-    heat: str = ''
-    number: int = 0
     also: tuple[Given, ...] = ()
     key: str = ''
     phrase: str = ''
@@ -145,29 +137,19 @@ class Button:
     recedes: bool = False
     is_next: bool = False
 
-    def given(self, also: bool = False) -> Given:
-        """
-        Return the command that an official gives by pressing this button and confirming.
-
-        The command makes a statement only if race control asked for one, in which case the
-        question showed the words of the statement.
-        """
-        return Given(
-            self.command,
-            self.kart,
-            stated=bool(self.statement),
-            karts=self.karts,
-            hold=self.hold,
-            heat=self.heat,
-            number=self.number,
-            then=self.also if also else (),
-        )
-
     def asks_the_same(self, other: Button) -> bool:
         """Return whether both buttons would do the same, so that one confirmation covers both."""
-        bound = 'statement', 'karts', 'hold', 'number', 'also'
-        is_same = all(getattr(self, each) == getattr(other, each) for each in bound)
+        is_same = (self.gives, self.also) == (other.gives, other.also)
         return is_same and self.question() == other.question()
+
+    @property
+    def command(self) -> Kind:
+        return self.gives.command
+
+    @property
+    def kart(self) -> int:
+        """Return the number of the command's kart; 0 if it is not for a single kart."""
+        return self.gives.kart
 
     @property
     def is_stop(self) -> bool:
@@ -180,7 +162,8 @@ class Button:
 
     def is_same_command(self, other: Button) -> bool:
         """Return whether both buttons have the same command for the same kart or heat."""
-        return (self.command, self.kart, self.heat) == (other.command, other.kart, other.heat)
+        one, two = self.gives, other.gives
+        return (one.command, one.kart, one.heat) == (two.command, two.kart, two.heat)
 
     @property
     def explanation(self) -> str:
@@ -825,13 +808,9 @@ class _Buttons:
         """Return the button that puts a heat into the race. Typing its number focuses it."""
         is_next = heat.name == texts.next_heat(self.snapshot, self.results)
         label = texts.heat(heat, self.results, heat == self.snapshot.heat_in_race, is_next)
-        return replace(
-            self.race(CommandKind.SET_HEAT),
-            label=label,
-            heat=heat.name,
-            karts=heat.karts,
-            key=str(number),
-        )
+        button = self.race(CommandKind.SET_HEAT)
+        gives = replace(button.gives, heat=heat.name, karts=heat.karts)
+        return replace(button, gives=gives, label=label, key=str(number))
 
     def _also(self, offered: Availability) -> tuple[Given, ...]:
         """
@@ -868,9 +847,17 @@ class _Buttons:
             reason = self.barred
         elif not entry.stop and waits is not None:
             reason = f'no answer yet ({duration(waits)})'
+        gives = Given(
+            command,
+            kart.number if kart else 0,
+            stated=bool(offered.statement),
+            karts=offered.karts,
+            hold=kart.hold if kart and entry.names_hold else None,
+            number=self.snapshot.numbered(entry.names_number),
+            at=0.0,
+        )
         return Button(
-            command=command,
-            kart=kart.number if kart else 0,
+            gives=gives,
             label=entry.label,
             enabled=entry.stop or (offered.available and not reason),
             reason=reason,
@@ -878,10 +865,6 @@ class _Buttons:
             question=functools.partial(
                 question, command, self.snapshot, offered, kart, self.results
             ),
-            statement=offered.statement,
-            karts=offered.karts,
-            hold=kart.hold if kart and entry.names_hold else None,
-            number=self.snapshot.numbered(entry.names_number),
             also=self._also(offered) if command is CommandKind.IN_GARAGE else (),
             key=key,
             recedes=command is CommandKind.KART_IN_GARAGE and self.needs_msr(kart),

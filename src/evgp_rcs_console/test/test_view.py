@@ -129,7 +129,7 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in (
         button.question().consequences
     )
-    assert request(button.given(), 0.0)['hold'] is RaceState.RED_RED
+    assert request(button.gives, 0.0)['hold'] is RaceState.RED_RED
 
 
 @pytest.mark.parametrize(
@@ -147,10 +147,10 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
     not_asked = button_of(command, OFFERED)
 
     assert 'something is so' in asked.question().condition
-    assert asked.given().stated
-    assert request(asked.given(), 0.0)[field] is True
+    assert asked.gives.stated
+    assert request(asked.gives, 0.0)[field] is True
     assert not_asked.question().condition
-    assert request(not_asked.given(), 0.0)[field] is False
+    assert request(not_asked.gives, 0.0)[field] is False
 
 
 @pytest.mark.parametrize(
@@ -168,7 +168,8 @@ def test_a_question_about_other_karts_another_statement_or_hold_is_another_quest
 
     assert not asked.asks_the_same(button_of(CommandKind.GREEN_GREEN, offered))
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
-    assert not asked.asks_the_same(replace(asked, hold=RaceState.RED_FLAG))
+    other_hold = replace(asked.gives, hold=RaceState.RED_FLAG)
+    assert not asked.asks_the_same(replace(asked, gives=other_hold))
 
 
 def offering(
