@@ -256,19 +256,6 @@ class KartTable(QtWidgets.QTableWidget):
         self.horizontalHeader().setDefaultAlignment(LEFT)
         self.verticalHeader().hide()
 
-    def show_rows(self, rows: tuple[Row, ...], stale: bool) -> None:
-        """Show the karts, and redraw only the cells that have changed."""
-        if stale != self.stale:
-            self.viewport().update()
-        before, self.rows, self.stale = self.rows, rows, stale
-        self.setRowCount(len(rows))
-        for place, row in enumerate(rows):
-            for number, column in enumerate(COLUMNS):
-                if place >= len(before) or _looks(column, before[place]) != _looks(column, row):
-                    said = column.cell(row).text, column.below(row).text
-                    item = QtWidgets.QTableWidgetItem('\n'.join(filter(None, said)))
-                    self.setItem(place, number, item)
-
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
         """Move the focus, and scroll to the row that gets the focus."""
         moved = bool(super().focusNextPrevChild(following))
@@ -312,7 +299,6 @@ class KartList(Panel):
         self._pressed = pressed
         self.table = KartTable(scrolling)
         self._delegate = KartDelegate(self.table)
-        self._buttons: list[list[CommandButton]] = []
         self._tiles = Tiles(self.table)
         self._tiles.chosen.connect(self.wanted)
         self._tiles.hide()
@@ -353,21 +339,27 @@ class KartList(Panel):
         self._tiles.update()
 
     def show_screen(self, screen: Screen) -> None:
-        rows, stale = screen.rows, screen.stale
-        count, before = len(self.table.rows), _tiles(self.table.rows, self.table.stale)
-        self.table.show_rows(rows, stale)
-        if before != _tiles(rows, stale):
+        """Show the karts, and redraw only the cells that have changed."""
+        table, rows = self.table, screen.rows
+        before, stale = table.rows, table.stale
+        table.rows, table.stale = rows, screen.stale
+        table.setRowCount(len(rows))
+        for place, row in enumerate(rows):
+            was = before[place] if place < len(before) else None
+            for number, column in enumerate(COLUMNS):
+                if was is None or _looks(column, was) != _looks(column, row):
+                    said = column.cell(row).text, column.below(row).text
+                    item = QtWidgets.QTableWidgetItem('\n'.join(filter(None, said)))
+                    table.setItem(place, number, item)
+            for number, command in enumerate(row.buttons, len(COLUMNS)):
+                if was is None:
+                    table.setCellWidget(place, number, CommandButton(self._pressed))
+                table.cellWidget(place, number).show_button(command)
+        if stale != screen.stale:
+            table.viewport().update()
+        if _tiles(before, stale) != _tiles(rows, screen.stale):
             self._tiles.update()
-        for place in range(count, len(rows)):
-            buttons = [CommandButton(self._pressed) for _ in KART_COMMANDS]
-            self._buttons.append(buttons)
-            for column, button in enumerate(buttons, len(COLUMNS)):
-                self.table.setCellWidget(place, column, button)
-        self._buttons = [widgets for widgets, _ in zip(self._buttons, rows, strict=False)]
-        for widgets, row in zip(self._buttons, rows, strict=True):
-            for widget, command in zip(widgets, row.buttons, strict=True):
-                widget.show_button(command)
-        if count != len(rows):
+        if len(before) != len(rows):
             self.fit()
 
     def bring_into_view(self, number: int) -> None:
