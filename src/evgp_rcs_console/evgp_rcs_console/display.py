@@ -94,17 +94,12 @@ class SeenCommands(Aim[Shown]):
             self.change(before, clock.now())
 
     def _saw(self, screen: Screen) -> Shown:
-        sheets = [each for each in self._window.findChildren(Sheet) if each.isVisible()]
-        buttons = []
-        for button in self._window.findChildren(CommandButton):
-            if button.button is not None and button.isVisible():
-                corner = button.mapToGlobal(QtCore.QPoint(0, 0))
-                seen = button.visibleRegion().translated(corner)
-                for sheet in sheets:
-                    if not sheet.isAncestorOf(button):
-                        above = sheet.rect().translated(sheet.mapToGlobal(QtCore.QPoint(0, 0)))
-                        seen = seen.subtracted(QtGui.QRegion(above))
-                buttons.append((button, seen, button.button))
+        # No sheet ever covers a button of another area, so sheets need no attention here.
+        buttons = [
+            (each, each.visibleRegion().translated(each.mapToGlobal(QtCore.QPoint(0, 0))), button)
+            for each in self._window.findChildren(CommandButton)
+            if (button := each.button) is not None and each.isVisible()
+        ]
         return Shown(screen, tuple(buttons))
 
 
@@ -378,7 +373,7 @@ class BottomLine:
         self, text: str, tone: Tone, command: Kind, kart: int, by_letter: bool = False
     ) -> None:
         def holds(screen: Screen) -> bool:
-            button = screen.shown(command, kart, by_letter)
+            button = screen.letter(kart) if by_letter else screen.button(command, kart)
             return button is None or button.is_stop or not button.enabled
 
         self.say(text, tone, holds)

@@ -504,6 +504,6 @@ def _kart_at(screen: Screen, place: int) -> int:
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
     """Return the button that a key presses; ``kart`` is 0 for a command that needs no kart."""
     if stroke.finish is not None:
-        return next((row.letter for row in screen.rows if row.number == kart), None)
+        return screen.letter(kart)
     found = (screen.button(command, kart) for command in stroke.commands)
     return next((each for each in found if each is not None), None)

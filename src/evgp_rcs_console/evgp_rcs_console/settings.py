@@ -16,7 +16,6 @@ import os
 import pathlib
 import platform
 import sys
-import tempfile
 import threading
 
 from evgp_node.folder import rcs_folder
@@ -111,11 +110,6 @@ def keep_night(night: bool) -> None:
 def _keep(path: pathlib.Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     # The file is replaced in one step, because another program may be reading it.
-    descriptor, other = tempfile.mkstemp(prefix=f'.{path.name}', dir=path.parent)
-    try:
-        with os.fdopen(descriptor, 'wb') as file:
-            file.write(text.encode())
-        pathlib.Path(other).replace(path)
-    except OSError:
-        pathlib.Path(other).unlink(missing_ok=True)
-        raise
+    other = path.with_name(f'.{path.name}-{os.getpid()}')
+    other.write_text(text, encoding='utf-8')
+    other.replace(path)

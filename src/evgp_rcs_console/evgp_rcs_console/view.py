@@ -316,10 +316,9 @@ class Screen:
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
 
-    def shown(self, command: Kind, kart: int, by_letter: bool) -> Button | None:
-        """Return the button for a command, or the command of the kart's letter if asked for."""
-        letters = (row.letter for row in self.rows if row.number == kart)
-        return next(letters, None) if by_letter else self.button(command, kart)
+    def letter(self, kart: int) -> Button | None:
+        """Return the command of a kart's letter."""
+        return next((row.letter for row in self.rows if row.number == kart), None)
 
 
 class Latest:
