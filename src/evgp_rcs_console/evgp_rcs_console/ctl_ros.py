@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
+from dataclasses import replace
 import os
 import shlex
 import sys
@@ -152,43 +153,31 @@ def _give(
     if not entry.stop and not client.wait_for(command, until - now()):
         not_there = texts.not_there(command, entry.label)
         return Told(Exit.NOT_THERE, error=f'{not_there} ({where})')
-    karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
-    hold = None
-    number = getattr(wanted, 'reading', 0)
-    released: list[str] = []
-    if (entry.names_karts and (entry.names_number or not karts)) or entry.names_hold:
-        if not hearing.wait_for(lambda: hearing.race is not None, until):
-            error = texts.no_answer(Given(command, kart), waited, details)
-            return Told(Exit.NOT_THERE, error=error)
-        assert hearing.race is not None
-        assert isinstance(command, CommandKind)
-        concerned = hearing.race.offered(command)
-        # If IN GARAGE concerns no kart, none need be named.
-        unnamed = concerned.karts or not concerned.available or not wanted.stated
-        unnamed = entry.names_karts and not karts and unnamed
-        if entry.names_number:  # of a command that names karts: the track's last opening
-            track = hearing.race.track
-            number = track.opening if wanted.closes is None else wanted.closes
-            unnamed = unnamed or (track.open and wanted.closes is None)
-        if unnamed:
-            # The answer mentions the timekeeper's results, if any arrive.
-            hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
-            return _name_them(wanted, hearing.race, hearing.results)
-        held = hearing.race.kart(kart) if entry.names_hold else None
-        if held is not None:
-            hold = held.hold
-            released = _effects(command, hearing.race, kart, hearing.results)
     given = Given(
         command,
         kart,
         wanted.stated,
-        karts,
-        hold,
-        getattr(wanted, 'heat', ''),
-        number,
-        Signature(wanted.official).claim,
-        {name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
+        karts=tuple(sorted(set(getattr(wanted, 'karts', ())))),
+        heat=getattr(wanted, 'heat', ''),
+        number=getattr(wanted, 'reading', 0),
+        official=Signature(wanted.official).claim,
+        taken={name: getattr(wanted, name) for name in entry.takes if hasattr(wanted, name)},
     )
+    released: list[str] = []
+    if entry.names_hold or (entry.names_karts and (entry.names_number or not given.karts)):
+        if not hearing.wait_for(lambda: hearing.race is not None, until):
+            return Told(Exit.NOT_THERE, error=texts.no_answer(given, waited, details))
+        race = hearing.race
+        assert race is not None
+        assert isinstance(command, CommandKind)
+        seen = _as_seen(given, race, wanted)
+        if seen is None:
+            # The answer mentions the timekeeper's results, if any arrive.
+            hearing.wait_for(lambda: hearing.results is not None, min(until, now() + SETTLED))
+            return _name_them(wanted, race, hearing.results)
+        given = seen
+        if race.kart(kart) is not None:
+            released = _effects(command, race, kart, hearing.results)
     hearing.given = given
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
@@ -206,6 +195,29 @@ def _give(
     race, found = hearing.race, hearing.results
     steps = [] if race is None else _next_step(wanted, given, race, found)
     return Told(Exit.REFUSED, error='\n'.join([answer.message, *steps]))
+
+
+def _as_seen(given: Given, race: Snapshot, wanted: argparse.Namespace) -> Given | None:
+    """
+    Return a command with the hold, or the opening of the track, that the race shows.
+
+    Return None if the official must name karts or the opening first.
+    """
+    entry, track = CATALOGUE[given.command], race.track
+    if entry.names_hold:
+        kart = race.kart(given.kart)
+        return replace(given, hold=None if kart is None else kart.hold)
+    assert isinstance(given.command, CommandKind)
+    offered = race.offered(given.command)
+    # If IN GARAGE concerns no kart, none need be named.
+    concerns_none = offered.available and not offered.karts and given.stated
+    if not given.karts and not concerns_none:
+        return None
+    if not entry.names_number:
+        return given
+    if track.open and wanted.closes is None:
+        return None
+    return replace(given, number=track.opening if wanted.closes is None else wanted.closes)
 
 
 def _where(client: Client) -> str:
