@@ -235,12 +235,6 @@ class Areas(QtWidgets.QWidget):
                 room = self.karts.room_of_sheets
                 sheet.lay_out(room.translated(self.karts.mapTo(self, QtCore.QPoint(0, 0))))
 
-    def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
-        """Return whether a widget is part of a sheet, and so may cover another button."""
-        return widget is not None and any(
-            sheet is widget or sheet.isAncestorOf(widget) for sheet in self.findChildren(Sheet)
-        )
-
     def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
         if isinstance(widget, CommandButton) and widget.button is not None:
             return widget.button.is_stop
@@ -524,7 +518,7 @@ class Display(QtCore.QObject):
         if title != self._danger_title:
             self._danger_title = title
             self.areas.alerts.alarm.sound_soon()
-        self._see(screen, now)
+        self.areas.seen.change_to(screen, now)
         self.areas.show_screen(screen)
         self.chosen.show_roster(screen.teams)
         self._show_kill(screen, now)
@@ -536,19 +530,6 @@ class Display(QtCore.QObject):
         """Return why stops may not reach race control; empty if race control is not silent."""
         danger = self._latest.danger(clock.now())
         return danger.barred if danger is not None and danger.stale else ''
-
-    def _see(self, screen: Screen, now: float) -> None:
-        """Record the old screen as seen, and close the sheet of heats if the heats change."""
-        before = self.areas.seen.screen
-        heats_changed = (
-            self.areas.heats.isVisible()
-            and before is not None
-            and _heats(before) != _heats(screen)
-        )
-        self.areas.seen.change_to(screen, now)
-        if heats_changed:  # a click meant for the sheet does not act on what is under the sheet
-            self.areas.heats.close_sheet()
-            self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
 
     def _show_kill(self, screen: Screen, now: float) -> None:
         stop = self.unanswered.all_kill(now)

@@ -289,11 +289,7 @@ class Mouse:
         point = event.globalPosition().toPoint()
         target = self._areas.childAt(self._areas.mapFromGlobal(point))
         shown = self._areas.seen.seen(clock.now() - age)
-        if (
-            shown is not None
-            and not self._areas.on_sheet(target)
-            and self._presses.missed(target, shown.at(point))
-        ):
+        if shown is not None and self._presses.missed(target, shown.at(point)):
             return True
         if self._areas.is_stop(target) or chooses(target):
             return False
@@ -471,12 +467,7 @@ class Keyboard:
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
         shown = self._areas.seen.seen(at)
-        if (
-            shown is None
-            or not isinstance(focused, CommandButton)
-            or self._areas.on_sheet(focused)
-            or not self._presses.missed(focused, shown.of(focused))
-        ):
+        if shown is None or not self._presses.missed(focused, shown.of(focused)):
             focused.click()
 
 

@@ -158,7 +158,6 @@ HEATS_CONSEQUENCE = (
     'Puts the karts in the heat into the race and takes all others out. '
     "Type the heat's number, then press Enter."
 )
-HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 GRID = 'Grid: {karts}'
 ORDER_OF_FINISH, RESULTS, FINISHED = 'Order of FINISH', 'Results', 'F{place}'
 NO_TIMING = 'no timing'
