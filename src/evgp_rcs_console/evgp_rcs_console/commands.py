@@ -353,14 +353,6 @@ class Unanswered:
         given = min(self._given.values(), key=lambda given: given.at, default=None)
         return given if given is not None and now - given.at > LATE else None
 
-    def all_kill(self, now: float) -> Standing | None:
-        """Return the ALL KILL that race control has not accepted for longer than ``LATE``."""
-        late = (each for each in self._late(now) if each.given.command is CommandKind.ALL_KILL)
-        return next(late, None)
-
-    def other_stops(self, now: float) -> list[Standing]:
-        """Return the other stops that race control has not accepted for longer than ``LATE``."""
-        return [each for each in self._late(now) if each.given.command is not CommandKind.ALL_KILL]
-
-    def _late(self, now: float) -> list[Standing]:
+    def late_stops(self, now: float) -> list[Standing]:
+        """Return the stops that race control has not accepted for longer than ``LATE``."""
         return [stop for stop in self.stops if now - stop.since > LATE]

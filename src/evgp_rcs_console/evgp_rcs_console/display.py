@@ -20,6 +20,7 @@ import time
 from evgp_node.results import Standings
 from evgp_protocol import clock
 from evgp_protocol.link import Grade, GRADES
+from evgp_rcs.rules.catalogue import CommandKind
 from evgp_rcs.rules.link_quality import NOT_MEASURED
 from evgp_rcs.rules.race import Answer, EventKind, StampedEvent
 from evgp_rcs.rules.snapshot import NOTHING, Snapshot
@@ -241,10 +242,6 @@ class Areas(QtWidgets.QWidget):
         return widget is self.kill.button
 
 
-Heard = tuple[Snapshot, float, bool]
-"""The parameters of ``Listener.on_race``."""
-
-
 class Inbox(QtCore.QObject):
     """
     A ``Listener`` that passes everything the client receives to the Qt thread.
@@ -253,7 +250,7 @@ class Inbox(QtCore.QObject):
     would make race control look silent. Snapshots therefore wait here until the window processes
     all of them together.
 
-    :ivar waiting: the snapshots that have not been processed yet, newest last.
+    :ivar waiting: the parameters of ``on_race`` that have not been processed yet, newest last.
     :ivar names: how this window names the officials.
     """
 
@@ -268,7 +265,7 @@ class Inbox(QtCore.QObject):
 
     def __init__(self) -> None:
         super().__init__()
-        self.waiting: deque[Heard] = deque()
+        self.waiting: deque[tuple[Snapshot, float, bool]] = deque()
         self.names = OfficialNames()
         self.on_results, self.on_answer = self.results.emit, self.answer.emit
         self.on_pressing, self.on_dropped = self.pressing.emit, self.dropped.emit
@@ -397,14 +394,14 @@ class BottomLine:
         self._label.show_cell(self._cell(clock.now()))
 
     def _cell(self, now: float) -> Cell:
-        stops = self._unanswered.other_stops(now)
+        stops = [
+            f'{texts.full_name(stop.given)}: sent {stop.presses} times in '
+            f'{clock.duration(now - stop.since)}, {stop.said or "no answer"}. USE THE MSR.'
+            for stop in self._unanswered.late_stops(now)
+            if stop.given.command is not CommandKind.ALL_KILL  # its button says so
+        ]
         if stops:
-            said = (
-                f'{texts.full_name(stop.given)}: sent {stop.presses} times in '
-                f'{clock.duration(now - stop.since)}, {stop.said or "no answer"}. USE THE MSR.'
-                for stop in stops
-            )
-            return Cell('  '.join(said), Tone.BAD)
+            return Cell('  '.join(stops), Tone.BAD)
         explanation = _explanation(self._pointed)
         if explanation:
             return Cell(explanation, Tone.WAIT)
@@ -532,7 +529,8 @@ class Display(QtCore.QObject):
         return danger.barred if danger is not None and danger.stale else ''
 
     def _show_kill(self, screen: Screen, now: float) -> None:
-        stop = self.unanswered.all_kill(now)
+        late = self.unanswered.late_stops(now)
+        stop = next((each for each in late if each.given.command is CommandKind.ALL_KILL), None)
         if stop is not None:
             age = clock.duration(now - stop.since)
             hint = Cell(f'SENT {stop.presses} times in {age}: no answer', Tone.BAD)

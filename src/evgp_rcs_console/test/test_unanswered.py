@@ -32,14 +32,11 @@ def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_
     assert unanswered.oldest(2.0) is older
 
 
-def test_stops_are_told_once_they_are_late_and_all_kill_apart_from_the_others() -> None:
+def test_stops_are_told_once_they_are_late() -> None:
     unanswered = Unanswered()
     kill = Standing(Given(CommandKind.ALL_KILL), since=1.0)
     flag = Standing(Given(CommandKind.RED_FLAG), since=2.0)
     unanswered.stops = (kill, flag)
 
-    assert (unanswered.all_kill(1.0 + LATE / 2), unanswered.other_stops(2.0 + LATE / 2)) == (
-        None,
-        [],
-    )
-    assert (unanswered.all_kill(3.0), unanswered.other_stops(3.0)) == (kill, [flag])
+    late = [unanswered.late_stops(since + LATE / 2) for since in (1.0, 2.0, 3.0)]
+    assert late == [[], [kill], [kill, flag]]
