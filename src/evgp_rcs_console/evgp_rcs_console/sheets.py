@@ -223,7 +223,9 @@ class Choice(Sheet):
         self._offered = [*buttons]
         for each in buttons:
             self.add(each, 34)
+            each.show()
         self._column.addWidget(self._close)
+        self.window().place_sheets()
 
     @property
     def first(self) -> QtWidgets.QWidget:

@@ -878,6 +878,22 @@ def test_a_press_just_after_the_heats_changed_puts_no_other_heat_into_the_race(
             console.press('Esc')
 
 
+def test_heats_that_are_added_while_the_sheet_is_open_have_room_on_it(opened: Any) -> None:
+    console = opened()
+    race = race_of(8, RaceState.IN_GARAGE)
+    console.tell(race)
+    console.press('Ctrl+H')
+    console.tell(replace(race, heats=tuple(Heat(f'Heat {n}', (n,)) for n in range(1, 6))))
+    console.settle(AIM)
+
+    names = [*(f'heat_{n}' for n in range(1, 6)), 'read_roster', 'take_roster']
+    buttons = [console.find(name) for name in names]
+    assert all(each.visibleRegion().boundingRect() == each.rect() for each in buttons)
+    assert len({each.height() for each in buttons}) == 1
+    console.press('5', 'Return')
+    assert [given.heat for given in console.sent] == ['Heat 5']
+
+
 def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8))
