@@ -307,7 +307,8 @@ class ChosenKart(KartField):
 
 
 READ = 5.0
-"""Minimum time that a message stays before an older unanswered command replaces it, in seconds."""
+"""Minimum time to read a refusal, and any message before an older unanswered command replaces it,
+in seconds."""
 
 SETTLED = 1.0
 """Time after an answer from which every snapshot that arrives is newer than the answer, in
@@ -353,7 +354,9 @@ class BottomLine:
             text = f'✓ {answer.message}'
             self.say(text, Tone.GOOD, lambda screen: shows(screen.snapshot, given))
         else:
-            self._refuse(f'{texts.REFUSED}{answer.message}', Tone.BAD, given.command, given.kart)
+            text = f'{texts.REFUSED}{answer.message}'
+            # The command may still look possible, so the official gets time to read the reason.
+            self._refuse(text, Tone.BAD, given.command, given.kart, least=READ)
 
     def say_barred(self, button: Button) -> None:
         """Show why a command is not possible, until it is possible."""
@@ -361,11 +364,21 @@ class BottomLine:
         self._refuse(button.explanation, Tone.WAIT, button.command, button.kart, by_letter)
 
     def _refuse(
-        self, text: str, tone: Tone, command: Kind, kart: int, by_letter: bool = False
+        self,
+        text: str,
+        tone: Tone,
+        command: Kind,
+        kart: int,
+        by_letter: bool = False,
+        least: float = 0.0,
     ) -> None:
+        """Show why a command is not possible until it is, and for at least a time (s)."""
+        ends = clock.now() + least
+
         def holds(screen: Screen) -> bool:
             button = screen.letter(kart) if by_letter else screen.button(command, kart)
-            return button is None or button.is_stop or not button.enabled
+            barred = button is None or button.is_stop or not button.enabled
+            return barred or clock.now() < ends
 
         self.say(text, tone, holds)
 

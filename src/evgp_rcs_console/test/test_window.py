@@ -41,7 +41,7 @@ from evgp_rcs.rules.snapshot import Snapshot
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea
 from evgp_rcs_console.commands import Given
-from evgp_rcs_console.display import Inbox, SETTLED
+from evgp_rcs_console.display import Inbox, READ, SETTLED
 from evgp_rcs_console.freshness import AIM, InputClock, STALE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD, LateInput, UNDO_AFTER
@@ -1126,6 +1126,10 @@ def test_a_refusal_is_said_until_it_no_longer_holds(opened: Any, how: str) -> No
 
     console.settle(SETTLED)
     console.tell(race_of(2, RaceState.GRID_ACTIVE))
+    if how == 'refused by race control':  # its reason can be read although it looks possible
+        assert 'no GRID ACTIVE yet' in console.text('status')
+        console.settle(READ - SETTLED)
+        console.tell(race_of(2, RaceState.GRID_ACTIVE))
 
     assert not console.text('status')
 
