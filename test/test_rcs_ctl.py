@@ -139,7 +139,7 @@ def test_a_whole_race_by_commands(
     asked = run(control.domain, 'kart-in-garage', '3', '--wait', str(PATIENCE))
     assert asked.stderr.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand\n')
     said = accepted(control, official, 'kart-in-garage', '3', '--made-safe-by-hand')
-    assert 'Ends the hold of kart 3 (Team 3): RED RED' in said
+    assert 'Releases kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
 
 

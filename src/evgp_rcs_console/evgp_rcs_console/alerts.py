@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Shows the alerts in an area that is always visible, and repeats a sound until they are seen."""
+"""Shows the alerts in an area that is always visible and repeats a sound until they are seen."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ class AlertsArea(Panel):
         return bool(self._body.heightForWidth(self._body.width()) > self._body.height())
 
     def take_race(self, race: Snapshot, two: bool) -> None:
-        """Update the alerts from a snapshot, and sound the alarm soon if one of them is new."""
+        """Update the alerts from a snapshot and sound the alarm soon if one of them is new."""
         if race.state is RaceState.GRID_ACTIVE and self._state is not RaceState.GRID_ACTIVE:
             self._book.begin_race()
         self._state = race.state
@@ -196,7 +196,7 @@ class AlertsArea(Panel):
             self.alarm.sound_soon()
 
     def take_own(self, text: str) -> None:
-        """Add an alert that this window raises itself, and sound the alarm soon."""
+        """Add an alert that this window raises itself and sound the alarm soon."""
         self._book.add_own(text)
         self.alarm.sound_soon()
 

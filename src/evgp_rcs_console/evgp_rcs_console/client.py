@@ -230,7 +230,7 @@ class Client:
         self._sending.start()
 
     def give(self, given: Given) -> None:
-        """Queue a command for sending, and return at once."""
+        """Queue a command for sending and return at once."""
         self._given.put(given)
 
     def announce(self, official: str, fault: str, presses: int = 0) -> None:
@@ -390,11 +390,11 @@ class Client:
             self._listener.on_results(results)
 
     def _read(self, read: Callable[[], _Read]) -> _Read | None:
-        """Return the content of a message; None if it does not fit this version."""
+        """Return the content of a message; None if it is from another version."""
         try:
             return read()
         except ValueError as error:
-            ignored = f'Ignored a message that does not fit this version of the console: {error}'
+            ignored = f'Ignored a message from another version of race control: {error}'
             self.node.get_logger().warning(ignored, throttle_duration_sec=10.0)
             return None
 

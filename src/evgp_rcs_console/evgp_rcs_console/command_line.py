@@ -40,6 +40,9 @@ class Told(NamedTuple):
     error: str = ''
 
 
+WAIT = 5.0
+"""Default time to wait for race control, in seconds."""
+
 STARTING = 5.0
 """Maximum time that ROS may take to start, before the time of ``--wait`` begins, in seconds."""
 
@@ -126,28 +129,28 @@ def without_ros_arguments(given: Sequence[str]) -> list[str]:
 def parser() -> argparse.ArgumentParser:
     whole = Parser(
         prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
-        description='Command an EVGP race from the terminal. This is not the MSR.',
+        description='Direct an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control was not found '
         'or did not answer, 4 the stop was too old because another race had begun. Put ROS '
         'arguments after --ros-args.',
     )
-    waiting = Parser(add_help=False)
-    waiting.add_argument(
-        '--wait',
-        type=_seconds,
-        default=5.0,
-        metavar='SECONDS',
-        help='how long to wait for race control (default: %(default)s); before that, ROS may '
-        f'take up to {STARTING:g} s to start',
-    )
-    signing = Parser(add_help=False)
-    # `--official` may come before the command or after it.
-    for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
+    waiting, signing = Parser(add_help=False), Parser(add_help=False)
+    # `--wait` and `--official` may come before the command or after it.
+    for each in (whole, waiting):
+        each.add_argument(
+            '--wait',
+            type=_seconds,
+            default=WAIT if each is whole else argparse.SUPPRESS,
+            metavar='SECONDS',
+            help=f'how long to wait for race control (default: {WAIT:g}); before that, ROS may '
+            f'take up to {STARTING:g} s to start',
+        )
+    for each in (whole, signing):
         each.add_argument(
             '--official',
-            default=default,
+            default='' if each is whole else argparse.SUPPRESS,
             metavar='NAME',
-            help='who gives the command, for the record (default: the saved name)',
+            help="the official's name, for the record (default: the saved name)",
         )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
     for name, command in COMMANDS.items():

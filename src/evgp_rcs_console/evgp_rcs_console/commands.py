@@ -161,10 +161,9 @@ class RaceBegan:
 
     The two machines' clocks are unrelated, but a snapshot always arrives after it was taken. The
     smallest difference seen between arrival and stamp is therefore the difference of the clocks
-    plus the delay of the fastest snapshot. A snapshot that was delayed, or that waited while this
-    machine was suspended, does not make a race seem later. A change of race control's clock does
-    not either. If that clock is set forward, the difference shrinks at once. If the clock is set
-    back, the race seems earlier.
+    plus the delay of the fastest snapshot. Neither a delayed snapshot nor one that waited while
+    this machine was suspended makes a race seem later. If race control's clock is set forward, the
+    difference shrinks at once. If that clock is set back, the race seems earlier.
     """
 
     def __init__(self) -> None:
@@ -188,7 +187,7 @@ class Standing:
     A stop that is sent again until race control accepts it.
 
     :param given: the official's newest press of this stop.
-    :param since: when the official first pressed the stop without an acceptance since, in seconds.
+    :param since: when the official first pressed the stop since it was last accepted, in seconds.
     :param presses: number of times that the stop was due to be sent.
     :param due: when the stop is sent next, in seconds.
     :param said: race control's reason for not accepting the stop; empty if it gave no reason.
@@ -354,5 +353,5 @@ class Unanswered:
         return given if given is not None and now - given.at > LATE else None
 
     def late_stops(self, now: float) -> list[Standing]:
-        """Return the stops that race control has not accepted for longer than ``LATE``."""
+        """Return the stops that have been waiting for acceptance for longer than ``LATE``."""
         return [stop for stop in self.stops if now - stop.since > LATE]

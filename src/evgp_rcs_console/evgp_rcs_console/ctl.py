@@ -69,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _work(given: Sequence[str], wanted: argparse.Namespace) -> int:
-    """Carry out the command with ROS, and print the answer before ROS is shut down."""
+    """Carry out the command with ROS and print the answer before ROS is shut down."""
     from evgp_node.deadline import end_within
 
     _let_a_second_interrupt_kill()

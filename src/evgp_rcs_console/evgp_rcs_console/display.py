@@ -217,7 +217,7 @@ class Areas(QtWidgets.QWidget):
             self.fit()
 
     def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
-        """Show a sheet with the focus on one of its parts, and close the other sheets."""
+        """Show a sheet with the focus on one of its parts and close the other sheets."""
         self.close_sheets()
         sheet.show()
         self.place_sheets()
@@ -476,7 +476,7 @@ class Display(QtCore.QObject):
             self.refresh()  # if only figures have changed, they can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event. Deliveries in time are left out, as they would crowd out other events."""
+        """Show an event, but no delivery in time, because these would crowd out other events."""
         event = stamped.event
         self._latest.take_event(event)
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:
@@ -511,7 +511,7 @@ class Display(QtCore.QObject):
         return race._replace(stamp=0.0, karts=()), karts, results, self._latest.two
 
     def look(self, now: float) -> None:
-        """Update what depends on the time (s), and sound the alarm if that is due."""
+        """Update what depends on the time (s) and sound the alarm if it is due."""
         danger = self._latest.danger(now)
         waits = self.unanswered or self.unanswered.stops
         if danger or self._danger_title or waits or now - self._shown_at >= AGES:

@@ -37,7 +37,7 @@ A click before that may be the second one of a slow double click.
 """
 
 Give = Callable[[Given], None]
-"""Sends a command, and returns at once."""
+"""Sends a command and returns at once."""
 
 
 class CommandInput(QtCore.QObject):
@@ -238,7 +238,7 @@ class LateInput:
         return True
 
     def in_time(self) -> None:
-        """Record that an input was in time, and forget the names of the inputs dropped before."""
+        """Record that an input was in time and forget the names of the inputs dropped before."""
         self._dropped.clear()
 
 
@@ -250,7 +250,7 @@ FORWARD = 0.3
 
 
 class Mouse:
-    """Passes the official's clicks to the widgets, except clicks that are probably not meant."""
+    """Passes the official's clicks to the widgets, except those that are probably unintended."""
 
     def __init__(self, presses: CommandInput, late: LateInput) -> None:
         self._active_since: float | None = None
@@ -426,7 +426,7 @@ class Keyboard:
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
-        """Press a key's button. A command that has just changed is not sent, unless a stop."""
+        """Press a key's button. A command that has just changed is sent only if it is a stop."""
         screen = self._areas.seen.screen
         assert screen is not None
         kart = 0

@@ -75,7 +75,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     def draw_cell(
         self, painter: QtGui.QPainter, row: Row, column: int, cell: QtCore.QRect
     ) -> bool:
-        """Draw the content of a cell, and return whether all of its text fits."""
+        """Draw the content of a cell and return whether all of its text fits."""
         room = cell.adjusted(look.px(BESIDE if column == NUMBER else 0), 0, -look.px(BESIDE), -1)
         said, below = COLUMNS[column].cell(row), COLUMNS[column].below(row)
         if self._table.stale:
@@ -146,7 +146,7 @@ class KartDelegate(QtWidgets.QStyledItemDelegate):
     def _draw_bars(
         painter: QtGui.QPainter, row: Row, room: QtCore.QRect, ink: str
     ) -> QtCore.QRect:
-        """Draw the bars of a link, and return the room to the right of them."""
+        """Draw the bars of a link and return the room to the right of them."""
         high, left = min(room.height() - look.px(10), look.px(18)), room.left() + look.px(3)
         foot = room.top() + (room.height() + high) // 2
         for bar in range(1, MOST_BARS + 1):
@@ -257,7 +257,7 @@ class KartTable(QtWidgets.QTableWidget):
         self.verticalHeader().hide()
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
-        """Move the focus, and scroll to the row that gets the focus."""
+        """Move the focus and scroll to the row that gets the focus."""
         moved = bool(super().focusNextPrevChild(following))
         focused = QtWidgets.QApplication.focusWidget()
         if focused is not None and focused.parentWidget() is self.viewport():
@@ -339,7 +339,7 @@ class KartList(Panel):
         self._tiles.update()
 
     def show_screen(self, screen: Screen) -> None:
-        """Show the karts, and redraw only the cells that have changed."""
+        """Show the karts and redraw only the cells that have changed."""
         table, rows = self.table, screen.rows
         before, stale = table.rows, table.stale
         table.rows, table.stale = rows, screen.stale

@@ -199,7 +199,7 @@ def _consequences(
     if command is CommandKind.RECORD_MSR and race.banner:
         said.append(f'{race.banner}: the instructor uses the MSR for you. Say "MSR" first.')
     if entry.names_hold and kart is not None and kart.hold is not None:
-        said.append(f'Ends the hold of {_held(kart)}.')
+        said.append(f'Releases {_held(kart)}.')
     if does.state is not None and (does.now or kart is None):
         end = entry.then[len(does.now) > 1] if does.now else ''
         said.append(f'Sends {STATES[does.state]} now to {_kart_list(does.now)}. {end}'.rstrip())

@@ -42,7 +42,7 @@ BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the tes
 HOW_TO_BEGIN = (
     '1  List the karts in a roster. Start race control: make run ROSTER=… Each kart gets a row.',
     '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
-    '3  Press GRID ACTIVE once the track is free of humans, GREEN GREEN once all karts are ready.',
+    '3  Press GRID ACTIVE once the track is clear, and GREEN GREEN once all karts are ready.',
 )
 """Shown instead of the karts while the roster is empty."""
 
@@ -51,7 +51,7 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
-SAID_BEFORE = 'its {state} report answered an older order: if still silent, have it reconnect'
+SAID_BEFORE = 'its {state} report answered an older order: if it stays silent, have it reconnect'
 CONNECT_AGAIN = 'its {state} report may answer an older order: have it reconnect (it returns held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
@@ -64,7 +64,7 @@ ANSWERS = {
 
 NOT_RESUMED = 'a stopped race cannot be resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop the race: no screen or button reports that it can'
+NOBODY_CAN_STOP = 'No official can stop the race: no screen or button is reporting that it works'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -113,7 +113,7 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last update {age} ago, in {state}. The list below is out of date. '
-    'Perhaps only the network is broken: check another window. Press a stop once. It will '
+    'It may only be the network: check another window. Press a stop once. It will '
     'be sent repeatedly until race control accepts it.'
 )
 NOT_YET_DETAIL = (
@@ -123,7 +123,7 @@ NOT_YET_DETAIL = (
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_SINCE = (
     'Race control was shut down normally {age} ago. At that time, no kart could have been '
-    'moving where it must not move. To start it again: make run ROSTER=…'
+    'moving where it must not. To start it again: make run ROSTER=…'
 )
 GONE_REASON = 'race control is gone'
 NOT_YET_REASON = 'race control has not been found yet'
@@ -337,7 +337,7 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 
 def missing(race: Snapshot, counted: bool = False) -> str:
     """
-    Return the karts of the race that have not obeyed their order yet; empty if all have.
+    Return the karts in the race that have not obeyed their order yet; empty if all have.
 
     :param counted: on the grid, also count the karts that are ready.
     """

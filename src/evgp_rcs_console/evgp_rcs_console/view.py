@@ -263,7 +263,7 @@ class Screen:
     :param order: the starting order of the heat's karts, and the next single-kart heat.
     :param tally: how many karts in the race are driving, stopped and so on; empty if no kart is in
         the race.
-    :param missing: the karts of the race that have not obeyed yet; empty if all have obeyed.
+    :param missing: the karts in the race that have not obeyed yet; empty if all have obeyed.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; otherwise empty.
     :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
         now; otherwise empty.
@@ -562,7 +562,7 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
 
 def _finish_now(buttons: _Buttons) -> str:
-    """Return a note of the karts whose letters send FINISH now."""
+    """Return a note that lists the karts whose letters send FINISH now."""
     karts = buttons.snapshot.karts
     done = [str(kart.number) for kart in karts if buttons.last_lap_is_done(kart)]
     return f'FINISH {", ".join(done)}: last lap done' if done else ''

@@ -87,7 +87,7 @@ class ConsoleWindow(Areas):
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
     ) -> bool:
-        """Handle keys and clicks before any widget gets them, and explain what is pointed at."""
+        """Handle keys and clicks before any widget gets them and explain what is pointed at."""
         kind = event.type()
         # Nothing may ever take a click or a key from a stop. A context menu or a tooltip would do
         # so, so neither opens; the bottom line shows the text of the tooltip instead.

@@ -55,6 +55,11 @@ def test_a_name_keeps_its_letters() -> None:
     assert parse(['--official', 'Watch', 'join', '7']).official == 'Watch'
 
 
+@pytest.mark.parametrize('line', ['--wait 2 all-kill', 'all-kill --wait 2'])
+def test_the_time_to_wait_may_come_before_the_command_or_after_it(line: str) -> None:
+    assert (parse(line.split()).command, parse(line.split()).wait) == ('all-kill', 2.0)
+
+
 @pytest.mark.parametrize('command', [CommandKind.ALL_KILL, CommandKind.RACE_OVER])
 def test_a_command_without_an_answer_says_what_is_known(command: CommandKind) -> None:
     unheard = texts.no_answer(Given(command), 1.24, 'sent 3 times')

@@ -126,9 +126,7 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
         CommandKind.KART_IN_GARAGE, offered, hold=RaceState.RED_RED, hold_reason='ALL_KILL'
     )
 
-    assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in (
-        button.question().consequences
-    )
+    assert 'Releases kart 7 (Purdue): RED RED, ALL_KILL.' in (button.question().consequences)
     assert request(button.gives, 0.0)['hold'] is RaceState.RED_RED
 
 
