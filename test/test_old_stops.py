@@ -28,7 +28,7 @@ from test_rcs_ctl import start as start_rcs_ctl
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_RED = RaceState.RED_RED
 
-OUTLIVED = 4
+SUPERSEDED = 4
 
 DROPPED = r'ALL KILL, pressed \d+ s ago, is no longer being sent'
 OWN = f'{DROPPED}, because race control did not answer'
@@ -159,7 +159,7 @@ def test_a_stop_that_was_pressed_without_a_link_ends_with_its_race_unless_it_is_
             stdout, stderr = ctl.communicate(timeout=PATIENCE)
         finally:
             ctl.kill()
-    assert (ctl.returncode, stdout) == (OUTLIVED, '')
+    assert (ctl.returncode, stdout) == (SUPERSEDED, '')
     assert re.search(DROPPED, stderr)
     assert race.karts[0].state is GREEN_GREEN
     assert officials.killers() == before

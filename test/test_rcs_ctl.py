@@ -178,7 +178,7 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
 
     for line, code, *said in (
         ('green-green 1 2', REFUSED, NOT_YET),
-        ('green-green', USAGE, 'GREEN GREEN follows GRID ACTIVE'),
+        ('green-green', REFUSED, 'GREEN GREEN follows GRID ACTIVE'),
         ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
         ('grid-active', USAGE, which, IF_CLEAR),
         ('grid-active 1 2', REFUSED, 'state that the track is clear', IF_CLEAR),
@@ -605,7 +605,7 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
         ('all-kill', ACCEPTED),
         ('green-green 1', REFUSED),
         ('kart-red-red 99', REFUSED),
-        ('in-garage --track-is-safe', USAGE),  # nothing was sent
+        ('grid-active --track-is-clear', REFUSED),  # nothing was sent
         ('watch --once', ACCEPTED),
         ('watch --once --events', ACCEPTED),
     ):

@@ -270,7 +270,7 @@ class Facts(NamedTuple):
 
     :param grid_last: GRID_ACTIVE was the last button.
     :param paused: until when what loosens is refused.
-    :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
+    :param superseded: the start that waits was given for an earlier GRID_ACTIVE.
     :param heat: the heat that was last put into the race, or at first the only one with its karts;
         None: not looked at.
     :param met: somebody who could stop this race was there, when it began or since.
@@ -281,7 +281,7 @@ class Facts(NamedTuple):
     grid_last: bool
     paused: float
     karts: tuple[KartFacts, ...]
-    outlived: bool = False
+    superseded: bool = False
     heat: str | None = ''
     met: bool = False
     left: float = 0.0
@@ -630,7 +630,7 @@ def fate(
             return 'refused' if now >= start.until else ''
         if given.what != 'journal' or given.kind == 'stale':
             return ''
-        if not given.statement or facts.outlived:
+        if not given.statement or facts.superseded:
             return 'refused'
         view = view._replace(start=None)
         given = of_start(start)
@@ -1008,8 +1008,8 @@ def learn(
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     gridded = given.kind == 'GRID_ACTIVE' and success and before.state is IN_GARAGE
-    outlived = after.start is not None and before.start is not None
-    outlived = outlived and (facts.outlived or (given.kind == 'GRID_ACTIVE' and success))
+    superseded = after.start is not None and before.start is not None
+    superseded = superseded and (facts.superseded or (given.kind == 'GRID_ACTIVE' and success))
     met, left = facts.met, facts.left
     if given.what == 'there':
         met = met or given.statement
@@ -1067,7 +1067,7 @@ def learn(
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
         karts.append(KartFacts(ready, lost, phase, missing, stood, poor, undone, joined))
-    return Facts(grid_last, paused, tuple(karts), outlived, *facts[4:])
+    return Facts(grid_last, paused, tuple(karts), superseded, *facts[4:])
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -1255,7 +1255,7 @@ def _check_start(
         name = 'start-answer'
         if outcome.answer.success:
             late = is_paused(facts, 'GREEN_GREEN', before.start.came)
-            name = 'start-other-grid' if facts.outlived else 'pause' if late else 'start-first'
+            name = 'start-other-grid' if facts.superseded else 'pause' if late else 'start-first'
         raise broken(name)
     if outcome.start is not None:
         written = outcome.start.memory
@@ -1882,7 +1882,7 @@ class Search:
         waiting = start is not None and (
             start.came < view.paused,
             max(start.until - now, 0.0),
-            facts.outlived,
+            facts.superseded,
         )
         missed = state in IN_MOTION and _nobody(view, facts)
         race = (

@@ -369,7 +369,7 @@ class Client:
         with self._lock:
             self._karts = frozenset(kart.number for kart in race.karts)
             # With two race controls, nobody knows which of the two races the press was for.
-            ended = [] if two else self._standing.outlived(began, at)
+            ended = [] if two else self._standing.superseded(began, at)
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
         for given in ended:

@@ -29,7 +29,7 @@ class Exit(enum.IntEnum):
     REFUSED = 1
     USAGE = 2
     NOT_THERE = 3
-    OUTLIVED = 4
+    SUPERSEDED = 4
 
 
 class Told(NamedTuple):

@@ -244,7 +244,7 @@ class StandingStops:
                 pressed.append(stop.given)
         return pressed
 
-    def outlived(self, begun: float, now: float) -> list[Given]:
+    def superseded(self, begun: float, now: float) -> list[Given]:
         """
         Remove and return the stops that end because a snapshot shows a later race.
 

@@ -182,7 +182,7 @@ def _give(
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None or hearing.dropped is not None, until)
     if hearing.dropped is not None:
-        return Told(Exit.OUTLIVED, error=hearing.dropped[1])
+        return Told(Exit.SUPERSEDED, error=hearing.dropped[1])
     if hearing.answer is None:
         reason = ' '.join(stop.said for stop in hearing.standing if stop.said)
         error = texts.no_answer(given, waited, details, reason)
@@ -277,7 +277,7 @@ def _name_them(wanted: argparse.Namespace, race: Snapshot, found: Standings | No
     if not offered.available:
         reason = offered.reason or 'race control does not offer it'
         error = f'{label}: nothing was sent. The command is not possible now: {reason}.'
-        return Told(Exit.USAGE, error=error)
+        return Told(Exit.REFUSED, error=error)
     names = ', '.join(str(race.kart(number) or number) for number in offered.karts) or 'no kart'
     lines = [
         f'{label}: nothing was sent. The command is for {names}.',

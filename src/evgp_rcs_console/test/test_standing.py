@@ -152,7 +152,7 @@ def test_what_a_press_has_waited_in_a_window_is_told_and_ends_no_stop() -> None:
     stops.add(given, 100.0)
 
     assert request(given, 101.0)['age'] == 61.0
-    assert stops.outlived(99.0, 120.0) == []
+    assert stops.superseded(99.0, 120.0) == []
 
 
 @pytest.mark.parametrize('command', STOPS)
@@ -167,10 +167,10 @@ def test_an_old_stop_ends_where_a_later_race_has_certainly_begun(command: Comman
         (100.0 + CERTAIN, 200.0),  # it may be: the snapshot may have been under way for as long
         (109.0, 100.0 + OUTLIVES),  # it is later, but the press is not old
     ):
-        assert stops.outlived(begun, at) == []
+        assert stops.superseded(begun, at) == []
     assert stops.waits(given)
 
-    assert stops.outlived(106.0, 111.0) == [given]
+    assert stops.superseded(106.0, 111.0) == [given]
     assert stops.pressed == ()
 
 
@@ -180,7 +180,7 @@ def test_an_old_stop_that_is_pressed_again_is_a_new_one() -> None:
     stops.add(first, 0.0)
     stops.add(second, 60.0)
 
-    assert stops.outlived(30.0, 61.0) == []
+    assert stops.superseded(30.0, 61.0) == []
     assert stops.waits(second)
 
 
@@ -192,7 +192,7 @@ def test_an_old_stop_waits_for_a_snapshot_once_race_control_is_found_again(comes
     sent = []
     for at in (20.0, 20.5, 21.0, 21.5, 22.0, 22.5, 23.0):
         if comes and at == 21.5:
-            stops.outlived(-math.inf, at)
+            stops.superseded(-math.inf, at)
         sent.append(bool(stops.press(at, lambda _, at=at: at > 20.0)))
 
     assert sent == [False, False, False, comes, comes, True, True]
