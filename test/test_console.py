@@ -641,7 +641,7 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
             console.screen.click(*yes)
 
     first = 'F3' if by == 'keys' else 'GREEN GREEN'
-    told = rf'{first}.*: pressed at [\d:]+ while the window hung. Nothing was sent'
+    told = rf'{first}.*: pressed at [\d:]+ while the window was not responding. Nothing was sent'
     console.wait_for('status', text=told)
     assert kart.state is GRID_ACTIVE
     console.wait_for('question', visible=False)

@@ -27,7 +27,7 @@ from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
 from rig.screen import Screen
 
-DROPPED = 'while the window hung'
+DROPPED = 'while the window was not responding'
 CHANGED = 'list of karts just changed|only brought this window forward'
 """Of what the window says of a key or a click that it dropped."""
 

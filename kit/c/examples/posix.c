@@ -4,7 +4,7 @@
 /*
  * A kart on Linux or another POSIX system, with evgp_board.h: one thread, poll, no other library.
  *
- *     cc -std=c99 -Wall -I.. posix.c -o kart && ./kart 10.0.0.1 [12017 [this kart's address]]
+ *     cc -std=c99 -Wall -I.. posix.c -o a-kart && ./a-kart 10.0.0.1 [12017 [this kart's address]]
  *
  * Replace the part about the kart, which simulates a speed. Your motors must stop when commands stop
  * coming: nothing in this program brakes after it has crashed, or while it hangs.

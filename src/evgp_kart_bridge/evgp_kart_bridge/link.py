@@ -143,7 +143,7 @@ class RaceControlLink:
         self._started.wait()
 
     def stop(self) -> None:
-        """Close the connection and wait up to `LINK_END_TIMEOUT` until the thread has ended."""
+        """Close the connection and wait up to `LINK_END_TIMEOUT` for the thread to end."""
         with self._running:
             if self._loop is not None:
                 self._loop.call_soon_threadsafe(self._end, None)

@@ -280,7 +280,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             lambda officials: officials.race.rival(True, officials.now),
             0,
-            'another race control is running; end it first. Every stop still works',
+            'another race control is running; shut it down first. Every stop still works',
         ),
     ],
     'GREEN_GREEN': [
@@ -386,7 +386,8 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
         gone,
         'ALL_KILL',
         0,
-        'RED_RED sent to karts 1, 2; not connected, sent when it connects: kart 3 (Tesla)',
+        'RED_RED sent to karts 1, 2; not connected, so to be sent when it connects: '
+        'kart 3 (Tesla)',
     ),
     (
         does(('KART_RED_RED', 2), at='GREEN_GREEN'),

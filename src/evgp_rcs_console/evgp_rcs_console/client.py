@@ -353,7 +353,7 @@ class Client:
             self.give(follows)
         elif follows is not None:
             name = texts.full_name(follows)
-            why = f'{name} was not sent: the command before it took too long. Press it now.'
+            why = f'{name} was not sent: the previous command took too long. Press it again now.'
             self._listener.on_answer(follows, Answer(False, why))
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:

@@ -57,6 +57,8 @@ COMMANDS: dict[str, Kind] = {
 }
 """The officials' commands, by their names on the command line."""
 
+ALL_KILL = 'all-kill'
+
 TAKEN: dict[str, tuple[type, str]] = {
     'source': (str, 'source of the passing, as `results` shows it'),
     'session': (str, 'session of that source'),
@@ -64,7 +66,7 @@ TAKEN: dict[str, tuple[type, str]] = {
     'transponder': (str, 'number or name of the transponder, as the timing device reports it'),
     'race': (int, 'number of the race in this event (default: the newest race)'),
     'seconds': (int, "seconds to add to the kart's time"),
-    'laps': (int, 'laps to take from the kart'),
+    'laps': (int, "laps to deduct from the kart's result"),
     'disqualified': (bool, 'disqualify the kart'),
     'reason': (str, 'the reason, for the record'),
 }
@@ -97,15 +99,20 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
     """
     Return the parsed command line; exit if it is wrong.
 
-    The command may be in capitals and contain underscores. Unknown arguments never keep ALL KILL
-    from being sent.
+    The command may be in capitals and contain underscores. No other words on the line keep ALL
+    KILL from being sent.
     """
     own = without_ros_arguments(given)
+    command = ''
     for place, (before, word) in enumerate(itertools.pairwise(['', *own])):
         name = word.lower().replace('_', '-')
-        if name in COMMANDS and before not in ('--official', '--wait'):
-            own[place] = name
+        if before in ('--official', '--reason', '--wait'):
+            continue
+        if name == ALL_KILL or (before.lower(), name) == ('all', 'kill'):
+            own = [ALL_KILL, *own[:place], *own[place + 1 :]]
             break
+        if name in COMMANDS and not command:
+            command = own[place] = name
     wanted, more = parser().parse_known_args(own)
     if more and COMMANDS.get(wanted.command) is not CommandKind.ALL_KILL:
         wanted.parser.error(f'not understood: {" ".join(more)}')
@@ -209,7 +216,7 @@ def parser() -> argparse.ArgumentParser:
     )
     watch.set_defaults(parser=watch)
     watch.add_argument('--once', action='store_true', help='show it once and exit')
-    watch.add_argument('--events', action='store_true', help='print each event on a line')
+    watch.add_argument('--events', action='store_true', help='print one event per line')
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: only the events of this kart'
     )

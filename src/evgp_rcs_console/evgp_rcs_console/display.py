@@ -372,7 +372,7 @@ class BottomLine:
         by_letter: bool = False,
         least: float = 0.0,
     ) -> None:
-        """Show why a command is not possible until it is, and for at least a time (s)."""
+        """Show why a command is not possible until it is possible, but at least this long (s)."""
         ends = clock.now() + least
 
         def holds(screen: Screen) -> bool:
@@ -384,7 +384,7 @@ class BottomLine:
 
     def take_screen(self, screen: Screen, heard_at: float) -> None:
         """
-        Remove the message if a screen contradicts it whose snapshot is certainly newer.
+        Remove the message if it is contradicted by a screen whose snapshot is certainly newer.
 
         :param heard_at: when that snapshot arrived, in seconds.
         """
@@ -476,7 +476,7 @@ class Display(QtCore.QObject):
             self.refresh()  # if only figures have changed, they can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event, but no delivery in time, because these would crowd out other events."""
+        """Show an event, except a delivery on time, because such events would crowd out others."""
         event = stamped.event
         self._latest.take_event(event)
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What a confirmation asks: the condition, what the command would do, and what speaks against it.
+What a confirmation asks: the condition, what the command would do, and any reasons against it.
 
 The module is pure.
 """

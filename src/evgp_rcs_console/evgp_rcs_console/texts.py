@@ -36,7 +36,7 @@ BUTTON_DROPPED = (
     'The ALL KILL pressed {age} s ago is no longer being sent, because another race has begun '
     'since then. Press again to stop that race'
 )
-BUTTON_NONE = 'No device here can be a stop button. Plug one in'
+BUTTON_NONE = 'No connected device can serve as a stop button. Plug one in'
 BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the test'
 
 HOW_TO_BEGIN = (
@@ -74,7 +74,7 @@ CLEAR_TRACK = '✗ NOT SAFE: CLEAR THE TRACK'
 UNHEARD_CLOSED = '✗ TRACK CLOSED, NO KART CONNECTED'
 UNHEARD_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what karts are doing: check each one'
-OPEN_BY_MSR = 'the MSR is on, every kart stands still, and teams may go onto the track'
+OPEN_BY_MSR = 'the MSR is on, every kart is standing still, and teams may go onto the track'
 
 SEEN = 'SEEN'
 NO_SINGLE_KART = 'the whole race'
@@ -93,7 +93,7 @@ ALERT_WAS = {
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: '{kart} had two programs connecting',
+    AlertKind.TWO_PROGRAMS: '{kart} was contested by two programs',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
     AlertKind.PART_FAILED: 'a part of race control had failed',
@@ -113,7 +113,7 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last update {age} ago, in {state}. The list below is out of date. '
-    'It may only be the network: check another window. Press a stop once. It will '
+    'It may be just the network: check another window. Press a stop once. It will '
     'be sent repeatedly until race control accepts it.'
 )
 NOT_YET_DETAIL = (
@@ -123,7 +123,7 @@ NOT_YET_DETAIL = (
 ENDED = 'RACE CONTROL HAS ENDED'
 ENDED_SINCE = (
     'Race control was shut down normally {age} ago. At that time, no kart could have been '
-    'moving where it must not. To start it again: make run ROSTER=…'
+    'moving where it should not have been. To start it again: make run ROSTER=…'
 )
 GONE_REASON = 'race control is gone'
 NOT_YET_REASON = 'race control has not been found yet'
@@ -142,7 +142,10 @@ NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
 )
-TOO_OLD = '{name}: pressed at {clock} while the window hung. Nothing was sent. Press it again.'
+TOO_OLD = (
+    '{name}: pressed at {clock} while the window was not responding. Nothing was sent. '
+    'Press it again.'
+)
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
 JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
@@ -201,7 +204,7 @@ NO_QT = (
     "python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials' and 'apt-get install "
     "qt6-qpa-plugins libgl1 libxcb-cursor0'."
 )
-NO_DISPLAY = 'rcs_gui: there is no screen to open a window on. Set DISPLAY or WAYLAND_DISPLAY.'
+NO_DISPLAY = 'rcs_gui: no screen is available. Set DISPLAY or WAYLAND_DISPLAY.'
 
 
 def left(seconds: float) -> int:

@@ -553,12 +553,16 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     karts = texts.in_doubt(race)
     if karts:
         off = f'{karts} {"are" if "," in karts else "is"} switched off'
-        reason = f'{race.track.reason}. Only the MSR can stop {karts}. Leave it on until {off}'
+        reason = (
+            f'{race.track.reason}. Only the MSR can stop {karts}. Leave the MSR on until {off}'
+        )
         by_msr = texts.TRACK_OPEN_MSR if is_open else texts.TRACK_CLOSED_MSR
         return Cell(by_msr, Tone.WAIT), reason
     if is_open:
         return Cell(texts.TRACK_OPEN, Tone.GOOD), race.track.reason
-    return Cell(texts.TRACK_CLOSED), f'nobody may enter until you open it: {race.track.reason}'
+    return Cell(
+        texts.TRACK_CLOSED
+    ), f'nobody may go onto the track until you open it: {race.track.reason}'
 
 
 def _finish_now(buttons: _Buttons) -> str:

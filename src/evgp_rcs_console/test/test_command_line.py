@@ -14,7 +14,10 @@ import pytest
 
 @pytest.mark.parametrize(
     'line',
-    ['all-kill', 'ALL-KILL', 'All_Kill', 'all-kill 7', 'ALL-KILL now --hard', '--wait=2 ALL-KILL'],
+    [
+        *('all-kill', 'ALL-KILL', 'All_Kill', 'ALL KILL', 'all-kill 7', 'ALL-KILL now --hard'),
+        *('--wait=2 ALL-KILL', 'grid-active 1 2 all-kill', 'please ALL-KILL', '77 all kill'),
+    ],
 )
 def test_all_kill_is_taken_however_it_is_typed(line: str) -> None:
     for before in ([], ['--official', 'Join']):

@@ -233,8 +233,8 @@ def test_to_open_the_track_under_the_msr_the_official_states_that_every_kart_sta
         assert statement in button.question().condition
         return button.question().condition
 
-    assert 'every kart stands still' in condition(True)
-    assert 'every kart stands still' not in condition(False)
+    assert 'every kart is standing still' in condition(True)
+    assert 'every kart is standing still' not in condition(False)
 
 
 def test_the_release_of_a_kart_that_needs_the_msr_recedes_and_stays_possible() -> None:

@@ -253,7 +253,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that begins now, with the sources' clocks of the last race."""
+        """Return the laps of a race that is beginning; the sources' clocks come from the last."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}
@@ -267,7 +267,7 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """Finish a kart. If only its last lap is missing, FINISH counts as its last crossing."""
+        """Record a FINISH. If only the last lap is missing, it counts as the last crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))

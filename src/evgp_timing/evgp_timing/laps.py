@@ -31,8 +31,8 @@ and sets the source's clock to match.
 The first passing of a source in this race is different: if the old clock puts it before
 GREEN_GREEN, it is late and never counts.
 
-The time between two crossings of one source therefore has the source's precision. A clock that is
-set or drifts cannot produce a lap that the times of arrival do not confirm.
+The time between two crossings of one source therefore has the source's precision. A clock that
+is set or drifts cannot produce a lap unless the times of arrival confirm it.
 
 This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
@@ -402,7 +402,7 @@ class Laps:
             who = _some(self.clocks)
             phrases.append(f'the clock of {who} jumped, or its passings arrived late')
         for source, count in sorted(self.over.items()):
-            phrases.append(f'{count} passings of {source} were over the limit and do not count')
+            phrases.append(f'{count} passings from {source} were over the limit and do not count')
         if self.unknown:
             phrases.append(f'no kart has the transponder {_some(self.unknown)}')
         if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:

@@ -126,7 +126,7 @@ def passing_of(message: msg.Passing) -> Passing:
     Return the passing in a message, with values that the book can store.
 
     A strength that is NaN or too large becomes unknown, and a time before 1970 becomes 1970. Names
-    become one printable line. A source cannot keep the name of officials' passings.
+    become one printable line. No source keeps the name that is reserved for officials' passings.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength

@@ -54,7 +54,7 @@ _LENGTH = struct.Struct('!I')
 @dataclass(frozen=True)
 class ServerSettings:
     """
-    How the kart server listens and sends. ``ros.settings`` explains those that are parameters.
+    Settings for the kart server. ``ros.settings`` explains those that are parameters.
 
     :param host: the parameter ``address``.
     :param port: the parameter. In tests it is 0, so that the system chooses a port.
@@ -105,7 +105,7 @@ class Request(NamedTuple):
 
 class Alive(NamedTuple):
     """
-    The sign of life by which the ROS half shows that it hears officials.
+    A heartbeat, which shows that the ROS half can still hear officials.
 
     :param rival: whether the ROS half is hearing another race control.
     :param there: the programs that can stop the race.

@@ -83,7 +83,7 @@ class KartLink(asyncio.BufferedProtocol):
         return self._buffer
 
     def buffer_updated(self, nbytes: int) -> None:
-        """Handle the bytes that were read. If they are a flood, read no more until a beat."""
+        """Handle the bytes that were read. If they are a flood, read again at the next beat."""
         self._hearing.read(nbytes)
         if self._hearing.waits:
             self._look(self._owner.now())

@@ -418,7 +418,7 @@ class KartServer:
         return self._closing is not None and self._closing.is_set()
 
     def _journal(self, number: int, written: bool) -> None:
-        """Tell the rules whether what a start is waiting for has been saved to the disk."""
+        """Tell the rules whether the data that a start waits for has been saved to disk."""
         if self._is_ending():
             return  # _refuse_the_rest answers the start
         self.take_commands()

@@ -103,7 +103,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     # RACE_OVER stops karts as well, but it may be refused.
     CommandKind.RACE_OVER: Entry(
         'RACE OVER',
-        'RED_RED to the race, which is over',
+        'RED_RED to the race, which is then over',
         'race_over',
         Result(race=(RaceState.RED_RED,)),
         place=4,
@@ -174,7 +174,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/undo_finish',
         Result(placed=False),
         undoes=CommandKind.KART_FINISH,
-        note='Removes its place. Later places move up. A RED FLAG that was sent stays in force.',
+        note='Removes the place. Later places move up. A RED FLAG that has already been sent '
+        'stays in force.',
         short='UNDO',
         condition='{kart} has not finished',
         call_is_statement=True,
@@ -235,7 +236,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
     ),
     CommandKind.TAKE_ROSTER: Entry(
         'TAKE ROSTER',
-        'put into effect the roster that was read: karts and heats',
+        'apply the roster that was read, with its karts and heats',
         'reload_roster',
         fixed={'take': True},
         names_number='reading',

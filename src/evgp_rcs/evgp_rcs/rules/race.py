@@ -1450,13 +1450,13 @@ class Race:
         # The new roster contains every bound kart that the old one contained.
         self.karts.update((number, kart) for number, kart in before.items() if kart.bound)
         self.heats = self._read.heats
-        return f'The roster that was read is in effect: {changes}'
+        return f'The new roster is in effect: {changes}'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
     def _refusal(self, command: Command) -> str:
         if CATALOGUE[command.kind].loosens and self.has_rival:
-            return 'another race control is running; end it first. Every stop still works'
+            return 'another race control is running; shut it down first. Every stop still works'
         if CATALOGUE[command.kind].loosens and self.cut_off_by:
             return f'race control is still cut off from the karts: {self.cut_off_by}'
         return COMMANDS[command.kind].refusal(self, command)
@@ -1630,7 +1630,7 @@ class Race:
         if not missing:
             return ''
         return (
-            f'not inspected: {_listed(missing)}. Race without it, or inspect it, enter the date '
+            f'not inspected: {_listed(missing)}. Race without it; or inspect it, enter the date '
             'in the roster and read the roster again'
         )
 
@@ -1704,7 +1704,7 @@ class Race:
         if entry.names_number == 'opening' and command.opening != self.opening:
             how, at = self._opened
             if not self.opening:
-                return f'the track has not been opened, but you named opening {command.opening}'
+                return f'you named opening {command.opening}, but the track has not been opened'
             return (
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
                 'make sure that nobody is on it, then send this command again'
@@ -1778,7 +1778,7 @@ class Race:
             return ''
         named = {each.number: each for each in self._read.karts}
         said = [
-            f'{called(each.number, each.team)} is added at {each.address}'
+            f'{called(each.number, each.team)} is added with the address {each.address}'
             for each in self._read.karts
             if each.number not in self.karts
         ]
@@ -1989,10 +1989,10 @@ class Race:
                 text = f'it reported GREEN_GREEN while being sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, number, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
-                how = f'answers {kart.link.worst_answer:.1f} s late, so it may stop late'
+                how = f'takes {kart.link.worst_answer:.1f} s to answer, so it may stop late'
                 if kart.link.behind:
                     how = (
-                        f'may read a stop {kart.link.behind:.1f} s late, because it echoes fewer '
+                        f'may read a stop {kart.link.behind:.1f} s late: it echoes fewer '
                         'frames than it is sent, or leaves frames unread'
                     )
                 text = f'Send RED_FLAG, or LEAVE_RACE before GREEN_GREEN: {kart} {how}'
@@ -2023,9 +2023,9 @@ class Race:
                 AlertKind.TWO_RACE_CONTROLS,
                 0,
                 None,
-                'Another race control is running: end it. Until then, nothing can be started or '
-                'released. Stops still work, but each stop reaches only the karts that are '
-                'connected to the race control that receives it',
+                'Another race control is running: shut it down. Until then, nothing can be '
+                'started or released. Stops still work, but each stop reaches only the karts '
+                'that are connected to the race control that receives it',
             )
         since = self._unattended_since()
         if since is not None:
@@ -2034,7 +2034,7 @@ class Race:
                 'stop the race'
             )
             if self.times.nobody_there:
-                text += f'. Without one for {self.times.nobody_there:g} s, it sends RED_FLAG'
+                text += f'. If there is none for {self.times.nobody_there:g} s, it sends RED_FLAG'
             yield AlertKind.NOBODY_THERE, 0, since, text
         if self.there.button_fault:
             text = f'Check the stop button: {self.there.button_fault}'
@@ -2115,7 +2115,7 @@ lost `send_timeout` after its last answer."""
 NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart is moving'
 """What an official must state once if race control does not know what happened before."""
 
-BEGAN = 'race control started, and does not know what happened before'
+BEGAN = 'race control has started and does not know what happened before that'
 """Why the race is in RED_RED if there is no proof that the last run ended normally."""
 
 NOT_IN_ROSTER = 'no longer in the roster'
@@ -2161,7 +2161,7 @@ def _receivers(karts: Iterable[Kart]) -> str:
     if not absent:
         return text
     they_connect = 'it connects' if len(absent) == 1 else 'they connect'
-    return f'{text}; not connected, sent when {they_connect}: {_listed(absent)}'
+    return f'{text}; not connected, so to be sent when {they_connect}: {_listed(absent)}'
 
 
 def _capital(kart: Kart | str) -> str:
