@@ -41,7 +41,7 @@ class Recording:
         self.trace = self.oracle.trace
         self._loop = asyncio.get_running_loop()
         self._began = self._loop.time()
-        self._waiting: list[asyncio.Future[None]] = []
+        self._waiting: dict[asyncio.Future[None], Callable[[], object]] = {}  # for what
 
     @property
     def now(self) -> float:
@@ -58,9 +58,9 @@ class Recording:
     ) -> None:
         """Record an event with the current time."""
         self.oracle.take(Event(self.now, kind, link, data, text, value, unread))
-        waiting, self._waiting = self._waiting, []
-        for future in waiting:
-            _wake(future)
+        for future, found in self._waiting.items():
+            if found():
+                _wake(future)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
         """Wait until `found` is true, but no longer than this; return whether it became true."""
@@ -71,12 +71,13 @@ class Recording:
                 return False
             # No asyncio.wait, because it returns a few turns later, when another phase may run.
             future = self._loop.create_future()
-            self._waiting.append(future)
+            self._waiting[future] = found
             timer = self._loop.call_later(left, _wake, future)
             try:
                 await future
             finally:
                 timer.cancel()
+                del self._waiting[future]
         return True
 
 
