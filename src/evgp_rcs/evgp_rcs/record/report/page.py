@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+import functools
 import hashlib
 from importlib import metadata
 from importlib.resources import files
@@ -28,7 +29,7 @@ from evgp_rcs.record.report.model import Account, Alert, Part, STOPS
 from evgp_rcs.record.report.wording import Clock
 from evgp_rcs.record.runs import DONE, Runs, UnreadableError
 from evgp_rcs.rules.race import EventKind
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 
 PAPER_ROWS = 1000
 """Maximum number of events in the table. ``rcs_record show`` lists all of them."""
@@ -62,6 +63,19 @@ def _count(number: int, what: str) -> str:
     return f'{number:,} {what}{"" if number == 1 else "s"}'
 
 
+def _file(name: str) -> str:
+    return (files('evgp_rcs.record.report') / name).read_text(encoding='utf-8')
+
+
+@functools.cache  # Jinja takes 0.1 s to compile it
+def _template() -> Template:
+    environment = Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
+    )
+    environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
+    return environment.from_string(_file('page.html.j2'))
+
+
 def page(
     runs: Runs, account: Account, part: Part, sums: Sequence[tuple[str, str]], event_name: str
 ) -> str:
@@ -82,15 +96,7 @@ def page(
     if len(on_paper) > PAPER_ROWS:
         on_paper = [each for each in events if each.event.kind not in LESSER][:PAPER_ROWS]
 
-    environment = Environment(
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
-    )
-    environment.tests.update(shown=part.concerns)
-    environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
-    folder = files('evgp_rcs.record.report')
-    style = (folder / 'page.css').read_text(encoding='utf-8')
-    template = environment.from_string((folder / 'page.html.j2').read_text(encoding='utf-8'))
-    return template.render(
+    return _template().render(
         account=account,
         runs=runs,
         kept=kept,
@@ -104,6 +110,7 @@ def page(
         part=shown,
         events=events,
         in_part=lambda happened: part.events(account, happened),
+        concerned=lambda told: [each for each in told if part.concerns(each.kart)],
         races=part.races(account),
         alerts=part.alerts(account),
         clock=clock,
@@ -114,7 +121,7 @@ def page(
         crossed=lambda race, at: clock.at((race.green or 0.0) + at, 3),
         teams=account.teams,
         title=title,
-        style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
+        style=f'{_file("page.css")}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
         stops=sum(each.event.success and each.event.command in STOPS for each in account.commands),
         stood=lambda alert: _stood(alert, account, clock),
         on_paper=on_paper,
