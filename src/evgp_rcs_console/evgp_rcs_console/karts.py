@@ -391,7 +391,9 @@ class KartList(Panel):
         for column, width in enumerate(widths):
             table.setColumnWidth(column, width)
         beside = max(look.px(2), (high - look.px(34)) // 2)
-        table.setStyleSheet(f'QPushButton {{ margin: {beside}px {look.px(3)}px; }}')
+        margins = f'QPushButton {{ margin: {beside}px {look.px(3)}px; }}'
+        if margins != table.styleSheet():  # Qt would style every button again
+            table.setStyleSheet(margins)
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:
