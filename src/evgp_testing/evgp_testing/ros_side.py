@@ -52,6 +52,7 @@ class RosSide(Part):
                 context=self.context,
                 cli_args=list(arguments),
                 use_global_arguments=False,
+                start_parameter_services=False,  # nobody asks for them
             )
             fence_graph()
         self._spinning: Spinning | None = None
