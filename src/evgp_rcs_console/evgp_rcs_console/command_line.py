@@ -109,7 +109,8 @@ def parse(given: Sequence[str]) -> argparse.Namespace:
         if before in ('--official', '--reason', '--wait'):
             continue
         if name == ALL_KILL or (before.lower(), name) == ('all', 'kill'):
-            own = [ALL_KILL, *own[:place], *own[place + 1 :]]
+            del own[place]
+            own.insert(0, ALL_KILL)
             break
         if name in COMMANDS and not command:
             command = own[place] = name
