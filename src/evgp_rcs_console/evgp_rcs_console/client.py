@@ -150,7 +150,7 @@ class Listener(Protocol):
         """
         Take a snapshot.
 
-        :param at: when the snapshot arrived, in seconds, by the clock that includes suspends.
+        :param at: when the snapshot arrived, in seconds, by the boot-time clock.
         :param two: whether snapshots come from two race controls.
         """
 

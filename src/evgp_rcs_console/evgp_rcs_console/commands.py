@@ -47,7 +47,7 @@ class Given:
     :param taken: the further fields of the request (``Entry.takes``).
     :param then: commands to send one after another once this command is accepted, if that happens
         soon enough. They count as pressed together with this command.
-    :param at: when the command was given, in seconds, by the clock that includes suspends.
+    :param at: when the command was given, in seconds, by the boot-time clock.
     :param waited: how long the press had already waited by then, in seconds, as far as known. This
         time is reported to race control, but it never ends a stop, as it may be too high.
     """

@@ -69,7 +69,7 @@ class Shown:
 
 class SeenCommands(Aim[Shown]):
     """
-    Remembers the screens that the official has just seen.
+    Remembers what the official has seen on the screen in the last moments.
 
     :ivar screen: the current screen; None before the first screen.
     """
@@ -87,7 +87,7 @@ class SeenCommands(Aim[Shown]):
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """Record what the official saw before, if the window itself scrolls in this context."""
+        """In this context the window itself scrolls; record what the official saw before."""
         before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
@@ -323,7 +323,7 @@ class BottomLine:
     """
     The line at the bottom of the window.
 
-    The line shows the first of these that exists: stops that race control has not accepted, an
+    The line shows the first of these that there is: stops that race control has not accepted, an
     explanation of what the pointer or the focus is on, a command without an answer, or the last
     message.
     """
@@ -340,7 +340,7 @@ class BottomLine:
         """
         Replace the last message with a new one, and put the time of day before it.
 
-        :param holds: for a message that is removed once a snapshot contradicts it.
+        :param holds: returns whether a screen agrees with the message, which is removed if not.
         """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
@@ -372,7 +372,7 @@ class BottomLine:
         by_letter: bool = False,
         least: float = 0.0,
     ) -> None:
-        """Show why a command is not possible until it is possible, but at least this long (s)."""
+        """Show why a command is not possible, until it is, but for at least `least` seconds."""
         ends = clock.now() + least
 
         def holds(screen: Screen) -> bool:
@@ -502,7 +502,7 @@ class Display(QtCore.QObject):
     # ----- what is shown ------------------------------------------------------------------
 
     def _without_measurements(self) -> object:
-        """Return the newest snapshot and results without time stamps and the links' figures."""
+        """Return the newest snapshot and results, but without times and figures of links."""
         race, results = self._latest.race or NOTHING, self._latest.results
         results = None if results is None else results._replace(stamp=0.0)
         karts = [
@@ -511,7 +511,7 @@ class Display(QtCore.QObject):
         return race._replace(stamp=0.0, karts=()), karts, results, self._latest.two
 
     def look(self, now: float) -> None:
-        """Update what depends on the time (s) and sound the alarm if it is due."""
+        """Update what depends on the time, and sound the alarm if it is due."""
         danger = self._latest.danger(now)
         waits = self.unanswered or self.unanswered.stops
         if danger or self._danger_title or waits or now - self._shown_at >= AGES:

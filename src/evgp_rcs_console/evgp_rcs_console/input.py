@@ -136,7 +136,7 @@ class CommandInput(QtCore.QObject):
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Handle a press on a place whose command changed after the official had aimed.
+        Handle a press at a place where the command changed after the official had aimed.
 
         A stop goes to the kart that the official aimed at. Any other command is not sent, and the
         bottom line says so.
@@ -238,7 +238,7 @@ class LateInput:
         return True
 
     def in_time(self) -> None:
-        """Record that an input was in time and forget the names of the inputs dropped before."""
+        """Record that an input was in time, and forget which inputs were dropped before it."""
         self._dropped.clear()
 
 
@@ -383,7 +383,7 @@ class Keyboard:
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
-        """Return whether a key acts at any age, because it stops or chooses a kart to stop."""
+        """Return whether a key acts however late it is: it stops, or chooses a kart to stop."""
         if stroke is None:
             return False
         if stroke.window == 'Return':
@@ -462,7 +462,7 @@ class Keyboard:
             self._areas.setFocus()
 
     def _press_focused(self, at: float) -> None:
-        """Press the focused button. If its command has just changed, treat the press as missed."""
+        """Press the focused button, unless its command has just changed."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
@@ -477,7 +477,7 @@ def _alone(event: QtGui.QKeyEvent) -> str:
 
 
 def _name(event: QtGui.QKeyEvent) -> str:
-    """Return the name that the module ``keys`` uses for a key and the modifiers held down."""
+    """Return the name, as in ``keys``, of a key with the modifiers that are held down."""
     modifiers = QtCore.Qt.KeyboardModifier
     name = QtGui.QKeySequence(event.keyCombination()).toString()
     if event.modifiers() & modifiers.KeypadModifier:
@@ -493,7 +493,7 @@ def _kart_at(screen: Screen, place: int) -> int:
 
 
 def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
-    """Return the button that a key presses; ``kart`` is 0 for a command that needs no kart."""
+    """Return the button that a key presses; ``kart`` is 0 if its command needs no kart."""
     if stroke.finish is not None:
         return screen.letter(kart)
     found = (screen.button(command, kart) for command in stroke.commands)

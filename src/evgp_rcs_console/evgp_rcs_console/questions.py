@@ -69,7 +69,7 @@ def question(
     """
     Return what to ask before a command.
 
-    :param kart: the kart of the command; None if the command is not for a single kart.
+    :param kart: the kart that the command is for; None if it is not for a single kart.
     """
     return Asked(
         _condition(command, race, kart, offered.statement),
@@ -232,7 +232,7 @@ def _held(kart: KartSnapshot) -> str:
 
 
 def also(following: Sequence[Given]) -> str:
-    """Return what the second YES of IN GARAGE confirms: an open track, or karts made safe."""
+    """Return what YES, AND ALSO confirms with IN GARAGE: an open track, or karts made safe."""
     if following[0].command is CommandKind.OPEN_TRACK:
         return texts.ASK_AND_FIRST if following[0].stated else texts.ASK_AND_OPEN
     return f'{numbered(each.kart for each in following)} made safe by hand'

@@ -323,7 +323,7 @@ class Screen:
 
 class Latest:
     """
-    The latest that a program has heard of the race.
+    The newest of what a program has received about the race.
 
     :param began: when the program began to look for race control, in seconds.
     :ivar looking: where it looks, as part of a sentence.
@@ -349,13 +349,13 @@ class Latest:
         self.race, self.heard_at, self.two = race, at, two
 
     def take_event(self, event: Event) -> None:
-        """Note if race control announces a normal shutdown."""
+        """Remember a normal shutdown that race control announces."""
         if event.kind is EventKind.ENDED and event.success and self.race is not None:
             self._ended_run = self.race.run
 
     def danger(self, at: float) -> Danger | None:
         """
-        Return the warning to show at a time (s); None if race control is heard and reliable.
+        Return the warning to show at a given time (s); None if all is well with race control.
 
         If race control is silent, the warning says to use the MSR, except before the first
         snapshot and after a normal shutdown with no kart in doubt.
@@ -387,7 +387,7 @@ class Latest:
         return None
 
     def screen(self, at: float, pending: Pending) -> Screen:
-        """Return what a screen shows at a time (s)."""
+        """Return the screen at a given time (s)."""
         age = at - self.heard_at
         return show(self.race or NOTHING, age, pending, self.danger(at), self.results)
 
@@ -477,7 +477,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return how long the race has been in its state, who caused it, and the time it began."""
+    """Return how long the race has been in its state, since when, and who caused it."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = f'{since} · {race.state_cause}'
@@ -714,7 +714,7 @@ class _Buttons:
     @property
     def shown(self) -> Standings | None:
         """
-        Return the results to show: this race's once it has begun, the newest ones before that.
+        Return the results to show: the newest ones or, once this race has begun, its own.
 
         Return None if there are no such results, or if they contain no timed lap.
         """
@@ -737,7 +737,7 @@ class _Buttons:
         return is_on and not kart.place
 
     def last_lap_is_done(self, kart: KartSnapshot) -> bool:
-        """Return whether a kart in the race is due FINISH, because all its laps are driven."""
+        """Return whether a kart has driven all its laps, so that only FINISH is missing."""
         if self.timing is None or not self.timing.laps or not self._races(kart) or kart.hold:
             return False
         result = self.timing.kart(kart.number)

@@ -96,7 +96,7 @@ class Told(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """Confirms that all events of a run of race control have arrived, up to this number."""
+    """Confirms that all events of a run have arrived up to this number."""
 
     at: float
     run: str
@@ -104,7 +104,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """Reports that this many events were lost, so their content is unknown."""
+    """Reports that a number of events were lost, so their content is unknown."""
 
     at: float
     run: str
@@ -117,8 +117,8 @@ class Passed(NamedTuple):
 
     :param at: when they arrived, in seconds.
     :param dropped: number of further passings that were dropped because there were too many.
-    :param away: how long the timekeeper had been away before this, in seconds. Passings may
-        therefore arrive late by as much as this.
+    :param away: how long the timekeeper had been away before this, in seconds. The passings may be
+        late by up to this time.
     """
 
     at: float
@@ -301,7 +301,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Replace the crossing made for a FINISH with one that a source saw, if that counts."""
+        """Replace the crossing of a FINISH with one that a source saw, if that counts."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)

@@ -28,8 +28,8 @@ timed by the source's clock, as long as it agrees with their arrival to within `
 Passings that arrive after the timekeeper has been away may be late by the length of its absence.
 If a passing's time does not agree with its arrival, this module times the passing by its arrival
 and sets the source's clock to match.
-The first passing of a source in this race is different: if the old clock puts it before
-GREEN_GREEN, it is late and never counts.
+There is one exception: if the old clock puts the first passing of a source before GREEN_GREEN,
+that passing is late and never counts.
 
 The time between two crossings of one source therefore has the source's precision. A clock that
 is set or drifts cannot produce a lap unless the times of arrival confirm it.

@@ -4,11 +4,11 @@
 """
 The ``timekeeper`` node counts laps and publishes results.
 
-It counts from race control's events and from passings, which are reports that something crossed
-the timing line. It runs on race control's machine, because both use that machine's clock. Karts do
-not depend on the timekeeper: if it ends, hangs or makes a mistake, the race continues, and screens
-show that there is no timing. The only command that it sends to race control is FINISH, in a heat
-with `auto_finish`.
+Its inputs are race control's events and passings, which report that something crossed the timing
+line. It runs on race control's machine, because both use that machine's clock. Karts do not depend
+on the timekeeper: if it ends, hangs or makes a mistake, the race continues, and screens show that
+there is no timing. The only command that it sends to race control is FINISH, in a heat with
+`auto_finish`.
 
 The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
 events and passings into its book (``book``) before it acts on them.
@@ -101,7 +101,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event from race control means for the laps, or None."""
+    """Return what an event from race control means for the laps; None if it means nothing."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
