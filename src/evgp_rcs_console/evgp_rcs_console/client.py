@@ -162,7 +162,7 @@ class Listener(Protocol):
         """Take the final answer to a command, or a message that no answer arrived in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
-        """Take a stop that a later race has ended, and a sentence for the official about that."""
+        """Handle a stop that was dropped because a later race began; the sentence says so."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Take all stops that race control has not accepted yet."""
@@ -174,9 +174,9 @@ class Client:
 
     :param commands: the commands that the client can send. With SROS2, each of them needs a
         permission, and a client that only receives the race needs none of these permissions.
-    :param there: name under which the program announces presence (``announce``). The client
+    :param there: name under which the program announces its presence (``announce``). The client
         announces nothing if the name is empty or SROS2 does not permit announcements.
-    :param hears: whether the listener gets the race. The client itself always gets the race.
+    :param hears: whether snapshots are passed to the listener. The client always receives them.
     :param say: returns a sentence from race control in the words of this program.
     :raises RCLError: if ROS does not allow this client.
     """
@@ -400,7 +400,7 @@ class Client:
 
     def _fail(self, error: BaseException) -> None:
         # From now on, nothing is received. The screen shows that, and stops are still sent.
-        self.node.get_logger().error(f'This program no longer receives the race: {error!r}')
+        self.node.get_logger().error(f'This program is no longer receiving the race: {error!r}')
 
 
 def join_graph(program: str, arguments: Sequence[str]) -> None:

@@ -323,7 +323,7 @@ class BottomLine:
     """
     The line at the bottom of the window.
 
-    The line shows the first of these that there is: stops that race control has not accepted, an
+    The line shows the first of these that applies: stops that race control has not accepted, an
     explanation of what the pointer or the focus is on, a command without an answer, or the last
     message.
     """

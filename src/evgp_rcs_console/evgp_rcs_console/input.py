@@ -383,7 +383,7 @@ class Keyboard:
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
-        """Return whether a key acts however late it is: it stops, or chooses a kart to stop."""
+        """Return whether a key acts however late it is, because it stops or chooses a kart."""
         if stroke is None:
             return False
         if stroke.window == 'Return':

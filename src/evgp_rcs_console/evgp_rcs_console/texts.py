@@ -52,7 +52,7 @@ MSR_STOPS_IT = 'only the MSR can stop it: make it safe once the track is open'
 HELD = 'held: {reason}'
 LAST_LAP_DONE = 'last lap done: FINISH'
 SAID_BEFORE = 'its {state} report answered an older order: if it stays silent, have it reconnect'
-CONNECT_AGAIN = 'its {state} report may answer an older order: have it reconnect (it returns held)'
+CONNECT_AGAIN = 'its {state} report may answer an older order: have it reconnect (it will be held)'
 SETTLING = '… wait {seconds} s'
 ANSWERS = {
     RaceState.GRID_ACTIVE: '✓ ready',
@@ -93,7 +93,7 @@ ALERT_WAS = {
     AlertKind.RECORD_FAILING: 'the record failed',
     AlertKind.TWO_RACE_CONTROLS: 'two race controls were running',
     AlertKind.LINK_POOR: '{kart} had a poor link',
-    AlertKind.TWO_PROGRAMS: '{kart} was contested by two programs',
+    AlertKind.TWO_PROGRAMS: '{kart} had two programs trying to control it',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
     AlertKind.PART_FAILED: 'a part of race control had failed',
@@ -103,7 +103,7 @@ ALERT_WAS = {
 
 ALERTS_CHANGED = 'The alerts have just changed. Check them, then press SEEN again.'
 
-WHOSE_EVENTS = "To see one kart's events only, type its number or click its row first."
+WHOSE_EVENTS = "To see only one kart's events, first type its number or click its row."
 LOG_ACKNOWLEDGED = ' acknowledged {state}'
 NEW_RUN = '— race control was restarted —'
 REFUSED = '✗ '
@@ -113,7 +113,7 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last update {age} ago, in {state}. The list below is out of date. '
-    'It may be just the network: check another window. Press a stop once. It will '
+    'It may just be the network: check another window. Press a stop once. It will '
     'be sent repeatedly until race control accepts it.'
 )
 NOT_YET_DETAIL = (
@@ -158,7 +158,7 @@ ASK_WARNING = 'Warning: {warning}.'
 ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = (
-    'Puts the karts in the heat into the race and takes all others out. '
+    "Adds the heat's karts to the race and takes all others out. "
     "Type the heat's number, then press Enter."
 )
 GRID = 'Grid: {karts}'

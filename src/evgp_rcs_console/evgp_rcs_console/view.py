@@ -106,7 +106,7 @@ number is 0 if the command is not for a single kart."""
 @dataclass(frozen=True)
 class Button:
     """
-    What the button of a command shows and does.
+    What a command's button shows and does.
 
     :param gives: the command that an official gives by pressing this button and confirming. It
         makes a statement only if race control asked for one, in which case the question shows the
@@ -175,7 +175,7 @@ class Button:
 @dataclass(frozen=True)
 class Row:
     """
-    What the row of a kart shows.
+    What a kart's row shows.
 
     :param use_msr: whether an alert about the kart asks for the Master Safety Remote.
     :param link: the quality of the kart's link in a word, or NO LINK.
@@ -819,8 +819,8 @@ class _Buttons:
         """
         Return the commands that an official can confirm together with IN GARAGE.
 
-        If the MSR was used, these commands release the karts that IN GARAGE leaves held, as made
-        safe by hand. Otherwise, the only such command opens the track.
+        If the MSR was used, these commands state that the karts that IN GARAGE leaves held were
+        made safe by hand, which releases them. Otherwise, the only such command opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:

@@ -141,8 +141,8 @@ class Finish(NamedTuple):
     """
     A FINISH that the node requests from race control, with the fields of `KartFinish.srv`.
 
-    The request's `attempt` is always 0, so that race control refuses the request if an official
-    has undone the kart's finish meanwhile.
+    The request's `attempt` is always 0, so race control refuses the request if an official has
+    undone the kart's finish in the meantime.
     """
 
     run: str
@@ -253,7 +253,7 @@ class Desk:
         return self.races[-1]
 
     def _laps(self, heat: str, begins: float, before: Laps | None) -> Laps:
-        """Return the laps of a race that is beginning; the sources' clocks come from the last."""
+        """Return the laps of a new race, with the sources' clocks as in the previous race."""
         known = self._heat(heat)
         owners = {**self.roster.transponders, **self._given}
         anchors = {}

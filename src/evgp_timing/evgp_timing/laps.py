@@ -28,8 +28,8 @@ timed by the source's clock, as long as it agrees with their arrival to within `
 Passings that arrive after the timekeeper has been away may be late by the length of its absence.
 If a passing's time does not agree with its arrival, this module times the passing by its arrival
 and sets the source's clock to match.
-There is one exception: if the old clock puts the first passing of a source before GREEN_GREEN,
-that passing is late and never counts.
+There is one exception: if the first passing of a source in this race was before GREEN_GREEN by the
+source's previous clock, that passing is late and never counts.
 
 The time between two crossings of one source therefore has the source's precision. A clock that
 is set or drifts cannot produce a lap unless the times of arrival confirm it.
@@ -251,7 +251,7 @@ class Laps:
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing entered by an official that this beam's crossing replaces."""
+        """Return the oldest official's passing that this crossing of a beam replaces, or None."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (
@@ -380,7 +380,7 @@ class Laps:
     # ----- results ------------------------------------------------------------------------
 
     def knows(self, identity: Identity) -> bool:
-        """Return whether this race has the passing."""
+        """Return whether this race contains the passing."""
         return any(each.passing.identity == identity for each in self.crossings)
 
     def is_done(self, kart: int) -> bool:

@@ -4,17 +4,17 @@
 """
 The ``timekeeper`` node counts laps and publishes results.
 
-Its inputs are race control's events and passings, which report that something crossed the timing
-line. It runs on race control's machine, because both use that machine's clock. Karts do not depend
-on the timekeeper: if it ends, hangs or makes a mistake, the race continues, and screens show that
-there is no timing. The only command that it sends to race control is FINISH, in a heat with
-`auto_finish`.
+It has two inputs: events from race control, and passings, which are reports that something crossed
+the timing line. It runs on race control's machine, because both use that machine's clock. Karts do
+not depend on the timekeeper: if it ends, hangs or makes a mistake, the race continues, and screens
+show that there is no timing. The only command that it sends to race control is FINISH, in a heat
+with `auto_finish`.
 
 The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
 events and passings into its book (``book``) before it acts on them.
 
 Passings are collected briefly, so that even a flood of them causes few writes. After a start or a
-hang, they also wait for race control's events, which show to which race a passing belongs.
+hang, they also wait for race control's events, which show which race each passing belongs to.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def passing_of(message: msg.Passing) -> Passing:
     Return the passing in a message, with values that the book can store.
 
     A strength that is NaN or too large becomes unknown, and a time before 1970 becomes 1970. Names
-    become one printable line. No source keeps the name that is reserved for officials' passings.
+    become one printable line. A source with the name reserved for officials' passings is renamed.
     """
     passing = value_of(message, Passing)
     source, strength = tidy(passing.source), passing.strength
