@@ -69,7 +69,7 @@ class Shown:
 
 class SeenCommands(Aim[Shown]):
     """
-    Remembers what the official has seen on the screen in the last moments.
+    Remembers what the official has seen on the screen in the last few moments.
 
     :ivar screen: the current screen; None before the first screen.
     """
@@ -340,7 +340,7 @@ class BottomLine:
         """
         Replace the last message with a new one, and put the time of day before it.
 
-        :param holds: returns whether a screen agrees with the message, which is removed if not.
+        :param holds: returns whether a screen agrees with the message. If not, it is removed.
         """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
@@ -502,7 +502,7 @@ class Display(QtCore.QObject):
     # ----- what is shown ------------------------------------------------------------------
 
     def _without_measurements(self) -> object:
-        """Return the newest snapshot and results, but without times and figures of links."""
+        """Return the newest snapshot and results, without times or link figures."""
         race, results = self._latest.race or NOTHING, self._latest.results
         results = None if results is None else results._replace(stamp=0.0)
         karts = [

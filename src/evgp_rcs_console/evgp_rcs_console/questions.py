@@ -176,7 +176,9 @@ def _caution(
     if command is not CommandKind.GRID_ACTIVE:
         return ''
     poor = [kart for kart in race.karts if kart.number in karts and kart.poor_lately]
-    late = f'The link to {numbered(poor)} was poor in the last minute: a stop may arrive late.'
+    late = (
+        f'The link to {numbered(poor)} has been poor in the last minute: a stop may arrive late.'
+    )
     told = [late] if poor else []
     run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
     times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]

@@ -64,7 +64,7 @@ ANSWERS = {
 
 NOT_RESUMED = 'a stopped race cannot be resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop the race: no screen or button is reporting that it works'
+NOBODY_CAN_STOP = 'No official can stop the race: no screen or button is reporting as working'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'

@@ -526,8 +526,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
     Return whether humans are allowed on the track, and why.
 
     Humans are never allowed before an official has opened the track, nor while anything else on
-    the screen says otherwise. If the last run may not have ended normally, race control starts
-    with the track marked as open. That mark alone does not prove that an official opened it.
+    the screen says that they are not. If the last run may not have ended normally, race control
+    starts with the track marked as open. That mark alone does not prove that an official opened it.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)

@@ -118,7 +118,7 @@ class Passed(NamedTuple):
     :param at: when they arrived, in seconds.
     :param dropped: number of further passings that were dropped because there were too many.
     :param away: how long the timekeeper had been away before this, in seconds. The passings may be
-        late by up to this time.
+        late by up to this much.
     """
 
     at: float

@@ -32,7 +32,7 @@ There is one exception: if the first passing of a source in this race was before
 source's previous clock, that passing is late and never counts.
 
 The time between two crossings of one source therefore has the source's precision. A clock that
-is set or drifts cannot produce a lap unless the times of arrival confirm it.
+drifts or is reset cannot produce a lap unless the times of arrival confirm that lap.
 
 This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
