@@ -380,7 +380,7 @@ def run_hanging(
             ends = time.monotonic() + PATIENCE
             while interrupts and time.monotonic() < ends:
                 time.sleep(0.05)  # two of them at once would be one
-                if hung.exists():
+                if hung.exists() and hung.read_text():
                     process.send_signal(signal.SIGINT)
                     interrupts -= 1
             stdout, stderr = process.communicate(timeout=PATIENCE)

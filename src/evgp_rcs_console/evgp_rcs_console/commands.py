@@ -10,7 +10,7 @@ whether a command is allowed.
 The console sends each stop again until race control accepts that stop. Repeats do no harm, because
 a stop only makes things stricter. But a stop must not override a later decision of the official.
 Once race control accepts a less restrictive command from this console, the console gives up the
-stops that the official pressed before it. The release of a kart ends only the
+stops that the official pressed before it. Releasing a kart ends only the
 earlier stops to that kart. ALL KILL and the record of the MSR are sent until race control accepts
 them. But no stop outlives its race: a stop older than ``OUTLIVES`` ends once a later race has
 certainly begun.

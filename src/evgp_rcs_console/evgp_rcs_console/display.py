@@ -87,7 +87,7 @@ class SeenCommands(Aim[Shown]):
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """In this context the window itself scrolls; record what the official saw before."""
+        """Record what the official sees, and let the window itself scroll in this context."""
         before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield

@@ -527,7 +527,8 @@ def _humans(race: Snapshot) -> tuple[Cell, str]:
 
     Humans are never allowed before an official has opened the track, nor while anything else on
     the screen says that they are not. If the last run may not have ended normally, race control
-    starts with the track marked as open. That mark alone does not prove that an official opened it.
+    starts with the track marked as open. That mark alone does not prove that it was opened by an
+    official.
     """
     is_open = race.track.open
     against, under_way = texts.against_humans(race), texts.under_way(race)
@@ -819,8 +820,8 @@ class _Buttons:
         """
         Return the commands that an official can confirm together with IN GARAGE.
 
-        If the MSR was used, these commands state that the karts that IN GARAGE leaves held were
-        made safe by hand, which releases them. Otherwise, the only such command opens the track.
+        If the MSR was used, these commands state that the karts left held by IN GARAGE were
+        made safe by hand, and so release them. Otherwise, the only such command opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:

@@ -1239,7 +1239,7 @@ def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answe
     console.tell(replace(race, karts=poor))
     console.press('F2')
     caution = console.find('question_caution')
-    assert 'karts 2, 3 was poor' in caution.text()
+    assert 'karts 2, 3 has been poor' in caution.text()
     assert caution.isVisible()
     yes = console.place('yes')
 

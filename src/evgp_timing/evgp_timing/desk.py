@@ -12,7 +12,7 @@ arrival. After a restart, it replays the book.
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node requests FINISH from race control.
 
-Times are in seconds since the machine started, by the clock of race control's events. This module
+Times are in seconds since the machine started, by the clock that race control uses. This module
 is pure.
 """
 
@@ -104,7 +104,7 @@ class Heard(NamedTuple):
 
 
 class Missed(NamedTuple):
-    """Reports that a number of events were lost, so their content is unknown."""
+    """Reports how many events were lost; their content is unknown."""
 
     at: float
     run: str
