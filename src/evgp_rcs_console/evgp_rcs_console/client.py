@@ -140,7 +140,7 @@ service and keep the usual depth, because one kart's stop could otherwise push o
 
 class Listener(Protocol):
     """
-    Gets everything that the client receives.
+    Receives everything that arrives at the client.
 
     The client calls these methods in its own threads, sometimes with a lock held. A listener must
     therefore return at once and must not call the client.
@@ -148,7 +148,7 @@ class Listener(Protocol):
 
     def on_race(self, race: Snapshot, at: float, two: bool) -> None:
         """
-        Take a snapshot.
+        Handle a snapshot that has arrived.
 
         :param at: when the snapshot arrived, in seconds, by the boot-time clock.
         :param two: whether snapshots come from two race controls.
@@ -159,13 +159,13 @@ class Listener(Protocol):
     def on_results(self, results: Standings) -> None: ...
 
     def on_answer(self, given: Given, answer: Answer) -> None:
-        """Take the final answer to a command, or a message that no answer arrived in time."""
+        """Handle the final answer to a command, or a message that no answer arrived in time."""
 
     def on_dropped(self, given: Given, why: str) -> None:
         """Handle a stop that was dropped because a later race began; the sentence says so."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
-        """Take all stops that race control has not accepted yet."""
+        """Handle the list of all stops that race control has not accepted yet."""
 
 
 class Client:

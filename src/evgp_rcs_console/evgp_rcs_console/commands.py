@@ -35,7 +35,7 @@ from evgp_rcs_console.catalogue import CATALOGUE, Kind
 @dataclass(frozen=True)
 class Given:
     """
-    A command that an official gave, with what the official saw.
+    An official's command, with what the official saw.
 
     :param kart: the number of the command's kart; 0 if the command is not for a single kart.
     :param stated: whether the official made the statement that race control asked for.
@@ -43,12 +43,12 @@ class Given:
     :param hold: for the release of one kart: the hold that the official saw.
     :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
         TAKE_ROSTER: the reading of the roster.
-    :param official: who gave the command, as sent to race control.
+    :param official: the official's name, as sent to race control.
     :param taken: the further fields of the request (``Entry.takes``).
     :param then: commands to send one after another once this command is accepted, if that happens
         soon enough. They count as pressed together with this command.
     :param at: when the command was given, in seconds, by the boot-time clock.
-    :param waited: how long the press had already waited by then, in seconds, as far as known. This
+    :param waited: how long the press is known to have waited by then, in seconds. This
         time is reported to race control, but it never ends a stop, as it may be too high.
     """
 
@@ -171,7 +171,7 @@ class RaceBegan:
 
     def hear(self, stamp: float, since: float | None, now: float) -> float:
         """
-        Return the earliest time at which a snapshot's race can have begun, in seconds.
+        Return the earliest time, in seconds, at which a snapshot's race could have begun.
 
         :param stamp: when the snapshot was taken, by race control's clock.
         :param since: when the race began, by the same clock; None if this run has had no race.
@@ -251,7 +251,7 @@ class StandingStops:
         A stop ends only if an official's GRID_ACTIVE was certainly accepted after the press.
         Neither a restart of race control nor a new race number proves that.
 
-        :param begun: earliest time at which the snapshot's race can have begun, in seconds.
+        :param begun: earliest time, in seconds, at which the snapshot's race could have begun.
         :param now: when the snapshot arrived, in seconds.
         """
         self._heard_at = now

@@ -29,7 +29,7 @@ FEW = 4
 @dataclass(frozen=True)
 class Asked:
     """
-    What an official confirms before a command.
+    What an official confirms before a command is sent.
 
     :param condition: what the official confirms.
     :param consequences: sentences that say what the command would do to each kart on the roster.
@@ -182,7 +182,9 @@ def _caution(
     told = [late] if poor else []
     run = results.races if results and race.state is not RaceState.GRID_ACTIVE else ()
     times = [time_of_day(each.stamp)[:5] for each in run if each.counts and each.heat == race.heat]
-    told += [f'{race.heat} was already run at {at}. This run will count instead.' for at in times]
+    told += [
+        f'{race.heat} has already been run, at {at}. This run will count instead.' for at in times
+    ]
     return ' '.join(told)
 
 

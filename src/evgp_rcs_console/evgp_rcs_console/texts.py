@@ -41,7 +41,7 @@ BUTTON_TRY = 'Press each button to test it. Nothing is sent. Ctrl-C ends the tes
 
 HOW_TO_BEGIN = (
     '1  List the karts in a roster. Start race control: make run ROSTER=… Each kart gets a row.',
-    '2  JOIN puts one kart into the race. HEAT puts in a whole heat.',
+    '2  JOIN adds one kart to the race. HEAT adds all the karts in a heat.',
     '3  Press GRID ACTIVE once the track is clear, and GREEN GREEN once all karts are ready.',
 )
 """Shown instead of the karts while the roster is empty."""
@@ -64,7 +64,7 @@ ANSWERS = {
 
 NOT_RESUMED = 'a stopped race cannot be resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
-NOBODY_CAN_STOP = 'No official can stop the race: no screen or button is reporting as working'
+NOBODY_CAN_STOP = 'No official can stop the race: no screen or button reports that it is working'
 TRACK_OPEN = '✓ TRACK OPEN'
 TRACK_CLOSED = '✗ TRACK CLOSED'
 TRACK_CLOSED_MSR = '✗ TRACK CLOSED, MSR IN USE'
@@ -96,7 +96,7 @@ ALERT_WAS = {
     AlertKind.TWO_PROGRAMS: '{kart} had two programs trying to control it',
     AlertKind.NOBODY_THERE: 'no official could stop the race',
     AlertKind.BUTTON_FAULT: 'a stop button did not work',
-    AlertKind.PART_FAILED: 'a part of race control had failed',
+    AlertKind.PART_FAILED: 'part of race control had failed',
     AlertKind.GRAPH_TROUBLE: "the officials' network had a fault",
 }
 """What each alert was about, shown once it has ended."""
@@ -158,7 +158,7 @@ ASK_WARNING = 'Warning: {warning}.'
 ASK_GONE = 'The command is no longer offered.'
 
 HEATS_CONSEQUENCE = (
-    "Adds the heat's karts to the race and takes all others out. "
+    "Adds the heat's karts to the race and removes all others. "
     "Type the heat's number, then press Enter."
 )
 GRID = 'Grid: {karts}'

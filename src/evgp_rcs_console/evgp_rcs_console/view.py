@@ -110,7 +110,7 @@ class Button:
 
     :param gives: the command that an official gives by pressing this button and confirming. It
         makes a statement only if race control asked for one, in which case the question shows the
-        words of the statement.
+        wording of the statement.
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
     :param asks: whether an official must confirm the command.
@@ -265,8 +265,8 @@ class Screen:
         the race.
     :param missing: the karts in the race that have not obeyed yet; empty if all have obeyed.
     :param msr: every kart that needs the MSR, or a note that the MSR is in use; otherwise empty.
-    :param reminder: the karts that are due FINISH, or a note that every kart should be driving by
-        now; otherwise empty.
+    :param reminder: the karts that are due to be sent FINISH, or a note that every kart should be
+        driving by now; otherwise empty.
     :param rosters: the button that reads the roster file again, and the button that puts into
         effect what was read.
     :param places: the results of this race or the last one; without timing, the order of FINISH.
@@ -323,7 +323,7 @@ class Screen:
 
 class Latest:
     """
-    The newest of what a program has received about the race.
+    The latest information that a program has received about the race.
 
     :param began: when the program began to look for race control, in seconds.
     :ivar looking: where it looks, as part of a sentence.
@@ -341,7 +341,7 @@ class Latest:
 
     def take_race(self, race: Snapshot, at: float, two: bool) -> None:
         """
-        Take a snapshot.
+        Accept a snapshot.
 
         :param at: when the snapshot arrived, in seconds.
         :param two: whether snapshots come from two race controls.
@@ -659,7 +659,7 @@ def _link(kart: KartSnapshot, missing: Tone) -> Cell:
 
 
 def _link_time(link: LinkQuality) -> str:
-    """Return the link's round trip or, unless the link is good, its longest delay."""
+    """Return the link's round-trip time or, unless the link is good, its longest delay."""
     if link.grade is Grade.UNKNOWN:
         return ''
     late = max(link.worst_answer or 0.0, link.behind)

@@ -958,7 +958,7 @@ def test_grid_active_asks_whether_a_heat_is_to_be_run_again_and_stays_the_same_q
 
     again, first = question(ran, practised), question(practised)
     clock = time_of_day(ran.stamp)[:5]
-    said = f'Heat 1 was already run at {clock}. This run will count instead.'
+    said = f'Heat 1 has already been run, at {clock}. This run will count instead.'
     assert again.question().caution == said
     assert not first.question().caution
     assert not question(ran._replace(counts=False)).question().caution

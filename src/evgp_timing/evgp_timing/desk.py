@@ -267,7 +267,7 @@ class Desk:
         return laps.again(anchors=anchors)
 
     def _finish(self, race: Race, kart: int, at: float) -> None:
-        """Record a FINISH. If only the last lap is missing, it counts as the last crossing."""
+        """Record a FINISH. If only one lap is missing, FINISH counts as the last crossing."""
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))

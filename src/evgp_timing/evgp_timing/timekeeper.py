@@ -101,7 +101,7 @@ _COMMANDS = {
 
 
 def told_of(event: msg.RaceEvent, run: str) -> Told | None:
-    """Return what an event from race control means for the laps; None if it means nothing."""
+    """Return how an event from race control affects the laps; None if it does not."""
     what = None
     if event.kind == msg.RaceEvent.COMMAND and event.success:
         what = _COMMANDS.get(event.command)
@@ -220,7 +220,7 @@ class Timekeeper(StrictNode):
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that never runs during another one, or after the node has closed."""
+        """Return a callback that never runs beside another one, or after the node has closed."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:
