@@ -150,7 +150,7 @@ class Listener(Protocol):
         """
         Handle a snapshot that has arrived.
 
-        :param at: when the snapshot arrived, in seconds, by the boot-time clock.
+        :param at: when the snapshot arrived, in seconds, on the boot-time clock.
         :param two: whether snapshots come from two race controls.
         """
 
@@ -427,7 +427,7 @@ def domain_of() -> int:
 
 
 def looking(topic: str) -> str:
-    """Return where a client looks for race control, as part of a sentence."""
+    """Return a phrase that says where a client looks for race control."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
     where = 'on this machine only (OFFICIALS= is not set)'
     if beyond:

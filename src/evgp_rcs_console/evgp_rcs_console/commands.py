@@ -47,7 +47,7 @@ class Given:
     :param taken: the further fields of the request (``Entry.takes``).
     :param then: commands to send one after another once this command is accepted, if that happens
         soon enough. They count as pressed together with this command.
-    :param at: when the command was given, in seconds, by the boot-time clock.
+    :param at: when the command was given, in seconds, on the boot-time clock.
     :param waited: how long the press is known to have waited by then, in seconds. This
         time is reported to race control, but it never ends a stop, as it may be too high.
     """
@@ -163,7 +163,7 @@ class RaceBegan:
     smallest difference seen between arrival and stamp is therefore the difference of the clocks
     plus the delay of the fastest snapshot. Neither a delayed snapshot nor one that waited while
     this machine was suspended makes a race seem later. If race control's clock is set forward, the
-    difference shrinks at once. If that clock is set back, the race seems earlier.
+    difference shrinks at once. If that clock is set back, the race seems to have begun earlier.
     """
 
     def __init__(self) -> None:
@@ -173,9 +173,9 @@ class RaceBegan:
         """
         Return the earliest time, in seconds, at which a snapshot's race could have begun.
 
-        :param stamp: when the snapshot was taken, by race control's clock.
-        :param since: when the race began, by the same clock; None if this run has had no race.
-        :param now: when the snapshot arrived, by this machine's clock.
+        :param stamp: when the snapshot was taken, on race control's clock.
+        :param since: when the race began, on the same clock; None if this run has had no race.
+        :param now: when the snapshot arrived, on this machine's clock.
         """
         self._difference = min(self._difference, now - stamp)
         return -math.inf if since is None else since + self._difference
@@ -332,14 +332,14 @@ class Unanswered:
         self._given: dict[tuple[Kind, int], Given] = {}
 
     def __bool__(self) -> bool:
-        """Return whether a command other than a stop waits for its answer."""
+        """Return whether any command other than a stop is still waiting for an answer."""
         return bool(self._given)
 
     def add(self, given: Given) -> None:
         self._given[given.command, given.kart] = given
 
     def answered(self, given: Given) -> None:
-        """Remove an answered command; a newer press of the same command still waits."""
+        """Remove an answered command, unless a newer press of it is still waiting."""
         if self._given.get((given.command, given.kart)) is given:
             del self._given[given.command, given.kart]
 

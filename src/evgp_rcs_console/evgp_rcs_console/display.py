@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Shows the race in the areas of the window, and the official's commands in the bottom line.
+Shows the race in the areas of the window, and the official's commands on the bottom line.
 
 The areas change with the newest snapshot, with time, and with the official's choice of a kart.
 The window also remembers what it showed a moment ago, because an official who presses a button
@@ -427,7 +427,7 @@ class BottomLine:
 
 
 def _explanation(pointed: object) -> str:
-    """Return why a button's command is not possible, or the full wording of a cut-off text."""
+    """Return why a button's command is not possible, or the full wording of text cut off."""
     if isinstance(pointed, Text):
         return pointed.text().replace('\n', ', ') if pointed.cut else ''
     if isinstance(pointed, CommandButton) and pointed.button is not None:
@@ -476,7 +476,7 @@ class Display(QtCore.QObject):
             self.refresh()  # if only figures have changed, they can wait for `look`
 
     def take_event(self, stamped: StampedEvent) -> None:
-        """Show an event, except a delivery on time, because such events would crowd out others."""
+        """Show an event, but not an on-time delivery, which would crowd out other events."""
         event = stamped.event
         self._latest.take_event(event)
         if event.kind is not EventKind.DELIVERED or event.after >= GRADES[Grade.FAIR]:

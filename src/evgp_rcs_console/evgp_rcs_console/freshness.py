@@ -7,7 +7,7 @@ Finds out whether a key or a click still means what it meant when the official m
 If the window's thread hangs, everything that is pressed meanwhile waits in its queue. A key that
 was pressed 15 s ago must not act as if it were new. Two signs show that an input is old:
 
-- its time stamp, by the clock of the display server (``InputClock``);
+- its time stamp, on the display server's clock (``InputClock``);
 - the window's own beat: if it was late, the inputs in the queue have waited (``Beat``).
 
 A press is meant for what was on the screen when the official aimed (``Aim``).

@@ -136,7 +136,7 @@ class CommandInput(QtCore.QObject):
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
-        Handle a press that landed on another command than the one that the official aimed at.
+        Handle a press that landed on a different command from the one the official aimed at.
 
         A stop goes to the kart that the official aimed at. Any other command is not sent, and the
         bottom line says so.

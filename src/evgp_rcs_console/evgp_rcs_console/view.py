@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Turns a snapshot of the race into what screens show: texts, tones, buttons and their reasons.
+Turns a snapshot of the race into what screens show: text, tones and buttons.
 
 This module contains none of the race's rules. A button is enabled if race control says that its
 command is available; otherwise the button shows race control's own reason. The module is pure and
@@ -109,8 +109,8 @@ class Button:
     What a command's button shows and does.
 
     :param gives: the command that an official gives by pressing this button and confirming. It
-        makes a statement only if race control asked for one, in which case the question shows the
-        wording of the statement.
+        includes a statement only if race control asked for one, in which case the question shows
+        the wording of the statement.
     :param enabled: whether a press has an effect other than showing the reason.
     :param reason: why the button is not enabled; empty if the button is enabled.
     :param asks: whether an official must confirm the command.
@@ -138,7 +138,7 @@ class Button:
     is_next: bool = False
 
     def asks_the_same(self, other: Button) -> bool:
-        """Return whether both buttons would do the same, so that one confirmation covers both."""
+        """Return whether both buttons would do the same thing, so one confirmation covers both."""
         is_same = (self.gives, self.also) == (other.gives, other.also)
         return is_same and self.question() == other.question()
 
@@ -255,7 +255,7 @@ class Screen:
     """
     Everything that a screen shows about the race itself.
 
-    :param now: the time by race control's clock, in seconds.
+    :param now: the time on race control's clock, in seconds.
     :param danger: the warning to show in the largest type; None if there is none.
     :param state: the state of the race, in the largest type; if no kart is being sent that state,
         what the karts are doing instead.
@@ -400,7 +400,7 @@ def present(results: Standings | None, at: float) -> Standings | None:
     """
     Return the results; None if they are out of date, which means that there is no timing.
 
-    :param at: the time by race control's clock, which the timekeeper also uses, in seconds.
+    :param at: the time on race control's clock, which the timekeeper also uses, in seconds.
     """
     # A stamp in the future is as wrong as an old one.
     is_new = results is not None and abs(at - results.stamp) < TIMING_GONE
@@ -477,7 +477,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
 
 
 def _since(race: Snapshot, now: float) -> str:
-    """Return how long the race has been in its state, since when, and who caused it."""
+    """Return how long the race has been in its present state, since when, and why."""
     since = clock(now - race.state_since)
     if race.state_cause:
         since = f'{since} · {race.state_cause}'
@@ -820,8 +820,8 @@ class _Buttons:
         """
         Return the commands that an official can confirm together with IN GARAGE.
 
-        If the MSR was used, these commands state that the karts left held by IN GARAGE were
-        made safe by hand, and so release them. Otherwise, the only such command opens the track.
+        If the MSR was used, these commands release the karts that are still held after IN GARAGE,
+        by stating that they were made safe by hand. Otherwise, the only one opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:

@@ -6,7 +6,7 @@ The timekeeper's book: the file of all its inputs, from which it restores the ra
 
 The timekeeper begins a new stream, in the format of the record, at each start and every half day.
 A stream begins with `Began`, which contains the machine's boot id. After that come the inputs
-(``desk.Input``) in the order of arrival, and the results of a race as they change (``Standings``).
+(``desk.Input``) in order of arrival, and the results of a race as they change (``Standings``).
 """
 
 from __future__ import annotations

@@ -301,7 +301,7 @@ class Desk:
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:
-        """Replace the crossing of a FINISH with one that a source saw, if that counts."""
+        """Replace the crossing recorded for a FINISH with one that a source saw, if it counts."""
         identity = seen.passing.identity
         laps = race.laps.strike(race.by_finish[seen.kart], f'seen by {identity}')
         marks = zip(laps.crossings, laps.marks, strict=True)

@@ -31,8 +31,8 @@ and sets the source's clock to match.
 There is one exception: if the first passing of a source in this race was before GREEN_GREEN by the
 source's previous clock, that passing is late and never counts.
 
-The time between two crossings of one source therefore has the source's precision. A clock that
-drifts or is reset cannot produce a lap unless the times of arrival confirm that lap.
+The time between two crossings seen by one source is therefore as precise as that source. A clock
+that drifts or is reset cannot produce a lap unless the arrival times confirm that lap.
 
 This module is pure, and its objects are immutable. Each change returns a new ``Laps``.
 """
@@ -132,7 +132,7 @@ class Laps:
     The laps of one race.
 
     :param wanted: number of laps that each kart must drive; 0 if no number is set.
-    :param green: when race control sent GREEN_GREEN, in seconds by the rules' clock.
+    :param green: when race control sent GREEN_GREEN, in seconds on the rules' clock.
     :param karts: the karts that started.
     :param transponders: the kart of each transponder.
     :param heat: name of the race's heat, if it had one.
@@ -140,14 +140,14 @@ class Laps:
     :param ended: when the race was stopped or ended, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, in seconds since GREEN_GREEN.
     :param left: when each kart left the race, in seconds since GREEN_GREEN.
-    :param crossings: every accepted passing, in the order of arrival.
+    :param crossings: every accepted passing, in order of arrival.
     :param struck: the passings that were struck out, and why.
-    :param given: the karts that officials assigned to unidentified passings.
+    :param given: the karts to which officials assigned unidentified passings.
     :param penalties: the penalties, in the order in which officials gave them.
     :param counted: the times of each kart's counted crossings, in seconds since GREEN_GREEN.
     :param marks: how each crossing was judged.
     :param unknown: transponders that do not belong to any kart.
-    :param clocks: sources whose clocks disagreed with the times of arrival.
+    :param clocks: sources whose clocks disagreed with the arrival times.
     :param over: number of surplus passings, by source.
     :param rates: the passings accepted from each source.
     :param anchors: the crossing by which the clock of each source and session is set.
@@ -185,7 +185,7 @@ class Laps:
         Add passings that arrive now, and return the new laps and how each passing was judged.
 
         :param passings: the passings, none of which has arrived before.
-        :param now: the time, in seconds by the rules' clock.
+        :param now: the time, in seconds on the rules' clock.
         :param dropped: number of further passings, from any source, that were dropped.
         :param away: how long the timekeeper had been away, in seconds, as in ``desk.Passed``.
         """
@@ -251,7 +251,7 @@ class Laps:
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest official's passing that this crossing of a beam replaces, or None."""
+        """Return the oldest passing by an official that this crossing replaces, or None."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (

@@ -13,8 +13,8 @@ with `auto_finish`.
 The executor's thread does all the work, and the main thread closes the node. The timekeeper writes
 events and passings into its book (``book``) before it acts on them.
 
-Passings are collected briefly, so that even a flood of them causes few writes. After a start or a
-hang, they also wait for race control's events, which show which race each passing belongs to.
+Passings are batched for a moment, so that even a flood of them needs few writes. After a start or
+a hang, they also wait for race control's events, which show which race each passing belongs to.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ class Timekeeper(StrictNode):
             self._book.close()
 
     def _alone(self, callback: Callable[_P, None]) -> Callable[_P, None]:
-        """Return a callback that never runs beside another one, or after the node has closed."""
+        """Return a callback that never runs at the same time as another, or on a closed node."""
 
         def run(*arguments: _P.args, **named: _P.kwargs) -> None:
             with self._turn:
