@@ -151,7 +151,7 @@ class Listener(Protocol):
         Handle a snapshot that has arrived.
 
         :param at: when the snapshot arrived, in seconds, on the boot-time clock.
-        :param two: whether snapshots come from two race controls.
+        :param two: whether snapshots come from two race control programs.
         """
 
     def on_event(self, event: StampedEvent) -> None: ...

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Describes an official's command: the request to race control, the effects and the outcome.
+Describes an official's command and its request, and keeps track of what is still unanswered.
 
 The catalogue names each command and says whether the command is a stop. Race control decides
 whether a command is allowed.
 
-The console sends each stop again until race control accepts that stop. Repeats do no harm, because
-a stop only makes things stricter. But a stop must not override a later decision of the official.
-Once race control accepts a less restrictive command from this console, the console gives up the
-stops that the official pressed before it. Releasing a kart ends only the
-earlier stops to that kart. ALL KILL and the record of the MSR are sent until race control accepts
-them. But no stop outlives its race: a stop older than ``OUTLIVES`` ends once a later race has
-certainly begun.
+The console keeps sending a stop until race control accepts it. Repeats do no harm, because a stop
+only makes things stricter. But a stop must not override a later decision by the official, so once
+race control accepts a less restrictive command from this console, the console gives up all stops
+that were pressed before it. Releasing a kart ends only the earlier stops for that kart. ALL KILL
+and RECORD_MSR are always sent until race control accepts them. No stop outlives its race: a stop
+older than ``OUTLIVES`` ends once a later race has certainly begun.
 
 The module is pure: callers pass in all snapshots and times.
 """
@@ -39,14 +38,14 @@ class Given:
 
     :param kart: the number of the command's kart; 0 if the command is not for a single kart.
     :param stated: whether the official made the statement that race control asked for.
-    :param karts: for a command that starts or releases karts: the karts that the official saw.
-    :param hold: for the release of one kart: the hold that the official saw.
-    :param number: for GRID_ACTIVE: the last opening of the track that the official saw; for
-        TAKE_ROSTER: the reading of the roster.
+    :param karts: for a command that starts or releases karts, the karts that the official saw.
+    :param hold: for the release of one kart, the hold that the official saw.
+    :param number: for GRID_ACTIVE, the number of the last track opening that the official saw;
+        for TAKE_ROSTER, the number of the roster reading.
     :param official: the official's name, as sent to race control.
     :param taken: the further fields of the request (``Entry.takes``).
-    :param then: commands to send one after another once this command is accepted, if that happens
-        soon enough. They count as pressed together with this command.
+    :param then: commands to send one after another if this command is accepted soon enough. They
+        count as pressed together with this command.
     :param at: when the command was given, in seconds, on the boot-time clock.
     :param waited: how long the press is known to have waited by then, in seconds. This
         time is reported to race control, but it never ends a stop, as it may be too high.
@@ -184,11 +183,11 @@ class RaceBegan:
 @dataclass(frozen=True)
 class Standing:
     """
-    A stop that is sent again until race control accepts it.
+    A stop that the console keeps sending until race control accepts it.
 
     :param given: the official's newest press of this stop.
-    :param since: when the official first pressed the stop since it was last accepted, in seconds.
-    :param presses: number of times that the stop was due to be sent.
+    :param since: time of the first press after the stop was last accepted, in seconds.
+    :param presses: number of times that the stop has come due for sending.
     :param due: when the stop is sent next, in seconds.
     :param said: race control's reason for not accepting the stop; empty if it gave no reason.
     :param found_since: when race control was found, in seconds; infinite if the last check did not
@@ -221,7 +220,7 @@ class StandingStops:
 
     def press(self, now: float, finds: Callable[[Given], bool]) -> list[Given]:
         """
-        Return the stops to send now, and count each stop that is due as sent.
+        Return the stops that are due now, and count them as sent.
 
         An old stop is not sent until race control is found. Even then, DDS may have found only the
         service that takes the stop, so this console may not know of a later race yet. The stop

@@ -87,7 +87,7 @@ class SeenCommands(Aim[Shown]):
 
     @contextlib.contextmanager
     def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
-        """Record what the official sees, and let the window itself scroll in this context."""
+        """Return a context in which the window itself scrolls; it records what was seen before."""
         before = self._saw(self.screen) if self.screen is not None else None
         value = bar.value()
         yield
@@ -111,7 +111,7 @@ def _commands(screen: Screen) -> list[object]:
 
 
 class Areas(QtWidgets.QWidget):
-    """Holds the areas of the window in their places, and the sheets that open over the areas."""
+    """Lays out the areas of the window and the sheets that open over them."""
 
     commanded = Signal(object, object)
     """Emitted when a button acts. Carries the button's command from the moment of the press, and
@@ -280,7 +280,7 @@ class Inbox(QtCore.QObject):
 
 
 class ChosenKart(KartField):
-    """The kart that a command by key acts on, shown under ALL KILL and marked in the list."""
+    """The kart that keyboard commands act on. It is shown below ALL KILL and in the list."""
 
     def __init__(self, areas: Areas) -> None:
         super().__init__()
@@ -340,7 +340,7 @@ class BottomLine:
         """
         Replace the last message with a new one, and put the time of day before it.
 
-        :param holds: returns whether a screen agrees with the message. If not, it is removed.
+        :param holds: returns whether a screen agrees with the message. If not, the line clears.
         """
         at, self._said_at = time_of_day(time.time()), clock.now()
         self._message = Cell(f'{at}  {text}' if text else '', tone)
@@ -372,7 +372,7 @@ class BottomLine:
         by_letter: bool = False,
         least: float = 0.0,
     ) -> None:
-        """Show why a command is not possible, until it is, but for at least `least` seconds."""
+        """Show why a command is unavailable for `least` seconds, or longer while it still is."""
         ends = clock.now() + least
 
         def holds(screen: Screen) -> bool:
@@ -427,7 +427,7 @@ class BottomLine:
 
 
 def _explanation(pointed: object) -> str:
-    """Return why a button's command is not possible, or the full wording of text cut off."""
+    """Return why a button's command is unavailable, or the full wording of truncated text."""
     if isinstance(pointed, Text):
         return pointed.text().replace('\n', ', ') if pointed.cut else ''
     if isinstance(pointed, CommandButton) and pointed.button is not None:

@@ -344,7 +344,7 @@ class Latest:
         Accept a snapshot.
 
         :param at: when the snapshot arrived, in seconds.
-        :param two: whether snapshots come from two race controls.
+        :param two: whether snapshots come from two race control programs.
         """
         self.race, self.heard_at, self.two = race, at, two
 
@@ -461,7 +461,7 @@ def _steps(race: Snapshot, buttons: _Buttons) -> tuple[Button, ...]:
     """
     Return the commands to the race, with at most one marked as the next step.
 
-    None is marked while the MSR must be used, or while only the MSR can stop a kart.
+    No command is marked while the MSR must be used, or while only the MSR can stop a kart.
     """
     steps = [buttons.race(command) for command in RACE_COMMANDS]
     racing = [kart for kart in race.karts if kart.in_race]
@@ -490,7 +490,7 @@ def _since(race: Snapshot, now: float) -> str:
 
 def _reminder(buttons: _Buttons) -> str:
     """
-    Return the reminder that each kart must be driving by now (§3.A); empty if not needed.
+    Return the reminder that every kart should be driving by now (§3.A); empty if not needed.
 
     Only an official can see whether a kart is driving, so the reminder is shown for a while
     whatever the karts report. A kart that has crossed the line needs no reminder.
@@ -821,7 +821,7 @@ class _Buttons:
         Return the commands that an official can confirm together with IN GARAGE.
 
         If the MSR was used, these commands release the karts that are still held after IN GARAGE,
-        by stating that they were made safe by hand. Otherwise, the only one opens the track.
+        by stating that they were made safe by hand. Otherwise, the only command opens the track.
         """
         track, opening = self.snapshot.track, self.snapshot.offered(CommandKind.OPEN_TRACK)
         if not track.msr_used:
