@@ -25,18 +25,18 @@ K-3A-06 RED_FLAG: acknowledged once it stands | race | red_flag
     The kart should remain stopped once it has stopped moving and send a $RED_FLAG; message to the
     RCS.
 K-3A-07 RED_FLAG: not acknowledged before it stands | race
-    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
+    wire: Send it only once it is **true**, because people then walk onto the track.
 K-3A-08 RED_FLAG: remains stopped | race dwell
     The kart should remain stopped once it has stopped moving
 K-3A-09 RED_RED: acknowledged once it stands | race first red | red_red
     Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal speed of
     0.0).
 K-3A-10 RED_RED: not acknowledged before it stands | red
-    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
+    wire: Send it only once it is **true**, because people then walk onto the track.
 K-3A-11 GRID_ACTIVE: acknowledged every time | again | grid
     wire: It is valid until the next command.
 K-3A-12 RED_RED while RED_FLAG brakes: not acknowledged before it stands | flag_red
-    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
+    wire: Send it only once it is **true**, because people then walk onto the track.
 K-3A-13 RED_RED: brakes harder than for RED_FLAG | red race flag_red
     RED_RED: The kart must immediately stop as quickly as possible.
 K-3A-14 RED_RED: brakes at once, whenever it comes | early random long | red_red
@@ -76,7 +76,7 @@ K-3E-07 nothing but malformed bytes: stops | noise | red_red
     wire: For a kart, malformed bytes are the same as silence: after 1 s without a whole, correct
     frame, it stops.
 K-3E-08 RED_RED on a new connection: not acknowledged before it stands | cut
-    wire: Send it when it is **true**, not when you read it: people then walk onto the track.
+    wire: Send it only once it is **true**, because people then walk onto the track.
 K-3E-09 its program for race control is killed: stops | bridge | red_red
     If a kart has disconnected (as described in Connection status) during the race, the kart shall
     immediately enter the RED_RED state.
@@ -94,11 +94,14 @@ K-4C-01 sends whole, correct frames only
     Each message will begin with a start character (a dollar sign: $) followed by a character byte
     array of the State name and finished with an end character (a semi-colon: ;)
 K-4C-02 frames cut into single bytes | bytes | red_red
-    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
+    wire: TCP does not preserve frame boundaries: one read may return half a frame, and the next
+    may return ten.
 K-4C-03 many frames in one piece | many | red_red
-    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
+    wire: TCP does not preserve frame boundaries: one read may return half a frame, and the next
+    may return ten.
 K-4C-04 frames whose second half is late | late | red_red
-    wire: TCP does not preserve frames: one read may return half a frame, the next one ten.
+    wire: TCP does not preserve frame boundaries: one read may return half a frame, and the next
+    may return ten.
 K-4C-05 10 frames a second are enough | slow | red_red
     The RCS will send the race state at least 10 times per second.
 K-4C-06 sees a stop in time, however many frames came before it | backlog | red_red
@@ -108,9 +111,9 @@ K-4C-07 obeys nothing that only looks like GREEN_GREEN | malformed
 K-4C-08 survives malformed bytes | malformed | red_red
     wire: malformed; skips to the next `$`
 K-4C-09 reports only the state that it is being sent
-    wire: **To acknowledge, send the same frame back,** once or with every frame.
+    wire: **To acknowledge, send the frame back,** once or with every frame.
 K-4C-10 does not flood race control
-    wire: reads about 4096 bytes a beat; accepts no acknowledgement during the flood and for 1 s
+    wire: reads about 4096 bytes per beat; accepts no acknowledgement during the flood and for 1 s
     after; drops it after 2 s.
 K-4C-11 before the first frame: sends nothing, stands | connect
     wire: as `RED_RED`: stops, or stays where it is
