@@ -86,12 +86,8 @@ class AlertBook:
         self._count = 0
 
     def begin_race(self) -> None:
-        """
-        Remove the alerts that have ended, so that the next race begins without them.
-
-        What this console raised itself stays: a stop may have been dropped because of that race.
-        """
-        self._notices = [each for each in self._notices if each.lasts or each.alert is None]
+        """Remove the alerts that have ended, so that the next race begins without them."""
+        self._notices = [notice for notice in self._notices if notice.lasts]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """

@@ -335,17 +335,3 @@ def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_ha
     officials.take('Anna (pc 3)')
     assert named().state_cause == race.state_cause
     assert officials.names == ['Anna', 'Bob']
-
-
-def test_what_the_console_raised_itself_stays_when_a_race_begins_until_it_is_seen() -> None:
-    book = AlertBook()
-    book.update([Alert(AlertKind.KART_LOST, 7, 0.0, 'it is so', False)])
-    book.update([])
-    book.add_own('a stop is no longer being sent')
-
-    book.begin_race()
-
-    (own,) = book.shown
-    assert own.alert is None
-    book.see([own.number])
-    assert not book.shown
