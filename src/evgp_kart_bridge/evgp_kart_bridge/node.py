@@ -481,7 +481,7 @@ class KartBridge(StrictNode):
             self._odometry_missed_at = now
         elif not self._odometry_was_missed and now >= self._odometry_missed_at + ODOMETRY_DUE:
             self._odometry_was_missed = True
-            self.get_logger().warning(f'No state but IN_GARAGE can be acknowledged: {missing}')
+            self.get_logger().warning(f'Only IN_GARAGE can be acknowledged: {missing}')
 
     def _log_unacknowledged(self, verdict: Verdict) -> None:
         """If only the acknowledgement of an order is missing, log this once for that order."""
@@ -560,8 +560,8 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ),
     (
         'odometry_required',
-        'Accept acknowledgements of RED_FLAG and RED_RED only if ~/odom shows a standstill, and '
-        'others only if it is received.',
+        'Accept acknowledgements only if ~/odom agrees: RED_FLAG and RED_RED at a standstill, '
+        'GREEN_GREEN in motion, GRID_ACTIVE while it is received.',
     ),
     (
         'auto_acknowledge_stop',

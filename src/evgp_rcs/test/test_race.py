@@ -712,6 +712,15 @@ def test_at_the_first_start_the_track_is_opened_on_a_statement_about_all_machine
     ).is_refused('OPEN_TRACK', stating=False)
 
 
+def test_an_opening_that_this_run_does_not_know_is_refused_and_named(officials: Officials) -> None:
+    karts = frozenset(kart.number for kart in officials.race.racing())
+    command = Command(CommandKind.GRID_ACTIVE, 0, True, karts, opening=3)
+    answer = officials.race.command(command, officials.now).answer
+    assert answer is not None
+    assert not answer.success
+    assert 'you named opening 3, but the track has not been opened' in answer.message
+
+
 def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() -> None:
     officials = Officials()
     looked = officials.race.opening

@@ -47,8 +47,8 @@ class Given:
     :param then: commands to send one after another if this command is accepted soon enough. They
         count as pressed together with this command.
     :param at: when the command was given, in seconds, on the boot-time clock.
-    :param waited: how long the press is known to have waited by then, in seconds. This
-        time is reported to race control, but it never ends a stop, as it may be too high.
+    :param waited: how long the press is known to have waited by then, in seconds. This time is
+        reported to race control, but it never ends a stop, because it may be too long.
     """
 
     command: Kind

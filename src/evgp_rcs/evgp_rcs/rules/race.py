@@ -1702,9 +1702,9 @@ class Race:
         if entry.names_number == 'reading':
             return self._read_otherwise(command)
         if entry.names_number == 'opening' and command.opening != self.opening:
-            how, at = self._opened
             if not self.opening:
                 return f'you named opening {command.opening}, but the track has not been opened'
+            how, at = self._opened
             return (
                 f'the track was opened since you looked ({how}, {max(came - at, 0.0):.0f} s ago); '
                 'make sure that nobody is on it, then send this command again'
