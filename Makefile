@@ -210,9 +210,9 @@ screenshots:
 
 # Sizes without the C library; text is flash, bss is memory.
 kit-size:
-	@object=$$(mktemp); for header in KART BOARD; do \
+	@object=$$(mktemp); trap "rm $$object" EXIT; for header in KART BOARD; do \
 	  arm-none-eabi-gcc -mcpu=cortex-m0 -mthumb -std=c99 -Os -Ikit/c -DEVGP_$$header \
-	    -c kit/c/test/size.c -o $$object && arm-none-eabi-size $$object; done; rm $$object
+	    -c kit/c/test/size.c -o $$object && arm-none-eabi-size $$object || exit; done
 
 lines:
 	@python3 setup/lines.py
