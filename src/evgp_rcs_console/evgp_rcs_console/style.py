@@ -192,7 +192,7 @@ QPushButton:focus {{ border: {px(3)}px solid {colours.chosen}; }}
 }}
 [ground="off"] QLabel {{ color: {YELLOW}; border: 0; }}
 [ground="chosen"] {{ background: {colours.card}; border: {px(3)}px solid {colours.chosen}; }}
-#reminder, #msr {{ padding: 0 {px(6)}px; }}
+#reminder, #msr, #status {{ padding: 0 {px(6)}px; }}
 #how_to_begin {{ padding: 0 {px(40)}px; }}
 #danger {{
   background: #000000; border: {px(4)}px solid {FILLS[Tone.BAD][1]}; border-radius: {px(RADIUS)}px;
