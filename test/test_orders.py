@@ -155,7 +155,6 @@ def compare(one: InPython, other: InCpp, examples: int, *, shrink: bool = True) 
 
     @settings(
         max_examples=examples,
-        deadline=None,  # the machine may be busy
         database=None,
         report_multiple_bugs=False,
         phases=[Phase.explicit, Phase.generate, *([Phase.shrink] if shrink else [])],

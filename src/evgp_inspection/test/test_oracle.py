@@ -71,7 +71,7 @@ def failed(events: list[Event]) -> set[str]:
     return {name for name, finding in findings.items() if finding.verdict is Verdict.FAIL}
 
 
-@settings(deadline=None, max_examples=30)  # the machine may be busy
+@settings(max_examples=30)
 @given(STOPS, st.floats(0.5, 20.0), st.floats(0.0, 0.4), st.floats(2.5, 12.0))
 def test_a_kart_that_brakes_in_time_and_stands_breaks_nothing(
     stop: RaceState | None, driven: float, late: float, braking: float
@@ -80,7 +80,7 @@ def test_a_kart_that_brakes_in_time_and_stands_breaks_nothing(
     assert failed(trace(stop, driven, late, braking)) <= said
 
 
-@settings(deadline=None, max_examples=30)  # the machine may be busy
+@settings(max_examples=30)
 @given(STOPS, st.floats(0.5, 20.0), st.floats(1.0, 8.0))
 def test_a_kart_that_begins_to_brake_late_breaks_the_sentence_of_what_it_was_told(
     stop: RaceState | None, driven: float, late: float
@@ -92,7 +92,7 @@ def test_a_stop_that_is_late_after_a_minute_of_driving_is_found() -> None:
     assert 'K-3A-14' in failed(trace(RaceState.RED_RED, 60.0, 7.8, 12.0))
 
 
-@settings(deadline=None, max_examples=30)  # the machine may be busy
+@settings(max_examples=30)
 @given(STOPS, st.floats(3.0, 11.0))
 def test_a_kart_that_moves_off_long_after_a_stop_is_found(
     stop: RaceState | None, moves_off: float
@@ -100,7 +100,7 @@ def test_a_kart_that_moves_off_long_after_a_stop_is_found(
     assert STAYED[stop] in failed(trace(stop, 5.0, 0.1, 12.0, moves_off))
 
 
-@settings(deadline=None, max_examples=30)  # the machine may be busy
+@settings(max_examples=30)
 @given(STOPS, st.floats(0.5, 5.0), st.floats(0.2, 8.0), st.floats(2.5, 12.0))
 def test_the_oracle_finds_the_same_whenever_it_is_asked(
     stop: RaceState | None, driven: float, late: float, braking: float
@@ -169,7 +169,6 @@ def traces(draw: st.DrawFn) -> list[Event]:
     return events
 
 
-@settings(deadline=None)  # the machine may be busy
 @given(events=traces())
 def test_every_trace_has_findings_on_sentences_that_exist_and_their_evidence_is_in_it(
     events: list[Event],

@@ -18,7 +18,7 @@ from evgp_inspection.traces import Event, Kind, Trace
 from evgp_inspection.verdicts import Finding, Result, select, Verdict, verdict_on
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
@@ -72,7 +72,6 @@ def test_a_word_that_was_under_way_before_the_kart_had_the_order_does_not_count(
         assert Trace.of([red, look, word]).acknowledged(RED_RED) is counts
 
 
-@settings(deadline=None)  # the machine may be busy
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
     def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
@@ -128,7 +127,6 @@ def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
     return [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
 
 
-@settings(deadline=None)  # the machine may be busy
 @given(st.text(max_size=60), st.text(max_size=60))
 def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
     header = dataclasses.replace(HEADER, team=team)

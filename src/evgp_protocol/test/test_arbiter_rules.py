@@ -668,7 +668,6 @@ def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int
         assert order != present or answer.accepted or not state.is_red or order == 0
 
 
-@hypothesis_settings(deadline=None)
 @given(
     commands=st.lists(st.sampled_from([*RaceState, None]), max_size=30),
     first=st.integers(1, 2**52),
@@ -759,7 +758,7 @@ LATENESS = st.lists(
 )
 
 
-@hypothesis_settings(max_examples=300, deadline=None)
+@hypothesis_settings(max_examples=300)
 @given(
     inputs=LATENESS,
     timeouts=st.sampled_from([(0.0, 0.0), (0.5, 0.0), (0.0, 0.5)]),
@@ -879,9 +878,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
 
 
 TestArbiterAndOracle = ArbiterAndOracle.TestCase
-TestArbiterAndOracle.settings = hypothesis_settings(
-    max_examples=150, stateful_step_count=40, deadline=None
-)
+TestArbiterAndOracle.settings = hypothesis_settings(max_examples=150, stateful_step_count=40)
 
 
 def test_a_clock_that_goes_back_ends_the_connection_and_all_that_was_heard_is_too_old() -> None:

@@ -17,13 +17,11 @@ from typing import Any
 from evgp_protocol import frames
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
 
 Event = StateFrame | MalformedFrame
-PATIENT = settings(deadline=None)
-"""On a busy machine a decoder is slow."""
 NAMES = {state.value.encode(): state for state in RaceState}
 
 
@@ -109,7 +107,6 @@ rubbish = st.one_of(
 streams = st.lists(st.one_of(valid, rubbish), max_size=12).map(b''.join)
 
 
-@PATIENT
 @given(st.sampled_from(RaceState))
 def test_what_is_encoded_is_decoded(state: RaceState) -> None:
     assert decode([encode(state)]) == [StateFrame(state)]
@@ -119,7 +116,6 @@ def test_frame_is_the_proposals_example() -> None:
     assert encode(RaceState.GRID_ACTIVE) == b'$GRID_ACTIVE;'
 
 
-@PATIENT
 @given(streams, st.booleans())
 @example(b'$' + b'A' * 30 + b';$RED_RED;', False)
 @example(b'$' + b'A' * 31 + b';$RED_RED;', False)
@@ -128,7 +124,6 @@ def test_whole_stream_equals_the_reference(stream: bytes, ready: bool) -> None:
     assert comparable(decode([stream], ready)) == reference(stream, ready)
 
 
-@PATIENT
 @given(streams, st.lists(st.integers(0, 1000), max_size=30))
 def test_cuts_do_not_change_the_events(stream: bytes, places: list[int]) -> None:
     assert decode(cut(stream, places)) == decode([stream])
@@ -143,7 +138,6 @@ def test_every_short_stream_of_telling_bytes_equals_the_reference(length: int) -
         assert comparable(decode(list(chosen))) == reference(stream), chosen
 
 
-@PATIENT
 @given(streams)
 def test_every_kind_of_buffer_is_accepted(stream: bytes) -> None:
     expected = FrameDecoder().feed(stream)
@@ -175,7 +169,6 @@ def test_reason_names_the_mistake(stream: bytes, word: str) -> None:
     assert word in event.reason
 
 
-@PATIENT
 @given(streams, st.lists(st.integers(0, 1000), max_size=30))
 def test_in_frame_says_whether_a_frame_is_open(stream: bytes, places: list[int]) -> None:
     decoder = FrameDecoder()
@@ -226,7 +219,6 @@ class Examined:
         return counted
 
 
-@PATIENT
 @given(data=st.data())
 @pytest.mark.parametrize('size', [1, 2, 7, 33, 4096])
 def test_each_byte_is_looked_at_once(size: int, data: st.DataObject) -> None:

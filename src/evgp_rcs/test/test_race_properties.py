@@ -371,9 +371,7 @@ class Races(RuleBasedStateMachine):
         self.now += step
 
 
-FEW, MANY = (
-    settings(max_examples=races, stateful_step_count=80, deadline=None) for races in (50, 300)
-)
+FEW, MANY = (settings(max_examples=races, stateful_step_count=80) for races in (50, 300))
 """How many races are tried in `make test`, and in `make test-long`."""
 
 

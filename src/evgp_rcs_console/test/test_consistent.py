@@ -259,7 +259,7 @@ SENTENCES = (
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(races())
 def test_no_two_statements_of_one_screen_contradict_each_other(race: Snapshot) -> None:
     screen = show(race, 0.0, {})
