@@ -128,6 +128,19 @@ def test_a_grid_of_the_connection_before_starts_the_client_on_no_other(heard: He
     assert GREEN_GREEN not in heard.states
 
 
+def test_bytes_that_are_no_frame_give_the_client_no_more_time(heard: Heard) -> None:
+    def back_after(attempt: int) -> float:
+        heard.exchange(GRID_ACTIVE)
+        silent_at = heard.race.fall_silent()
+        time.sleep(0.9)  # that time passes is itself what is awaited
+        heard.race.send(b'$GREEN')
+        heard.race.wait_for_connections(attempt + 1)
+        return time.monotonic() - silent_at
+
+    # It leaves after 1 s and pauses for 0.5 s. A busy machine may be late, but not each time.
+    assert any(back_after(attempt) < 2.2 for attempt in (1, 2, 3))
+
+
 @pytest.mark.parametrize('between', [RED_RED, RaceState.IN_GARAGE, RED_FLAG])
 def test_the_client_obeys_the_last_of_the_frames_that_came_together(
     heard: Heard, between: RaceState
