@@ -66,6 +66,7 @@ typedef struct {
     uint32_t since; /* end of the last attempt, or of the connection */
     uint32_t wait;  /* from then to the next attempt */
     uint32_t moved_at; /* it moved, was commanded to drive, or its motion was unknown */
+    uint8_t drives; /* it has been commanded to drive since the last turn */
     uint8_t joined;
     uint8_t connected;
 } evgp_board;
@@ -139,9 +140,10 @@ static inline int evgp_p_act(evgp_board *board, evgp_verdict verdict)
     hardware->act(action); /* first, because a sensor may hang */
     moves = hardware->moves();
     now = hardware->now();
-    if (moves != 0 || action == EVGP_DRIVE) {
+    if (moves != 0 || board->drives) { /* until now, however long that turn took */
         board->moved_at = now;
     }
+    board->drives = action == EVGP_DRIVE;
     switch (verdict.obey) {
     case EVGP_GREEN_GREEN: return moves > 0;
     case EVGP_IN_GARAGE: return 1;

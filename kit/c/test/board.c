@@ -121,6 +121,7 @@ static int say(const char *from, size_t size)
         PROMISE(speed > 0);
     } else if (strcmp(from, "$IN_GARAGE;") != 0) {
         PROMISE(speed == 0);
+        PROMISE(driven_until == 0 || clock_ms - driven_until >= EVGP_STANDSTILL_MS);
         PROMISE(strcmp(from, "$GRID_ACTIVE;") != 0 || is_ready == 1);
         at_rest = 1;
         stopped += (said == EVGP_GREEN_GREEN || said == EVGP_GRID_ACTIVE) &&
