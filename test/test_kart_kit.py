@@ -14,12 +14,16 @@ from collections import Counter
 from collections.abc import Callable
 import contextlib
 import dataclasses
+import errno
 import functools
+import importlib
 import json
+import os
 import pathlib
 import random
 import re
 import shutil
+import socket
 import struct
 import subprocess
 import sys
@@ -32,6 +36,7 @@ from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import RaceState as Message
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
 import pytest
@@ -476,8 +481,9 @@ BOARD_FAULTS = [
     ('board->wait > last ? last : board->wait', 'board->wait'),
     ('return moves > 0;', 'return moves != 0;'),
     ('return moves > 0;', 'return 1;'),
-    ('(moves != 0 || action == EVGP_DRIVE)', '(moves != 0)'),
-    ('(moves != 0 || action == EVGP_DRIVE)', '(moves > 0 || action == EVGP_DRIVE)'),
+    ('(moves != 0 || board->drives)', '(moves != 0)'),
+    ('(moves != 0 || board->drives)', '(moves > 0 || board->drives)'),
+    ('(moves != 0 || board->drives)', '(moves != 0 || action == EVGP_DRIVE)'),
     ('>= EVGP_STANDSTILL_MS', '>= 300'),
     ('!verdict.may_drive  ', 'verdict.obey == EVGP_RED_RED  '),
     ('        board->moved_at = now;\n', ''),
@@ -607,6 +613,46 @@ def start_example(
         return parts.enter_context(Program('example', [*example, str(port), address_of(1)]))
 
     return start
+
+
+@pytest.mark.parametrize('example', ['posix.c', 'example.py'], indirect=True)
+def test_an_example_says_why_it_is_not_connected(
+    example: tuple[str, ...], parts: contextlib.ExitStack
+) -> None:
+    nowhere = '255.255.255.255'  # no TCP connection leads there
+    kart = parts.enter_context(Program('example', [*example[:-1], nowhere]))
+    kart.wait_for_line(os.strerror(errno.ENETUNREACH))
+
+
+def test_the_examples_in_python_do_not_slow_down_gently_once_they_may_not_drive(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as base:
+        base.bind(('127.0.0.1', 0))
+        base.settimeout(PATIENCE)
+        monkeypatch.setenv('BASE', str(base.getsockname()[1]))
+        monkeypatch.setenv('TRACK', str(ROOT / 'kit/sim/track.csv'))
+        for folder in ('kit/python', 'kit/sim'):
+            monkeypatch.syspath_prepend(ROOT / folder)
+        example, simulated = map(importlib.import_module, ('example', 'kart'))
+        kart = simulated.Kart()
+
+        def wanted(state: RaceState, may_drive: bool) -> float:
+            base.sendto(b'0 0 0 5', kart._base.getsockname())
+            kart.drive(state, may_drive)
+            return float(base.recv(100).split()[0])
+
+        assert wanted(GREEN, True) > 5.0
+        assert wanted(FLAG, True) > 4.0
+        assert wanted(FLAG, False) == 0.0
+        kart._base.close()
+
+    speeds = []
+    for state, may_drive in [(FLAG, True), (FLAG, False), (RED, False)]:
+        example._speed = 5.0
+        example.drive(state, may_drive)
+        speeds.append(example._speed)
+    assert speeds[0] > speeds[1] == speeds[2]
 
 
 def lost(kart: Program, lose: Callable[[], object]) -> None:

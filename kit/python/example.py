@@ -14,6 +14,7 @@ nothing in this program brakes after it has crashed, or while it hangs.
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import os
 import select
 import socket
@@ -45,7 +46,8 @@ def drive(state: RaceState, may_drive: bool) -> bool:
         return _speed > 0.5
     if state is RaceState.IN_GARAGE and may_drive:
         return True  # your team has the kart
-    _speed = max(_speed - (0.16 if state is RaceState.RED_RED else 0.04), 0.0)
+    brake = 0.04 if state is RaceState.RED_FLAG and may_drive else 0.16  # gently, or hard
+    _speed = max(_speed - brake, 0.0)
     return _speed == 0.0  # GRID_ACTIVE: ready to race, here at once
 
 
@@ -94,7 +96,8 @@ class Connection:
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         if self._own:
             self._socket.bind((self._own, 0))
-        self._socket.connect_ex(self._race_control)
+        with contextlib.suppress(BlockingIOError):  # the connection is being made
+            self._socket.connect(self._race_control)
 
     def _receive(self, link: socket.socket) -> None:
         for _ in range(64):  # a flood must not delay the brake

@@ -58,7 +58,7 @@ class Kart:
         fresh = now - self._heard_at < FRESH
         if fresh and state is RaceState.GREEN_GREEN and may_drive:
             self._wanted = TOP
-        elif fresh and state is RaceState.RED_FLAG:
+        elif fresh and state is RaceState.RED_FLAG and may_drive:
             self._wanted = max(0.0, min(self._wanted, self._speed) - 0.03)
         else:
             self._wanted = 0.0

@@ -115,11 +115,16 @@ static int connect_it(void)
         (has_own && bind(link_to, (struct sockaddr *)&own, sizeof own) != 0) ||
         (connect(link_to, (struct sockaddr *)&race_control, sizeof race_control) != 0 &&
          errno != EINPROGRESS)) {
-        perror("connecting");
-    } else if (poll(&look, 1, CONNECT_MS) == 1 &&
-               getsockopt(link_to, SOL_SOCKET, SO_ERROR, &error, &size) == 0 && error == 0) {
+        error = errno;
+    } else if (poll(&look, 1, CONNECT_MS) != 1) {
+        error = ETIMEDOUT;
+    } else if (getsockopt(link_to, SOL_SOCKET, SO_ERROR, &error, &size) != 0) {
+        error = errno;
+    }
+    if (error == 0) {
         return 1;
     }
+    fprintf(stderr, "connecting: %s\n", strerror(error));
     hang_up();
     return 0;
 }
