@@ -4,8 +4,6 @@
 /*
  * What a kart must obey, for karts without ROS: EVGP race control's protocol (docs/wire.md), in C.
  *
- * SPDX-License-Identifier: Apache-2.0
- *
  * One header, C99 or C++. It allocates nothing, opens nothing and keeps all its state in the struct
  * that you give it. You pass it the received bytes and the time; it returns what the kart must obey
  * and what to send. In each turn of your loop, at least 20 times a second:
