@@ -56,6 +56,7 @@ class Kart:
         self._listen()
         now = time.monotonic()
         fresh = now - self._heard_at < FRESH
+        commanded = self._wanted > 0.0  # until now
         if fresh and state is RaceState.GREEN_GREEN and may_drive:
             self._wanted = TOP
         elif fresh and state is RaceState.RED_FLAG and may_drive:
@@ -64,7 +65,7 @@ class Kart:
             self._wanted = 0.0
         turn = self._wanted * self._track.steer(*self._pose, LANE)
         self._base.send(f'{self._wanted} {turn}'.encode())
-        if not fresh or self._wanted > 0.0 or self._speed > 0.0:
+        if not fresh or commanded or self._speed > 0.0:
             self._moved_at = now
         if state is RaceState.GREEN_GREEN:
             return fresh and self._wanted > 0.0 and self._speed > 0.5
