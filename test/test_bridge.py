@@ -534,13 +534,17 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
     return lambda team: team.node.create_service(kind, f'/kart_bridge/{service}', lambda _, a: a)
 
 
+UNRELIABLE = 'a publisher of ~/tsr or ~/msr is not RELIABLE'
+
+
 @pytest.mark.parametrize(
     ('act', 'reason'),
     [
         (lambda team: team.remote(True), 'the safety remote says stop'),
-        (publish(Bool, 'tsr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
+        (publish(Bool, 'tsr', best_effort), UNRELIABLE),
         (two_remotes, 'more than one publisher of ~/tsr or of ~/msr'),
-        (publish(Bool, 'msr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
+        (publish(Bool, 'msr', best_effort), UNRELIABLE),
+        (publish(String, 'tsr', 10), 'does not publish std_msgs/Bool: /team'),
         (publish(Bool, 'msr', latched(1), Bool(data=True)), "the MSR's contact is open"),
         (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop or ~/state'),
         (publish(String, 'state', 1), 'another node publishes ~/stop or ~/state'),

@@ -63,6 +63,9 @@ REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
 """The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True means
 stop."""
 
+REMOTE_TYPE = 'std_msgs/msg/Bool'
+"""Type of `REMOTES`, as the ROS graph names it. A message of another type never arrives."""
+
 REMOTE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
@@ -295,12 +298,18 @@ class KartBridge(StrictNode):
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop the kart while two nodes have one role; report whether the team can be heard."""
-        seen = {
-            key: self._who_publishes(name)
-            for name, key in self._one_publisher.items()
-            if self.count_publishers(name) > 1
-        }
+        """
+        Stop the kart while two nodes have one role, or a remote publishes what cannot be read.
+
+        Also report that the team can be heard.
+        """
+        seen: dict[StopSource, str] = {}
+        for name, key in self._one_publisher.items():
+            count = self.count_publishers(name)
+            if count > 1:
+                seen[key] = self._who_publishes(name)
+            elif count and key is StopSource.TWO_REMOTES and not self._is_readable(name):
+                seen[StopSource.UNREADABLE] = self._who_publishes(name)
         for name, key in self._one_server.items():
             if self.count_services(name) > 1:
                 seen[key] = ''
@@ -315,6 +324,11 @@ class KartBridge(StrictNode):
         self._seen_double = seen
         self._look_for_readers()
         self._link.give(Arbiter.team_heard)
+
+    def _is_readable(self, remote: str) -> bool:
+        """Return whether what is published on a remote's topic has the right type."""
+        found = self.get_publishers_info_by_topic(remote)
+        return all(each.topic_type == REMOTE_TYPE for each in found)
 
     def _who_publishes(self, topic: str) -> str:
         """Return the full names of the nodes that publish a topic, separated by commas."""

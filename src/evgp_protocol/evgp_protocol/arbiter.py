@@ -78,6 +78,7 @@ class StopSource(enum.Enum):
     MSR = 'msr'  # the contact of the officials' remote is open: the remote cut the motor power
     TEAM = 'team'  # the bridge's executor hangs, so it would not hear a stop either
     UNRELIABLE = 'unreliable'  # a remote's messages could get lost; only a restart releases it
+    UNREADABLE = 'unreadable'  # a remote's messages are of another type, so none arrives
     TWO_REMOTES = 'two remotes'  # one may say stop and the other go
     TWO_BRIDGES = 'two bridges'  # the stack may listen to the wrong one
     TWO_LOCKS = 'two locks'  # the motors may listen to the wrong one
@@ -94,6 +95,7 @@ _WHY = {
     StopSource.UNRELIABLE: (
         'a publisher of ~/tsr or ~/msr is not RELIABLE; correct it and restart the bridge'
     ),
+    StopSource.UNREADABLE: 'a publisher of ~/tsr or ~/msr does not publish std_msgs/Bool',
     StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
     StopSource.TWO_BRIDGES: 'two bridges',
     StopSource.TWO_LOCKS: 'another node publishes ~/stop or ~/state',
