@@ -624,6 +624,14 @@ def test_an_example_says_why_it_is_not_connected(
     kart.wait_for_line(os.strerror(errno.ENETUNREACH))
 
 
+@pytest.mark.parametrize('example', ['posix.c', 'example.py'], indirect=True)
+def test_an_example_does_not_wait_while_a_name_is_looked_up(
+    example: tuple[str, ...], parts: contextlib.ExitStack
+) -> None:
+    kart = parts.enter_context(Program('example', [*example[:-1], 'localhost']))
+    assert kart.wait() != 0
+
+
 def test_the_examples_in_python_do_not_slow_down_gently_once_they_may_not_drive(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import ipaddress
 import os
 import select
 import socket
@@ -125,6 +126,8 @@ def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
     if len(sys.argv) not in (2, 3, 4):
         sys.exit('usage: example.py RACE_CONTROL [PORT [OWN_ADDRESS]], IPv4 addresses')
     host, port, own = (*sys.argv[1:], '', '')[:3]
+    for address in filter(None, (host, own)):
+        ipaddress.IPv4Address(address)  # the loop would wait while a name is looked up
     kart = Kart()
     link = Connection(kart, (host, int(port or DEFAULT_PORT)), own)
     printed = None
