@@ -16,6 +16,8 @@ silent, and the kart's nodes stop (§3.E).
 The time comes from `evgp_protocol.clock`, a clock that cannot be set and runs on during suspend.
 After the computer wakes up, the link checks the time within ``1 / REPEAT``, and in any case before
 it judges the first frame that arrives. It then finds that the connection was silent for too long.
+If the thread was held up for less time, it obeys the frames that waited, but they do not end the
+silence: race control may be gone since.
 """
 
 from __future__ import annotations
@@ -45,6 +47,10 @@ FIRST_WAIT = 0.1
 
 LAST_WAIT = 2.0
 """Maximum time before any attempt to connect, in seconds."""
+
+HELD_UP = 0.5
+"""Maximum time between every second turn of `_repeat`, in seconds. If it is longer, the thread was
+held up, and the stack has stopped the kart because the bridge was silent."""
 
 LINK_END_TIMEOUT = 2.0
 """Maximum time to wait until the thread has ended, in seconds."""
@@ -131,6 +137,9 @@ class RaceControlLink:
         self._status = LinkStatus()
         self._connection: _Connection | None = None
         self._timer: asyncio.TimerHandle | None = None
+        # The last two turns of `_repeat`. What is read now arrived after the first of them:
+        # otherwise, the loop would have read it before the second.
+        self._turn = self._turn_before = clock.now()
         self._thread = threading.Thread(target=self._run, name='link', daemon=True)
         self._started = threading.Event()
         # The loop must not end while another thread passes in an input.
@@ -257,6 +266,7 @@ class RaceControlLink:
 
     async def _repeat(self) -> None:
         while True:
+            self._turn_before, self._turn = self._turn, clock.now()
             self._take(Arbiter.tick)
             self._publish_now(self._arbiter.verdict)
             await asyncio.sleep(1 / REPEAT)
@@ -312,7 +322,11 @@ class RaceControlLink:
         if isinstance(event, StateFrame):
             self._status.heard_anything = True
             before = self._arbiter.verdict.order
-            verdict = self._give(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
+            verdict = self._give(
+                lambda arbiter, now: arbiter.heard(
+                    event.state, now, waited=now > self._turn_before + HELD_UP
+                )
+            ).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
                 # Acknowledge at once, because the kart need not do anything first. The reply shows
                 # race control that later replies do not answer earlier commands.

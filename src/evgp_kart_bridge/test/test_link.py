@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import contextlib
 import socket
 import threading
+import time
 
 from evgp_kart_bridge.link import LinkClosedError, LinkSettings, LinkStatus, RaceControlLink
 from evgp_protocol.arbiter import Arbiter, Names, Reaction, Settings, Verdict
@@ -211,6 +212,28 @@ def test_silence_is_red_red_and_the_socket_is_given_up(race_control: RaceControl
     assert f'the host at {port} was silent for 0.3 s' in lost.reason
     connection.recv(1024)  # the acknowledgement
     assert is_over(connection)
+
+
+def test_a_frame_that_waited_while_the_link_was_held_up_is_as_old_as_it_may_be(
+    race_control: RaceControl,
+) -> None:
+    running = race_control.start_link(frame_timeout=2.0)
+    connection = race_control.accept()
+    running.obey(connection, GRID_ACTIVE, GREEN_GREEN)
+    since = len(running.verdicts)
+    held = threading.Event()
+
+    def hold_up(arbiter: Arbiter, now: float) -> Reaction:
+        held.set()
+        time.sleep(1.6)  # that time passes is itself what is awaited
+        return arbiter.tick(now)
+
+    running.link.give(hold_up)
+    assert held.wait(PATIENCE)
+    sent_at = time.monotonic()
+    connection.sendall(encode(GREEN_GREEN))
+    running.wait_for(lambda verdict: not verdict.connected, since)
+    assert time.monotonic() - sent_at < 3.0
 
 
 def test_green_green_is_not_obeyed_on_a_new_connection(race_control: RaceControl) -> None:

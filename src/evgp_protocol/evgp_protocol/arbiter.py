@@ -369,11 +369,17 @@ class Arbiter:
         self._lose(f'not connected to race control: {reason}')
         return self._reaction(give_up)
 
-    def heard(self, state: RaceState, now: float) -> Reaction:
-        """Handle a frame from race control. Without a connection it is too late, and ignored."""
+    def heard(self, state: RaceState, now: float, waited: bool = False) -> Reaction:
+        """
+        Handle a frame from race control. Without a connection it is too late, and ignored.
+
+        :param waited: whether the frame may have waited because the kart was held up. The kart
+            obeys such a frame, but it does not show that race control is still there.
+        """
         give_up = self._pass(now)
         if self._open:
-            self._heard_at = now
+            if not waited:
+                self._heard_at = now
             if state is not self._commanded:
                 self._command(state, now)
         return self._reaction(give_up)

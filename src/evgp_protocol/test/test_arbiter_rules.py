@@ -896,3 +896,12 @@ def test_a_clock_that_goes_back_ends_the_connection_and_all_that_was_heard_is_to
     answer = arbiter.acknowledge(RED, order, 9.0).answer
     assert answer is not None
     assert not answer.accepted
+
+
+def test_a_frame_that_waited_is_obeyed_but_does_not_end_the_silence() -> None:
+    arbiter = Arbiter(Settings(), FIRST_ORDER)
+    arbiter.connected(0.0)
+    arbiter.heard(RaceState.IN_GARAGE, 0.0)
+    assert arbiter.heard(RED, 0.9, waited=True).verdict.commanded is RED
+    assert arbiter.deadline == 1.0
+    assert arbiter.heard(RED, 1.0).give_up is not None
