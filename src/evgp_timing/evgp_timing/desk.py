@@ -271,9 +271,9 @@ class Desk:
         laps = race.laps
         if laps.wanted and len(laps.counted.get(kart, ())) == laps.wanted:
             identity = Identity(BY_HAND, f'{race.run} {race.number}', self._by_hand(race))
-            laps, (seen,) = laps.take([Passing(*identity, kart=kart)], at)
-            if seen.mark is Mark.COUNTED:
-                race.by_finish[kart] = seen.passing.identity
+            laps, taken = laps.take([Passing(*identity, kart=kart)], at)
+            if taken and taken[0].mark is Mark.COUNTED:
+                race.by_finish[kart] = taken[0].passing.identity
         race.laps = laps.finish(kart, at)
 
     def _undo_finish(self, race: Race, kart: int) -> None:
@@ -441,22 +441,20 @@ class Desk:
             format_, (each for laps in races if laps.format is format_ for each in laps.results)
         )
 
-    def _order(self, source: str) -> list[int]:
-        """Return the karts of a heat, or of all heats of a format, ordered by their results."""
+    def _order(self, source: str) -> dict[int, int]:
+        """Return the place in the results of a heat, or of all heats of a format, by kart."""
         if any(heat.name == source for heat in self.roster.heats):
             race = self.counting().get(source)
             results = race.laps.results if race is not None else ()
         else:
             results = self.best(Format(source)) if source else ()
-        return [each.kart for each in results]
+        return {each.kart: place for place, each in enumerate(results)}
 
     def _grid(self, karts: tuple[int, ...], heat: Heat) -> tuple[int, ...]:
         order = self._order(heat.grid_from)
         if not order:
             return ()
-        return tuple(
-            sorted(karts, key=lambda kart: order.index(kart) if kart in order else math.inf)
-        )
+        return tuple(sorted(karts, key=lambda kart: (order.get(kart, math.inf), kart)))
 
     def grids(self) -> dict[str, tuple[int, ...]]:
         """Return the starting order of each heat, which is empty until the order is known."""
@@ -500,11 +498,12 @@ class Desk:
         """Return the next single-kart heat that has no result and is not in the race."""
         raced = {*self.counting(), *(race.heat for race in self.races[-1:])}
         turns = [
-            (self._order(heat.grid_from).index(grids[heat.name][0]), heat.name)
+            (self._order(heat.grid_from).get(kart, math.inf), kart, heat.name)
             for heat in self.roster.heats
-            if len(grids[heat.name]) == 1 and heat.name not in raced
+            for kart in grids[heat.name]
+            if len(heat.karts) == 1 and heat.name not in raced
         ]
-        return min(turns, default=(0, ''))[1]
+        return min(turns, default=(0, 0, ''))[2]
 
     def questions(self, now: float = 0.0) -> list[str]:
         """Return a sentence for each thing that an official should check in the newest race."""

@@ -29,7 +29,8 @@ Passings that arrive after the timekeeper has been away may be late by the lengt
 If a passing's time does not agree with its arrival, this module times the passing by its arrival
 and sets the source's clock to match.
 There is one exception: if the first passing of a source in this race was before GREEN_GREEN by the
-source's previous clock, that passing is late and never counts.
+source's previous clock, that passing is late and never counts. Passings that arrive at once with
+it are late too. If the clock then keeps step with the arrivals, it was the clock that jumped.
 
 The time between two crossings seen by one source is therefore as precise as that source. A clock
 that drifts or is reset cannot produce a lap unless the arrival times confirm that lap.
@@ -212,14 +213,15 @@ class Laps:
                 continue
             rates[source] = rate._replace(lately=rate.lately + 1, taken=rate.taken + 1)
             crossing = Crossing(passing, came, came)
+            if source == BY_HAND:  # an official's passing has no clock of its own
+                crossings.append(crossing)
+                continue
             anchor = anchors.setdefault((source, passing.session), crossing)
             at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
             tolerance = self.settings.clock_tolerance
             agrees = -tolerance - away <= at - came <= tolerance
-            # Sources report crossings in order. If the source has already reported a crossing of
-            # this race, an earlier stamp means that its clock jumped.
             is_late = at < 0.0 and not any(
-                each.at >= 0.0 and _is_before(each.passing, passing)
+                self._shows_jump(each, crossing._replace(at=at))
                 for each in (*reversed(crossings), *reversed(self.crossings))
             )
             if agrees or is_late:
@@ -244,6 +246,19 @@ class Laps:
                 laps, seen = laps._give(crossing, press.passing.kart, struck=struck)
                 taken[place] = seen._replace(lap=0)  # the official's passing reported it
         return laps, taken
+
+    def _shows_jump(self, one: Crossing, later: Crossing) -> bool:
+        """
+        Return whether, after one crossing, a later one before GREEN_GREEN means a clock jumped.
+
+        Sources report crossings in order. The clock therefore jumped if the source has already
+        reported a crossing of this race, or if its clock has kept step with the arrivals since.
+        """
+        if not _is_before(one.passing, later.passing):
+            return False
+        tolerance, since = self.settings.clock_tolerance, later.came - one.came
+        in_step = since > tolerance and abs(later.at - one.at - since) <= tolerance
+        return one.at >= 0.0 or in_step
 
     def _waiting(self, came: float) -> Crossing | None:
         """Return the oldest unidentified crossing that an official may be identifying now."""
@@ -353,7 +368,7 @@ class Laps:
 
     def finish(self, kart: int, now: float) -> Laps:
         """Record that a kart has finished."""
-        return dataclasses.replace(self, finished={**self.finished, kart: now - self.green})
+        return self.again(finished={**self.finished, kart: now - self.green})
 
     def undo_finish(self, kart: int) -> Laps:
         """Undo a kart's finish, so that later passings may count."""
@@ -361,11 +376,12 @@ class Laps:
 
     def leave(self, kart: int, now: float) -> Laps:
         """Record that a kart has left the race."""
-        return dataclasses.replace(self, left={**self.left, kart: now - self.green})
+        return self.again(left={**self.left, kart: now - self.green})
 
     def end(self, now: float) -> Laps:
         """Record that the race was stopped or is over. Later passings do not count."""
-        return dataclasses.replace(self, ended=min(self.ended, now - self.green))
+        ended = min(self.ended, now - self.green)
+        return self if ended == self.ended else self.again(ended=ended)
 
     def penalise(self, penalty: Penalty) -> Laps:
         """Add a penalty to the result of its kart."""

@@ -283,3 +283,49 @@ def test_a_desk_that_is_fed_again_knows_the_same_and_no_order_of_things_breaks_i
     assert again.questions() == event.desk.questions()
     by_hand = [each for each in event.desk.standings().passings if each.passing.source == BY_HAND]
     assert len({each.passing.identity for each in by_hand}) == len(by_hand)
+
+
+def test_officials_who_count_by_hand_have_no_clock_that_could_jump(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    for _ in range(3):
+        event.now += 20.0
+        assert event.correct(Act.COUNT, 1)
+    assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
+    assert event.desk.questions(event.now) == []
+
+
+def test_a_clock_that_is_set_back_between_two_races_costs_the_first_passing_alone(
+    event: Event,
+) -> None:
+    event.start('', 1)
+    event.cross(1)
+    event.tell(What.OVER)
+    event.now += 60.0
+    event.start('', 1)
+    for _ in range(4):
+        event.cross(1, after=20.0, ago=3600.0)
+    assert event.desk.standings().karts[0].lap_times == pytest.approx((20.0, 20.0))
+    assert 'the clock of line jumped' in event.desk.questions()[0]
+
+
+def test_passings_that_a_stall_held_back_until_after_green_never_count(event: Event) -> None:
+    event.start('', 1)
+    event.cross(1)
+    event.tell(What.OVER)
+    event.now += 60.0
+    event.start('', 1)
+    for ago in (30.0, 20.0, 10.0):
+        event.cross(1, after=0.1, ago=ago)
+    assert {each.mark for each in event.desk.standings().passings} == {Mark.NOT_COUNTED}
+
+
+@pytest.mark.parametrize('what', [What.OVER, What.LEFT, What.FINISH])
+def test_a_passing_that_comes_before_the_word_of_what_was_earlier_does_not_count(
+    event: Event, what: What
+) -> None:
+    event.start('', 1)
+    event.cross(1)
+    happened = event.now + 10.0
+    event.cross(1, after=11.0)
+    event.desk.feed(Told(happened, what, event.run, event.race, event.heat, 1))
+    assert event.desk.standings().karts[0].laps == 0

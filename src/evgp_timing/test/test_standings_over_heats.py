@@ -102,3 +102,17 @@ def test_the_last_race_of_a_heat_counts_unless_nobody_had_a_lap(day: Day) -> Non
     day.tell(What.OVER)
     (result,) = day.desk.best(Format.TIME_TRIAL)
     assert result.total == pytest.approx(24.0)
+
+
+def test_a_kart_that_has_no_result_yet_is_the_last_to_start_and_the_last_turn(day: Day) -> None:
+    late = (Heat(f'TT {kart}', (kart,), Format.TIME_TRIAL, 2, 'Practice') for kart in (5, 4))
+    day.desk.roster = Roster((1, 2, 3, 4, 5), {}, (*HEATS, *late))
+    turns = []
+    for _ in range(5):
+        turns.append(day.next())
+        day.start(turns[-1], int(turns[-1][-1]))
+        day.correct(Act.COUNT, int(turns[-1][-1]))
+        day.now += 10.0
+        day.correct(Act.COUNT, int(turns[-1][-1]))
+        day.tell(What.OVER)
+    assert turns == ['TT 3', 'TT 1', 'TT 2', 'TT 4', 'TT 5']
