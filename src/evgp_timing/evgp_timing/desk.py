@@ -162,7 +162,7 @@ class Race:
     :param number: number of the race in that run.
     :param began: when the grid formed, in seconds.
     :param started: whether race control has sent GREEN_GREEN.
-    :param published: whether an official has published the current results.
+    :param published: the results that an official has published; empty if there are none.
     :param missed: number of events from race control that were lost.
     :param by_finish: for each kart whose FINISH counted as a crossing, the passing made for it.
     :param undone: the karts whose finish an official has undone.
@@ -173,7 +173,7 @@ class Race:
     began: float
     laps: Laps
     started: bool = False
-    published: bool = False
+    published: tuple[KartResult, ...] = ()
     missed: int = 0
     by_finish: dict[int, Identity] = field(default_factory=dict)
     undone: set[int] = field(default_factory=set)
@@ -182,6 +182,11 @@ class Race:
     def heat(self) -> str:
         """Return the name of the race's heat, or an empty string."""
         return self.laps.heat
+
+    @property
+    def is_official(self) -> bool:
+        """Return whether an official has published the current results."""
+        return bool(self.published) and self.published == self.laps.results
 
 
 class Desk:
@@ -209,8 +214,8 @@ class Desk:
                     self.races[-1].missed += events
             case Passed():
                 self._passed(given)
-            case Corrected(at, correction):
-                return self._correct(correction, at)
+            case Corrected():
+                return self._correct(self.about(given))
         return None
 
     # ----- what race control says ---------------------------------------------------------
@@ -328,21 +333,24 @@ class Desk:
     def about(self, given: Corrected) -> Corrected:
         """Return a correction with the run and number of its race filled in, if known."""
         number = given.correction.race
-        if not self.races or number > len(self.races):
+        if given.run or not self.races or number > len(self.races):
             return given
         race = self.races[number - 1]
         return given._replace(run=race.run, race=race.number)
 
-    def _correct(self, asked: Correction, now: float) -> Answer:
-        if not 0 <= asked.race <= len(self.races):
-            return Answer(False, f'this event has no race {asked.race}')
-        race = self.races[asked.race - 1] if self.races else None
+    def _correct(self, given: Corrected) -> Answer:
+        asked = given.correction
         if asked.act is Act.GIVE:
             return self._give(asked)
+        # After a restart, the event may have fewer races, so that their places say nothing.
+        its = (each for each in self.races if (each.run, each.number) == (given.run, given.race))
+        race = next(its, None)
+        if asked.race and race is None:
+            return Answer(False, f'this event has no race {asked.race}')
         if race is None or not race.started:
             return Answer(False, 'no race has been started')
         why_not = self._refusal(asked, race.laps)
-        return Answer(not why_not, why_not or self._put_in_force(asked, race, now))
+        return Answer(not why_not, why_not or self._put_in_force(asked, race, given.at))
 
     def _give(self, asked: Correction) -> Answer:
         name, kart = asked.transponder, asked.kart
@@ -388,7 +396,7 @@ class Desk:
 
     def _put_in_force(self, asked: Correction, race: Race, now: float) -> str:
         laps, kart = race.laps, asked.kart
-        race.published = False  # the published results are out of date
+        race.published = ()  # the published results are out of date
         match asked.act:
             case Act.COUNT:
                 identity = BY_HAND, f'{race.run} {race.number}', self._by_hand(race)
@@ -414,7 +422,7 @@ class Desk:
                 race.laps = laps.undo_penalty(kart)
                 return f'the last penalty of kart {kart} is undone'
             case Act.PUBLISH:
-                race.published = True
+                race.published = laps.results
                 return f'the results of race {self.races.index(race) + 1} are published'
             case _:
                 self._chosen[race.heat] = race
@@ -484,7 +492,7 @@ class Desk:
             karts=laps.results,
             overall=self.best(laps.format),
             passings=tuple(laps.last_passings(MOST_PASSINGS)),
-            published=race.published,
+            published=race.is_official,
         )
 
     def _listed(self) -> Iterator[RaceOfEvent]:

@@ -329,3 +329,39 @@ def test_a_passing_that_comes_before_the_word_of_what_was_earlier_does_not_count
     event.cross(1, after=11.0)
     event.desk.feed(Told(happened, what, event.run, event.race, event.heat, 1))
     assert event.desk.standings().karts[0].laps == 0
+
+
+def test_results_that_change_after_they_were_published_are_no_longer_official(
+    event: Event,
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1)
+    event.tell(What.OVER)
+    assert event.correct(Act.PUBLISH)
+    assert event.desk.standings().published
+    assert event.correct(Act.GIVE, 2, transponder='t9')
+    assert event.desk.standings().published  # nobody carried it
+    assert event.correct(Act.GIVE, 2, transponder='t1')
+    assert not event.desk.standings().published
+    assert event.correct(Act.PUBLISH)
+    event.tell(What.FINISH, 2)  # an official who was late
+    assert not event.desk.standings().published
+
+
+def test_a_correction_stays_with_its_race_when_earlier_races_are_of_another_event(
+    event: Event,
+) -> None:
+    fed: list[Input] = []
+    for race in (1, 2):
+        begun = event.now
+        event.start('Heat 1', 1, 2)
+        told = [(begun, What.GRID_ACTIVE), (event.now, What.GREEN_GREEN)]
+        fed += [Told(at, what, 'run 1', race, 'Heat 1') for at, what in told]
+        fed += [Told(event.now, What.SENT_GREEN, 'run 1', race, 'Heat 1', kart) for kart in (1, 2)]
+    asked = Correction(Act.PENALISE, 'Tina', 1, race=1, seconds=5, reason='cut the chicane')
+    later = Told(event.now, What.GRID_ACTIVE, 'run 1', 3, 'Heat 1')
+    fed += [event.desk.about(Corrected(event.now, asked)), later]
+    again = Desk(ROSTER, LapSettings())
+    for each in fed[4:]:  # the first race has become too old
+        again.feed(each)
+    assert [each.laps.penalties for each in again.races] == [(), ()]
