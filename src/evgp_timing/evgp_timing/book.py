@@ -67,6 +67,9 @@ class Book:
         self._path = path
         self._entries = self._blocks = self._began_ns = 0
         self._boot = BOOT.read_text(encoding='ascii').strip()
+        # What to add to the times of each start of the machine. The streams of one start share it,
+        # so that their times agree to the nanosecond, whatever happened to the wall clock.
+        self._moved = {self._boot: 0.0}
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._claimed: IO[bytes] = path.open('ab')
@@ -128,33 +131,34 @@ class Book:
             raise self._unusable(error) from error
 
     def _of_stream(self, blocks: list[tuple[int, bytes]]) -> Iterator[desk.Input | Gap]:
-        now_ns, moved = time.time_ns(), 0.0
-        began: Began | None = None
+        now_ns = time.time_ns()
+        began = Began(self._boot, WRITER, now_ns)  # if the stream lacks its own
         for entry in STREAM.entries_of(blocks):
             if isinstance(entry, Began):
                 if now_ns - entry.wall_ns > EVENT_LASTS_NS:
                     return
-                began = entry if entry.run != self._boot else None
+                began = entry
             elif isinstance(entry, Gap):
                 yield entry
-            elif not isinstance(entry, Standings):
-                if began is not None:  # the machine has restarted, so its clock began again at 0
-                    moved = clock.now() - (now_ns - began.wall_ns) / 1e9 - entry.at
-                    began = None
-                yield entry._replace(at=entry.at + moved)
+            else:
+                if began.run not in self._moved:  # the machine's clock has begun again at 0
+                    age = (now_ns - began.wall_ns) / 1e9
+                    self._moved[began.run] = clock.now() - age - entry[0]
+                if not isinstance(entry, Standings):
+                    yield entry._replace(at=entry.at + self._moved[began.run])
 
     def write(self, *entries: Entry) -> None:
         """
         Write entries in one transaction: either all of them, or none.
 
-        :raises OSError: if the entries cannot be written.
+        :raises OSError: if the entries cannot be written. Readers then find a gap.
         """
         new: list[Entry] = list(entries)
         now_ns = time.time_ns()
         if now_ns - self._began_ns > STREAM_LASTS_NS:
-            self._run += self._entries > 0
+            self._run += self._blocks > 0
             self._entries = self._blocks = 0
-        if not self._entries:
+        if not self._blocks:
             self._began_ns = now_ns
             new.insert(0, Began(self._boot, WRITER, now_ns))
         block = Block(self._entries, b''.join(map(STREAM.encode, new))).compressed()
@@ -162,6 +166,7 @@ class Book:
             row = self._run, self._blocks + 1, block
             self._database.execute('INSERT INTO block VALUES (?, ?, ?)', row)
         except sqlite3.Error as error:
+            self._entries += len(entries)
             raise OSError(f'{self._path} cannot be written: {error}') from error
         self._entries += len(new)
         self._blocks += 1

@@ -359,11 +359,12 @@ class Timekeeper(StrictNode):
             return
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]
         if is_new and (at_once or now - self._kept_at > KEPT_EVERY):
-            self._kept, self._kept_at = self._shown, now
+            self._kept_at = now
             try:
                 self._book.write(self._shown)
+                self._kept = self._shown
             except OSError as error:
-                self.get_logger().error(f'{error}. The report will lack these results')
+                self.get_logger().error(f'{error}. The report lacks these results')
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))

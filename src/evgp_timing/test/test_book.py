@@ -221,6 +221,18 @@ def test_after_a_start_of_the_machine_times_are_by_its_new_clock(path: pathlib.P
     assert told.at == pytest.approx(began - 3_600.0, abs=30.0)
 
 
+def test_a_timekeeper_that_restarted_in_a_race_keeps_its_times_after_a_start_of_the_machine(
+    path: pathlib.Path,
+) -> None:
+    """A stream begins with the results that are known, or with news that is older than it."""
+    written(path, TOLD._replace(at=100.0), Passed(130.0, ()))
+    written(path, Standings(170.0), Passed(190.0, ()))
+    written(path, TOLD._replace(at=195.0), Passed(230.0, ()))
+    aged(path, 3_600 * 10**9, boot='another start')
+    times = [each.at for each in known(path) if not isinstance(each, Gap)]
+    assert [each - times[0] for each in times] == pytest.approx([0.0, 30.0, 90.0, 95.0, 130.0])
+
+
 def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
     path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -232,4 +244,25 @@ def test_a_disk_that_takes_nothing_is_told_and_what_comes_later_is_written(
             opened.write(TOLD._replace(sequence=8))
     opened.write(TOLD._replace(sequence=9))
     opened.close()
-    assert known(path) == [TOLD, TOLD._replace(sequence=9)]
+    told, gap, last = known(path)
+    assert [told, last] == [TOLD, TOLD._replace(sequence=9)]
+    assert isinstance(gap, Gap)
+    assert gap.entries == 1
+
+
+def test_a_stream_whose_beginning_the_disk_did_not_take_begins_with_what_it_took(
+    path: pathlib.Path,
+) -> None:
+    opened = Book(path)
+    with contextlib.closing(sqlite3.connect(path)) as other:
+        other.execute('BEGIN IMMEDIATE')
+        with pytest.raises(OSError, match='cannot be written'):
+            opened.write(TOLD)
+    opened.write(TOLD._replace(sequence=8))
+    opened.close()
+    aged(path, 0, boot='another start')  # it has a beginning to change
+    gap, told = known(path)
+    assert isinstance(gap, Gap)
+    assert gap.entries == 1
+    assert isinstance(told, Told)
+    assert told.sequence == 8
