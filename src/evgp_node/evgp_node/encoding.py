@@ -75,7 +75,8 @@ def reader(kind: Any) -> Callable[[Any], Any]:
         return lambda value: origin(map(each, _a_list(value)))
     if origin is Mapping:
         of_key, of_value = map(reader, inner)
-        return lambda value: {of_key(int(key)): of_value(value[key]) for key in value}
+        parsed: Callable[[str], Any] = str if inner[0] is str else int  # keys are texts in JSON
+        return lambda value: {of_key(parsed(key)): of_value(value[key]) for key in value}
     if issubclass(kind, enum.Enum):
         by_name: Callable[[Any], Any] = kind.__getitem__
         return kind if issubclass(kind, int) else by_name

@@ -30,7 +30,9 @@ class Contact:
         """
         if self._broken_at is None:
             self._broken_at = self._free_at = now
-        crosses = broken and now - self._broken_at >= self._debounce
+        # Without a free reading since, this program has only been too slow to look.
+        was_free = self._free_at > self._broken_at
+        crosses = broken and was_free and now - self._broken_at >= self._debounce
         if broken:
             self._broken_at = now
         else:

@@ -4,9 +4,9 @@
 """
 The desk: the timekeeper's data about all races of the event, with their laps and results.
 
-Only inputs (`Input`) change the data: events from race control (`Told`, `Heard`, `Missed`),
-passings (`Passed`), and officials' corrections (`Corrected`). A passing is a report that something
-crossed the timing line. The timekeeper writes every input to its book, a file, in the order of
+Only inputs (`Input`) change the data: the roster and settings (`Terms`), events from race control
+(`Told`, `Heard`, `Missed`), passings (`Passed`), and officials' corrections (`Corrected`). A
+passing is a report that something crossed the timing line. The timekeeper writes every input to its book, a file, in the order of
 arrival. After a restart, it replays the book.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
@@ -74,6 +74,18 @@ class What(enum.Enum):
     OVER = 'the race is stopped or over'
 
 
+class Terms(NamedTuple):
+    """
+    The roster and the settings. Races that were started before keep their own.
+
+    :param at: from when on they apply, in seconds.
+    """
+
+    at: float
+    roster: Roster
+    settings: LapSettings
+
+
 class Told(NamedTuple):
     """
     A report from race control.
@@ -127,7 +139,7 @@ class Passed(NamedTuple):
     away: float = 0.0
 
 
-Input = Told | Heard | Missed | Passed | Corrected
+Input = Terms | Told | Heard | Missed | Passed | Corrected
 
 
 class Answer(NamedTuple):
@@ -207,6 +219,8 @@ class Desk:
     def feed(self, given: Input) -> Answer | None:
         """Process an input and return the answer if the input is a correction."""
         match given:
+            case Terms():
+                self.roster, self.settings = given.roster, given.settings
             case Told():
                 self._told(given)
             case Missed(_, run, events):

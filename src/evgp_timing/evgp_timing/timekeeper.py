@@ -46,7 +46,19 @@ from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import KartFinish
 from evgp_timing.book import Book, BookError
 from evgp_timing.corrections import CORRECTIONS
-from evgp_timing.desk import Answer, Desk, Finish, Heard, Input, Missed, Passed, Roster, Told, What
+from evgp_timing.desk import (
+    Answer,
+    Desk,
+    Finish,
+    Heard,
+    Input,
+    Missed,
+    Passed,
+    Roster,
+    Terms,
+    Told,
+    What,
+)
 from evgp_timing.laps import LapSettings
 from rclpy.clock import Clock, ClockType
 from rclpy.task import Future
@@ -175,8 +187,9 @@ class Timekeeper(StrictNode):
         super().__init__('timekeeper', **{'namespace': 'rcs', **node_options})
         settings = read_settings(Parameters(self))
         self._on_failure = on_failure
-        self._roster = settings.roster
-        self._desk = Desk(read_roster(self._roster), settings.laps)
+        self._settings = settings
+        roster = read_roster(settings.roster)
+        self._desk = Desk(roster, settings.laps)
         self._last: dict[str, int] = {}  # number of the newest event of each run
         self._book = Book(settings.book)
         self._awake = -math.inf
@@ -187,6 +200,7 @@ class Timekeeper(StrictNode):
                 self._feed(each)
                 self._awake = max(self._awake, each.at)
         now = clock.now()
+        self._take(Terms(now, roster, settings.laps))
         self._away_since = min(now, self._awake) if self._desk.races else now
         self._back = self._awake = now
         self._waiting: list[Passed] = []
@@ -273,9 +287,10 @@ class Timekeeper(StrictNode):
         self._look()
 
     def _read_roster(self) -> None:
+        path = self._settings.roster
         try:
-            self._desk.roster = read_roster(self._roster)
-            self.get_logger().info(f'Reloaded {self._roster}, because race control did')
+            self._take(Terms(clock.now(), read_roster(path), self._settings.laps))
+            self.get_logger().info(f'Reloaded {path}, because race control did')
         except RosterError as error:
             self.get_logger().error(f'The old roster stays in use: {error}')
 

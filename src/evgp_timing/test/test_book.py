@@ -13,10 +13,12 @@ import time
 import zlib
 
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Passing, Standings
+from evgp_node.roster import Format, Heat
 from evgp_node.stream import Began, Block, Gap
 from evgp_protocol import clock
 from evgp_timing.book import Book, BookError, EVENT_LASTS_NS, STREAM, STREAM_LASTS_NS
-from evgp_timing.desk import Heard, Input, Missed, Passed, Told, What
+from evgp_timing.desk import Heard, Input, Missed, Passed, Roster, Terms, Told, What
+from evgp_timing.laps import LapSettings
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
@@ -50,7 +52,26 @@ CORRECTIONS = st.builds(
     disqualified=st.booleans(),
     reason=NAMES,
 )
+HEATS = st.builds(
+    Heat,
+    NAMES,
+    st.lists(KARTS, max_size=3).map(tuple),
+    st.sampled_from(Format),
+    KARTS,
+    NAMES,
+    st.booleans(),
+)
+ROSTERS = st.builds(
+    Roster,
+    st.lists(KARTS, max_size=3).map(tuple),
+    st.dictionaries(NAMES, KARTS, max_size=3),
+    st.lists(HEATS, max_size=3).map(tuple),
+)
+SETTINGS = st.builds(
+    LapSettings, st.floats(0.1, 3600.0), st.sampled_from(('starts', 'ends')), st.floats(0.01, 10.0)
+)
 INPUTS: st.SearchStrategy[Input] = st.one_of(
+    st.builds(Terms, TIMES, ROSTERS, SETTINGS),
     st.builds(Told, TIMES, st.sampled_from(What), NAMES, NUMBERS, NAMES, KARTS, NUMBERS),
     st.builds(Heard, TIMES, NAMES, NUMBERS),
     st.builds(Missed, TIMES, NAMES, NUMBERS),

@@ -9,7 +9,7 @@ import itertools
 
 from evgp_node.results import Act, BY_HAND, Corrected, Correction, Identity, Mark, Passing, Status
 from evgp_node.roster import Format, Heat
-from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Told, What
+from evgp_timing.desk import Answer, Desk, Finish, Input, Missed, Passed, Roster, Terms, Told, What
 from evgp_timing.laps import LapSettings
 from hypothesis import given
 from hypothesis import strategies as st
@@ -365,3 +365,21 @@ def test_a_correction_stays_with_its_race_when_earlier_races_are_of_another_even
     for each in fed[4:]:  # the first race has become too old
         again.feed(each)
     assert [each.laps.penalties for each in again.races] == [(), ()]
+
+
+def test_a_race_keeps_the_roster_and_settings_with_which_it_was_started(event: Event) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(2, 1)
+    before = event.places()
+    heats = (Heat('Heat 1', (1, 2), Format.PRACTICE, 1),)
+    terms = Terms(event.now, Roster((1, 2), {'t1': 2, 't2': 1}, heats), LapSettings(60.0))
+    event.desk.feed(terms)
+    event.tell(What.FINISH, 1)
+    assert event.places() == before
+    event.start('Heat 1', 1, 2)
+    event.cross(1)
+    event.cross(1, after=50.0)
+    seen = event.desk.standings()
+    assert (seen.format, seen.laps) == (Format.PRACTICE, 1)
+    assert [each.kart for each in seen.passings] == [2, 2]
+    assert [each.mark for each in seen.passings] == [Mark.COUNTED, Mark.DOUBTFUL]
