@@ -21,6 +21,7 @@ class Contact:
         self._debounce = debounce
         self._broken_at: float | None = None
         self._free_at = 0.0
+        self._was_broken = False
 
     def look(self, broken: bool, now: float) -> bool:
         """
@@ -30,9 +31,9 @@ class Contact:
         """
         if self._broken_at is None:
             self._broken_at = self._free_at = now
-        # Without a free reading since, this program has only been too slow to look.
-        was_free = self._free_at > self._broken_at
-        crosses = broken and was_free and now - self._broken_at >= self._debounce
+        # A beam that was broken the last time may have stayed so, however long ago that was.
+        crosses = not self._was_broken and broken and now - self._broken_at >= self._debounce
+        self._was_broken = broken
         if broken:
             self._broken_at = now
         else:

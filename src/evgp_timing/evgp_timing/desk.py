@@ -543,10 +543,17 @@ class Desk:
         for kart in laps.karts:
             missing = laps.wanted - max(0, len(laps.counted.get(kart, ())) - 1)
             if laps.wanted and kart in laps.finished and missing > 0:
-                asked.append(f'Kart {kart} is marked as finished, but {missing} laps are missing')
+                many = f'{missing} laps are' if missing > 1 else '1 lap is'
+                asked.append(f'Kart {kart} is marked as finished, but {many} missing')
         if trouble := laps.trouble(now):
             asked.append(trouble)
-        placed = [each.kart for each in laps.results if each.kart in laps.finished]
-        if placed != sorted(placed, key=lambda kart: laps.finished[kart]):
+        # Neither best laps, nor penalties, nor missing laps follow the order on the track.
+        placed = [
+            each.kart
+            for each in laps.results
+            if each.kart in laps.finished and laps.is_done(each.kart) and not each.penalties
+        ]
+        in_order = sorted(placed, key=lambda kart: laps.finished[kart])
+        if laps.format is Format.RACE and placed != in_order:
             asked.append('The order of FINISH differs from the order of the results')
         return asked

@@ -19,11 +19,12 @@ def test_a_kart_crosses_when_the_beam_was_free_for_long_enough(
 ) -> None:
     contact, now = Contact(DEBOUNCE), 0.0
     contact.look(False, now)
-    last_broken = now
+    last_broken, was_broken = now, False
     for after, broken in looks:
         now += after
-        assert contact.look(broken, now) == (broken and now - last_broken >= DEBOUNCE)
-        last_broken = now if broken else last_broken
+        free = not was_broken and now - last_broken >= DEBOUNCE
+        assert contact.look(broken, now) == (broken and free)
+        last_broken, was_broken = now if broken else last_broken, broken
 
 
 def test_what_stands_in_the_beam_at_the_start_is_no_crossing() -> None:
@@ -32,6 +33,15 @@ def test_what_stands_in_the_beam_at_the_start_is_no_crossing() -> None:
     assert not contact.look(True, 100.1)
     assert not contact.look(False, 100.2)
     assert contact.look(True, 101.0)
+
+
+def test_a_kart_in_the_beam_crosses_once_however_seldom_the_machine_looks() -> None:
+    contact = Contact(DEBOUNCE)
+    contact.look(False, 0.0)
+    assert contact.look(True, 1.0)
+    assert not contact.look(True, 1.5)
+    assert not contact.look(False, 1.6)
+    assert contact.look(True, 2.0)
 
 
 def test_a_beam_that_stays_broken_is_told_until_it_is_free() -> None:

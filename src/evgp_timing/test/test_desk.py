@@ -383,3 +383,24 @@ def test_a_race_keeps_the_roster_and_settings_with_which_it_was_started(event: E
     assert (seen.format, seen.laps) == (Format.PRACTICE, 1)
     assert [each.kart for each in seen.passings] == [2, 2]
     assert [each.mark for each in seen.passings] == [Mark.COUNTED, Mark.DOUBTFUL]
+
+
+@pytest.mark.parametrize('why', ['practice', 'penalty', 'lapped'])
+def test_no_question_is_asked_about_an_order_of_finish_that_need_not_be_that_of_the_results(
+    event: Event, why: str
+) -> None:
+    if why == 'practice':
+        heats = (Heat('Heat 1', (1, 2), Format.PRACTICE),)
+        event.desk.feed(Terms(event.now, ROSTER._replace(heats=heats), LapSettings()))
+    event.start('Heat 1', 1, 2)
+    for kart, after in ((1, 10.0), (2, 10.0), (1, 20.0), (2, 15.0), (1, 20.0)):
+        event.cross(kart, after)
+    if why != 'lapped':
+        event.cross(2, 10.0)
+    # Kart 1 crosses the line first, or kart 2 does, a lap behind.
+    for kart in (2, 1) if why == 'lapped' else (1, 2):
+        event.tell(What.FINISH, kart)
+        event.now += 1.0
+    if why == 'penalty':
+        assert event.correct(Act.PENALISE, 1, seconds=30, reason='a cone')
+    assert not [each for each in event.desk.questions() if 'order of FINISH' in each]
