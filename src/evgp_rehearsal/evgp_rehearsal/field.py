@@ -303,8 +303,9 @@ class Field:
         return [kart for kart in self.karts.values() if kart.told is state]
 
     def leader(self) -> int:
-        """Return the leader among the karts that have not finished, or 0."""
-        racing = [kart for kart in self.karts.values() if kart.distance < self.finish]
+        """Return the leader among the karts that race and have not driven all laps, or 0."""
+        sent = self.sent(RaceState.GREEN_GREEN)
+        racing = [kart for kart in sent if kart.distance < self.finish]
         return max(racing, key=lambda kart: kart.distance).number if racing else 0
 
     def _to_grid(self, kart: SimulatedKart) -> None:

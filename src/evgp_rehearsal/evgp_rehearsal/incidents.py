@@ -10,12 +10,13 @@ This module is pure.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 import enum
 
 from evgp_protocol.states import RaceState
-from evgp_rehearsal.field import Failure, Fault, Field
+from evgp_rehearsal.field import Failure, Fault, Field, TICK_LENGTH
+from evgp_rehearsal.plan import Cue
 
 LAST_METRES = 25.0
 """Maximum distance of the leader from the finish when a last-lap incident begins, in metres."""
@@ -25,6 +26,9 @@ ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_aler
 
 LASTS = 1800
 """Time after which an incident ends, as if people had repaired everything, in ticks."""
+
+FIRST_CUE = 20.0
+"""Time from GREEN_GREEN to the first incident of the command line, in seconds."""
 
 
 class Phase(enum.Enum):
@@ -239,6 +243,12 @@ INCIDENTS = {row.name: row for row in _ROWS}
 """Every incident by its name."""
 
 
+def script_of(names: Sequence[str]) -> tuple[Cue, ...]:
+    """Return a script of these incidents, in which none begins before the last one has ended."""
+    apart = LASTS * TICK_LENGTH
+    return tuple(Cue(name, FIRST_CUE + apart * number) for number, name in enumerate(names))
+
+
 def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
     """
     Return the kart to which an incident happens, or 0.
@@ -266,4 +276,5 @@ def can_begin(row: Incident, field: Field, state: RaceState, kart: int = 0) -> b
         return False
     if row.phase is Phase.RACE:
         return all(each.speed > 0.5 * each.ability.top for each in karts)
-    return max(each.distance for each in karts) > field.finish - LAST_METRES
+    leader = field.karts.get(field.leader())
+    return leader is not None and leader.distance > field.finish - LAST_METRES

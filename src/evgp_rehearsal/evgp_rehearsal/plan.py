@@ -145,23 +145,34 @@ def _plan(given: Mapping[str, Any]) -> Plan:
     spread = float(kart.pop('spread', Plan.spread))
     ability = Ability(**{name: float(value) for name, value in kart.items()})
     corners = tuple((float(x), float(y)) for x, y in given['track'])
-    plan = Plan(
-        Track(corners),
-        ability,
-        int(given.get('karts', Plan.karts)),
-        int(given.get('laps', Plan.laps)),
-        spread,
-        int(given.get('seed', Plan.seed)),
-        tuple(Cue(**line) for line in given.get('script') or ()),
+    return checked(
+        Plan(
+            Track(corners),
+            ability,
+            int(given.get('karts', Plan.karts)),
+            int(given.get('laps', Plan.laps)),
+            spread,
+            int(given.get('seed', Plan.seed)),
+            tuple(Cue(**line) for line in given.get('script') or ()),
+        )
     )
-    figures = (*dataclasses.astuple(ability), *itertools.chain(*corners))
+
+
+def checked(plan: Plan) -> Plan:
+    """
+    Return a plan, if it is possible.
+
+    :raises PlanError: if it is not.
+    """
+    corners, ability = plan.track.corners, dataclasses.astuple(plan.ability)
+    figures = (*ability, *itertools.chain(*corners))
     for wrong, why in (
         (len(corners) < 3 or len(set(corners)) < len(corners), 'give 3 different corners'),
         (not 1 <= plan.karts <= MOST_KARTS, f'karts: 1 to {MOST_KARTS}'),
         (plan.laps < 1, 'laps: 1 or more'),
-        (not 0.0 <= spread <= 0.5, 'spread: 0 to 0.5'),
+        (not 0.0 <= plan.spread <= 0.5, 'spread: 0 to 0.5'),
         (not all(map(math.isfinite, figures)), 'every figure must be finite'),
-        (min(dataclasses.astuple(ability)) <= 0, 'every figure of a kart must be above 0'),
+        (min(ability) <= 0, 'every figure of a kart must be above 0'),
     ):
         if wrong:
             raise PlanError(f'the plan is not possible: {why}')

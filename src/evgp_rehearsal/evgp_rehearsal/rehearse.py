@@ -24,9 +24,9 @@ import webbrowser
 
 from ament_index_python.packages import get_package_share_directory
 from evgp_rehearsal.event import BANNER, Rehearsal
-from evgp_rehearsal.incidents import INCIDENTS
+from evgp_rehearsal.incidents import INCIDENTS, script_of
 from evgp_rehearsal.page import Page
-from evgp_rehearsal.plan import Cue, Plan, PlanError, read_plan
+from evgp_rehearsal.plan import checked, Plan, PlanError, read_plan
 from rich.console import Console
 from rich.text import Text
 
@@ -53,7 +53,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--debrief', type=pathlib.Path, help='write the debriefs to this file')
     parser.add_argument('--no-window', action='store_true', help='open neither window nor browser')
     parser.add_argument(
-        '--incident', action='append', choices=INCIDENTS, help='replaces the script'
+        '--incident',
+        action='append',
+        choices=INCIDENTS,
+        help='replaces the script; if given again, the next incident begins 90 s later',
     )
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
@@ -67,8 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:
         if given.incident:
-            script = tuple(Cue(name, 20.0) for name in given.incident)
-            plan = dataclasses.replace(plan, script=script)
+            plan = dataclasses.replace(plan, script=script_of(given.incident))
         return _train(console, plan, pathlib.Path(folder), given)
 
 
@@ -87,9 +89,8 @@ def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) ->
         if cue.incident not in INCIDENTS:
             raise PlanError(f'{file}: there is no incident {cue.incident}')
     changes: dict[str, Any] = {'seed': seed, 'karts': karts}
-    return dataclasses.replace(
-        plan, **{name: value for name, value in changes.items() if value is not None}
-    )
+    given = {name: value for name, value in changes.items() if value is not None}
+    return checked(dataclasses.replace(plan, **given))
 
 
 def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:

@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
-from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS
-from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
+from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS, LASTS, script_of
+from evgp_rehearsal.plan import checked, Plan, PlanError, read_plan, Track
 import pytest
 
 SQUARE = Track(((0.0, 0.0), (30.0, 0.0), (30.0, 30.0), (0.0, 30.0)))
@@ -117,6 +118,31 @@ def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
 def test_a_plan_that_is_not_possible_is_refused(text: str) -> None:
     with pytest.raises(PlanError):
         read_plan(text)
+
+
+def test_a_plan_that_the_command_line_makes_impossible_is_refused() -> None:
+    with pytest.raises(PlanError):
+        checked(dataclasses.replace(Plan(SQUARE), karts=61))
+
+
+def test_incidents_of_the_command_line_do_not_cut_each_other_short() -> None:
+    first, second = script_of(['spin', 'wifi_gone'])
+    assert second.at - first.at == pytest.approx(LASTS * TICK_LENGTH)
+
+
+def test_the_last_lap_is_the_leaders_among_those_that_still_race() -> None:
+    field, slow = the_field(3), INCIDENTS['slow_leader']
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    for number, distance in ((1, 130.0), (2, 60.0), (3, 50.0)):
+        field.karts[number].distance = distance
+    assert not can_begin(slow, field, RaceState.GREEN_GREEN)  # kart 1 has all its laps
+    field.karts[2].distance = 110.0
+    assert can_begin(slow, field, RaceState.GREEN_GREEN)
+    assert choose_kart(field, slow) == 2
+    for number in (2, 3):
+        field.karts[number].distance = 130.0
+    assert not can_begin(slow, field, RaceState.GREEN_GREEN)
 
 
 def test_the_line_sees_each_kart_cross_it_at_its_time() -> None:
