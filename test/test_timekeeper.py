@@ -15,11 +15,12 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
 from evgp_node.restarting import IN_THE_WAY, WRONG_SETTING
-from evgp_node.results import Act
+from evgp_node.results import Act, Standings
 from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs.record.timing import entries
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -128,7 +129,7 @@ class Event(Part):
     """Race control, an official, karts, a timing line, and a timekeeper that comes and goes."""
 
     def __init__(self, folder: pathlib.Path, clock_tolerance: float = 9.0) -> None:
-        self._folder = folder
+        self._folder, self.book = folder, folder / 'timing.sqlite3'
         self._settings = {'min_lap_time': 1.0, 'clock_tolerance': clock_tolerance}
         with contextlib.ExitStack() as stack:
             self.domain = stack.enter_context(Domain()).number
@@ -158,7 +159,7 @@ class Event(Part):
         """Start a timekeeper with the book of the one before."""
         given = {
             'roster': self._folder / 'karts.yaml',
-            'book': self._folder / 'timing.sqlite3',
+            'book': self.book,
             **self._settings,
         }
         return self._stack.enter_context(Process('evgp_timing', 'timekeeper', self.domain, given))
@@ -296,6 +297,11 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     )
     assert marks(seen) == [NOT_COUNTED]
     assert [each.classified for each in seen.races] == [0, 0]
+    assert line.correct(Act.PENALISE, kart=1, race=1, seconds=5, reason='a short cut')[0]
+    written = [each for _, each in entries(event.book) if isinstance(each, Standings)]
+    of_first = [each.kart(1) for each in written if each.race == written[0].race]
+    assert of_first[-1] is not None
+    assert of_first[-1].penalties  # for the report
     line.laps(1, 2)
     line.wait_for_laps(1, 1)
     event.assert_green()

@@ -39,6 +39,9 @@ TIMING_GONE = 3.0
 """Time without results after which screens say that there is no timing, in seconds. The timekeeper
 publishes results at least once a second."""
 
+MOST_PASSINGS = 200
+"""Maximum number of passings in a message with results: the newest of the race."""
+
 BY_HAND = 'official'
 """The source of passings that officials enter (COUNT_PASSING)."""
 

@@ -23,11 +23,13 @@ from evgp_node.results import (
     Judged,
     KartResult,
     Mark,
+    MOST_PASSINGS,
     Passing,
     Penalty,
     Standings,
     Status,
 )
+from evgp_node.roster import Format
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
@@ -664,9 +666,52 @@ def test_a_race_has_the_corrections_of_the_timekeeper_but_no_laps_by_hand(
     )
     given = [Corrected(paper.now, each, race=race) for each in asked for race in (1, 2)]
     page = report(timed(paper.write(tmp_path / 'record.sqlite3'), LAPS, *given))
-    assert [cells[1:] for cells in table(page, 'of_timing')] == [
-        ['Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
-        ['Ben', 'strike a passing out, passing line 2: it was 8'],
+    when = Clock(paper.stamped[0].wall_ns).time(paper.stamped[-1].wall_ns, 1)
+    assert [*table(page, 'of_timing')] == [
+        [when, 'Grace', 'penalise a kart, kart 8, +5 s: it cut the corner'],
+        [when, 'Ben', 'strike a passing out, passing line 2: it was 8'],
+    ]
+
+
+def test_a_race_with_more_passings_than_its_results_have_says_so(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    drive_and_stop(paper)
+    judged = LAPS.passings[0]
+    every = LAPS._replace(passings=(judged,) * MOST_PASSINGS)
+    record = paper.write(tmp_path / 'record.sqlite3')
+    words = f'the last {MOST_PASSINGS} passings'
+    assert words not in report(timed(record, LAPS))
+    record.with_name(BOOK).unlink()
+    assert words in report(timed(record, every))
+
+
+def test_the_standing_over_all_heats_is_the_newest_for_every_race(
+    paper: PaperRace, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A penalty for an earlier race is in its own results and in the standing of all."""
+    drive_and_stop(paper)
+    paper.go_home()
+    drive_and_stop(paper)
+    one, two = (KartResult(kart, 1, Status.CLASSIFIED, 1, 9.0, (9.0,), ()) for kart in (7, 8))
+    penalised = one._replace(total=14.0)
+    trial = Standings(race=1, format=Format.TIME_TRIAL)
+    record = timed(
+        paper.write(tmp_path / 'record.sqlite3'),
+        trial._replace(karts=(one,), overall=(one,)),
+        trial._replace(race=2, karts=(two,), overall=(one, two._replace(place=2))),
+        trial._replace(karts=(penalised,), overall=(two, penalised._replace(place=2))),
+    )
+    assert rcs_record(['results', str(record)]) == 0
+    rows = [*csv.DictReader(io.StringIO(capsys.readouterr().out))]
+    found = [(row['race'], row['kart'], row['total'], row['overall']) for row in rows]
+    assert [each for each in found if each[3]] == [
+        ('1', '7', '14.000', '2'),
+        ('2', '8', '9.000', '1'),
+    ]
+    assert [row[:2] for row in tables(report(record), 'order results')[-1]] == [
+        ['1.', 'Kart 8 (Michigan)'],
+        ['2.', 'Kart 7 (Purdue)'],
     ]
 
 

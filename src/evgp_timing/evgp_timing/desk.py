@@ -6,8 +6,8 @@ The desk: the timekeeper's data about all races of the event, with their laps an
 
 Only inputs (`Input`) change the data: the roster and settings (`Terms`), events from race control
 (`Told`, `Heard`, `Missed`), passings (`Passed`), and officials' corrections (`Corrected`). A
-passing is a report that something crossed the timing line. The timekeeper writes every input to its book, a file, in the order of
-arrival. After a restart, it replays the book.
+passing is a report that something crossed the timing line. The timekeeper writes every input to
+its book, a file, in the order of arrival. After a restart, it replays the book.
 
 This module sends nothing to karts. With `auto_finish`, `Desk.finishes` names the karts for which
 the node requests FINISH from race control.
@@ -33,6 +33,7 @@ from evgp_node.results import (
     Identity,
     KartResult,
     Mark,
+    MOST_PASSINGS,
     Passing,
     Penalty,
     RaceOfEvent,
@@ -46,9 +47,6 @@ MOST_SEEN = 100_000
 
 MOST_GIVEN = 100
 """Maximum number of transponders that officials can assign, and of penalties in each race."""
-
-MOST_PASSINGS = 200
-"""Maximum number of passings in a message with results."""
 
 
 class Roster(NamedTuple):
@@ -352,13 +350,17 @@ class Desk:
         race = self.races[number - 1]
         return given._replace(run=race.run, race=race.number)
 
+    def race_of(self, given: Corrected) -> Race | None:
+        """Return the race that a correction from `about` concerns, or None."""
+        # After a restart, the event may have fewer races, so that their places say nothing.
+        its = (each for each in self.races if (each.run, each.number) == (given.run, given.race))
+        return next(its, None)
+
     def _correct(self, given: Corrected) -> Answer:
         asked = given.correction
         if asked.act is Act.GIVE:
             return self._give(asked)
-        # After a restart, the event may have fewer races, so that their places say nothing.
-        its = (each for each in self.races if (each.run, each.number) == (given.run, given.race))
-        race = next(its, None)
+        race = self.race_of(given)
         if asked.race and race is None:
             return Answer(False, f'this event has no race {asked.race}')
         if race is None or not race.started:
@@ -482,19 +484,19 @@ class Desk:
         """Return the starting order of each heat, which is empty until the order is known."""
         return {heat.name: self._grid(heat.karts, heat) for heat in self.roster.heats}
 
-    def standings(self, now: float = 0.0) -> Standings:
-        """Return the results to publish at `now`, in seconds."""
+    def standings(self, now: float = 0.0, race: Race | None = None) -> Standings:
+        """Return the results of a race, by default of the newest, at `now`, in seconds."""
         grids = self.grids()
         seen = Standings(
             stamp=now,
             grids=tuple(HeatGrid(*each) for each in grids.items()),
             next_heat=self._next_heat(grids),
             races=tuple(self._listed()),
-            questions=tuple(self.questions(now)),
+            questions=tuple(self.questions(now, race)),
         )
         if not self.races:
             return seen
-        race = self.races[-1]
+        race = race or self.races[-1]
         laps = race.laps
         return seen._replace(
             run=race.run,
@@ -527,11 +529,12 @@ class Desk:
         ]
         return min(turns, default=(0, 0, ''))[2]
 
-    def questions(self, now: float = 0.0) -> list[str]:
-        """Return a sentence for each thing that an official should check in the newest race."""
+    def questions(self, now: float = 0.0, race: Race | None = None) -> list[str]:
+        """Return a sentence for each thing to check in a race, by default in the newest."""
         if not self.races:
             return []
-        laps, missed = self.races[-1].laps, self.races[-1].missed
+        race = race or self.races[-1]
+        laps, missed = race.laps, race.missed
         asked = [f'{missed} events from race control were lost. Check the laps'] if missed else []
         others = {laps.heat} - {'', *(heat.name for heat in self.roster.heats)}
         others |= {f'kart {kart}' for kart in laps.karts if kart not in self.roster.karts}

@@ -333,6 +333,10 @@ class Timekeeper(StrictNode):
             assert answer is not None
             if answer.success:
                 self._write(given)
+                race = self._desk.race_of(given)
+                # `_keep` writes those of the newest race.
+                if race is not None and race is not self._desk.races[-1]:
+                    self._write_results(self._desk.standings(given.at, race))
             response.success, response.message = answer.success, answer.text
             self.get_logger().info(f'{answer.text} [{heard(request.official)}]')
 
@@ -375,11 +379,17 @@ class Timekeeper(StrictNode):
         is_new = self._kept is None or self._kept[1:] != self._shown[1:]
         if is_new and (at_once or now - self._kept_at > KEPT_EVERY):
             self._kept_at = now
-            try:
-                self._book.write(self._shown)
+            if self._write_results(self._shown):
                 self._kept = self._shown
-            except OSError as error:
-                self.get_logger().error(f'{error}. The report lacks these results')
+
+    def _write_results(self, results: Standings) -> bool:
+        """Write results into the book and return whether they are in it."""
+        try:
+            self._book.write(results)
+        except OSError as error:
+            self.get_logger().error(f'{error}. The report lacks these results')
+            return False
+        return True
 
     def _ask_for(self, wanted: Finish) -> Future:
         call = self._finish.call_async(KartFinish.Request(official=TIMEKEEPER, **wanted._asdict()))

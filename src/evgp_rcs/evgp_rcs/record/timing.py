@@ -23,7 +23,7 @@ class Timing(NamedTuple):
     """
     The timekeeper's data, by the id of the run and the number of the race in that run.
 
-    :param results: the last results of each race.
+    :param results: the last results of each race, the last written last.
     :param corrections: the corrections of each race, in order, except laps counted by hand.
     """
 
@@ -55,6 +55,7 @@ def timing_of(record: pathlib.Path) -> Timing:
             if isinstance(entry, Gap):
                 say(f'{path}, stream {run}: {entry}; results may be missing')
             elif isinstance(entry, Standings):
+                found.results.pop((entry.run, entry.race), None)
                 found.results[entry.run, entry.race] = entry
             elif entry.correction.act is not Act.COUNT:
                 found.corrections.setdefault((entry.run, entry.race), []).append(entry)

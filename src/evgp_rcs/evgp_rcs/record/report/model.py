@@ -22,6 +22,8 @@ import itertools
 import math
 from typing import NamedTuple
 
+from evgp_node.results import Corrected, Standings
+from evgp_node.roster import Format
 from evgp_node.stream import Gap
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
@@ -257,7 +259,7 @@ class Account:
     :ivar closed: number of those that the kart itself closed.
     :ivar outside: what happened outside any race.
     :ivar ended: the event of race control's end; None if there is none.
-    :ivar timing: the timekeeper's results, by the number of the race.
+    :ivar timing: the timekeeper's results, by the number of the race, the last written last.
     :ivar of_timing: the officials' corrections of the results, by the number of the race.
     """
 
@@ -293,6 +295,11 @@ class Account:
         return self.events[0].wall_ns if self.events else self.kept.run.began_ns
 
     @property
+    def overall(self) -> dict[Format, Standings]:
+        """Return the results with the newest standings over all heats of each format."""
+        return {each.format: each for each in self.timing.values()}
+
+    @property
     def commands(self) -> list[StampedEvent]:
         """Return the events of officials' commands."""
         return [each for each in self.events if each.event.kind is EventKind.COMMAND]
@@ -310,6 +317,11 @@ class Account:
     def at(self, event: StampedEvent) -> float:
         """Return the time of an event."""
         return self._at(event.monotonic)
+
+    def corrected_at(self, given: Corrected) -> float | None:
+        """Return the time of a correction; None if the machine has been restarted before it."""
+        known = self.events and given.at >= self.events[0].monotonic
+        return self._at(given.at) if known else None
 
     def results(self, race: RaceAccount) -> list[Result]:
         """Return the results of a race's starters, in the order of places, then the rest."""

@@ -19,7 +19,7 @@ from importlib.resources import files
 import itertools
 import time
 
-from evgp_node.results import Mark, Standings
+from evgp_node.results import Mark, MOST_PASSINGS, Standings
 from evgp_node.roster import Format
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.replay import Replay
@@ -128,6 +128,7 @@ def page(
         drawings=_drawings(account, part, clock),
         WIDTH=WIDTH,
         MOST=MOST,
+        MOST_PASSINGS=MOST_PASSINGS,
         PAPER_ROWS=PAPER_ROWS,
     )
 
@@ -167,8 +168,7 @@ def _drawings(account: Account, part: Part, clock: Clock) -> list[Drawing]:
 
 def _overall(account: Account) -> list[Standings]:
     """Return the last results of each format that has results over several heats."""
-    last = {each.format: each for each in account.timing.values()}
-    formats = (Format.TIME_TRIAL, Format.PRACTICE)
+    last, formats = account.overall, (Format.TIME_TRIAL, Format.PRACTICE)
     found = [last[each] for each in formats if each in last]
     return [each for each in found if each.overall not in ((), each.karts)]
 

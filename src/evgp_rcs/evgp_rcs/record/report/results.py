@@ -10,13 +10,15 @@ Only the timekeeper classifies karts, so a race without timing has only the orde
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import csv
 import io
 import pathlib
+from typing import TypeAlias
 import unicodedata
 
 from evgp_node.results import KartResult, Standings, Status
+from evgp_node.roster import Format
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report import wording
 from evgp_rcs.record.report.model import Account, RaceAccount, Result
@@ -50,6 +52,9 @@ COLUMNS = (
     'overall',
 )
 """Columns of the table; docs/record.md explains them."""
+
+_Overall: TypeAlias = Mapping[Format, Standings]
+"""The newest standings over all heats of each format, in the results of its last race."""
 
 FORMULA = '=+-@\t\r\n'
 """First characters with which a spreadsheet may run a cell as a formula."""
@@ -114,11 +119,16 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     accounts, code = runs_of(wanted)
     rows: list[tuple[str, ...]] = []
+    of_day: dict[Format, Standings] = {}
+    for account in accounts:
+        of_day |= account.overall
     for account in accounts:
         run = account.kept.run
         clock = Clock(account.began_ns)
         for race in account.races:
-            rows += ((str(run.number), *row) for row in _rows(account, race, clock))
+            # Runs of several days are several events.
+            overall = account.overall if wanted.all else of_day
+            rows += ((str(run.number), *row) for row in _rows(account, race, clock, overall))
             if race.taken_up:
                 say(
                     f'race {race.number} of run {run.number} began before this run, so its '
@@ -135,7 +145,9 @@ def main(arguments: Sequence[str]) -> int:
     return put(stream.getvalue(), wanted.output, what) or code
 
 
-def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[str, ...]]:
+def _rows(
+    account: Account, race: RaceAccount, clock: Clock, overall: _Overall
+) -> Iterator[tuple[str, ...]]:
     def moment(at: float | None) -> str:
         if at is None:
             return ''
@@ -164,7 +176,7 @@ def _rows(account: Account, race: RaceAccount, clock: Clock) -> Iterator[tuple[s
             *_became(result, timed, clock),
             '' if event is None else str(event.sequence),
             'yes' if complete else 'no',
-            *_timed(timing, timed),
+            *_timed(timing, timed, overall),
         )
 
 
@@ -177,11 +189,14 @@ def _became(result: Result, timed: KartResult | None, clock: Clock) -> tuple[str
     return result.out.why.name, wording.why_out(result.out, clock)
 
 
-def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]:
+def _timed(
+    timing: Standings | None, kart: KartResult | None, overall: _Overall
+) -> tuple[str, ...]:
     if timing is None or kart is None:
         return ('',) * 9
     grid = timing.grid.index(kart.kart) + 1 if kart.kart in timing.grid else ''
-    overall = next((each.place for each in timing.overall if each.kart == kart.kart), '')
+    of_format = overall[timing.format].overall
+    over_heats = next((each.place for each in of_format if each.kart == kart.kart), '')
     return (
         timing.format.value,
         str(grid),
@@ -191,7 +206,7 @@ def _timed(timing: Standings | None, kart: KartResult | None) -> tuple[str, ...]
         _time(kart.best),
         ' '.join(map(_time, kart.lap_times)),
         defused('; '.join(f'{each} ({each.official})' for each in kart.penalties)),
-        str(overall or ''),
+        str(over_heats or ''),
     )
 
 
