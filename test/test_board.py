@@ -118,6 +118,8 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     wait_for_text(browser, '#head', 'NO LINK')
     browser.visit(f'{address}/')
     wait_for_text(browser, '#rows', 'no link')
+    times = browser.evaluate('[307, 86399, 86401].map(timeOfDay).join()')
+    assert times == '00:05:07,23:59:59,00:00:01'
     official.command('all_kill')
     wait_for_text(browser, '#head', 'RED RED')
 

@@ -131,12 +131,15 @@ def results(heard: Heard) -> Shown:
     teams = {each.number: each.team for each in race.karts}
     laps = f'{results.laps} laps' if results.laps else ''
     title = [results.heat, FORMATS[results.format], laps]
+    sub = 'Provisional: they can change until the timekeeper publishes them'
+    if results.published:
+        sub = 'Official results'
+    if heard.no_timing and results.karts:
+        sub += ' · the timekeeper is silent, so they may be out of date'
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
-        'sub': 'Official results'
-        if results.published
-        else 'Provisional: they can change until the timekeeper publishes them',
+        'sub': sub,
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
             {
@@ -283,7 +286,7 @@ def _does(kart: KartSnapshot, result: KartResult, results: Standings) -> str:
         if kart.place:
             return 'finished'
         left = results.laps - len(result.lap_times)
-        if kart.sent is not RaceState.GRID_ACTIVE:
+        if kart.sent is RaceState.GREEN_GREEN:
             return {0: 'last lap done', 1: 'last lap'}.get(left, '') if results.laps else ''
     return does(kart)
 

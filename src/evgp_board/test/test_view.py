@@ -82,6 +82,19 @@ def test_without_timing_the_order_is_that_of_the_finish_and_the_results_remain()
     assert shown(heard) == [(1, 7, ''), (2, 3, '')]
     assert 'order of FINISH' in view.board(heard)['sub']
     assert [row['kart'] for row in view.results(heard)['rows']] == [3, 7]
+    assert 'out of date' in view.results(heard)['sub']
+    assert 'out of date' not in view.results(timed)['sub']
+
+
+def test_a_kart_in_the_garage_is_not_in_its_last_lap() -> None:
+    counted = results(result(3, 1, 1, 40.0, lap_times=(40.0,)))._replace(laps=2)
+
+    def note(sent: S) -> str:
+        (row,) = view.board(Heard(race(kart(3, sent)), counted))['rows']
+        return str(row['note'])
+
+    assert note(S.GREEN_GREEN) == 'last lap'
+    assert note(S.IN_GARAGE) == 'in the garage'
 
 
 def test_results_are_official_only_once_the_timekeeper_has_published_them() -> None:

@@ -55,12 +55,18 @@ function made(kind, name, ...parts) {
   return node;
 }
 
+const pad = (number) => String(number).padStart(2, '0');
+
+function timeOfDay(seconds) {
+  const whole = Math.floor(seconds) % 86400; // a message of before midnight may be shown after it
+  return [Math.floor(whole / 3600), Math.floor(whole / 60) % 60, whole % 60].map(pad).join(':');
+}
+
 function clock(seconds, digits = 0) {
   const whole = Math.floor(Math.max(0, seconds));
-  const two = (number) => String(number).padStart(2, '0');
   const [hours, minutes] = [Math.floor(whole / 3600), Math.floor(whole / 60) % 60];
   const tenths = digits ? `.${Math.floor((seconds % 1) * 10)}` : '';
-  return `${hours ? `${hours}:${two(minutes)}` : minutes}:${two(whole % 60)}${tenths}`;
+  return `${hours ? `${hours}:${pad(minutes)}` : minutes}:${pad(whole % 60)}${tenths}`;
 }
 
 // Makes symbols appear as text, not as coloured pictures.
@@ -111,7 +117,7 @@ function draw() {
   if (!last) return;
   const { green, day } = last.times;
   put('clock', lost || green === null ? '' : clock(green + silent, page === 'board'));
-  put('day', lost || day === null ? '' : clock(day + silent).padStart(8, '0'));
+  put('day', lost || day === null ? '' : timeOfDay(day + silent));
   const text = JSON.stringify(show);
   if (text === drawn) return;
   drawn = text;
