@@ -561,6 +561,24 @@ def test_a_button_stays_that_of_its_crossing_while_others_come(application: Any)
     shown.widget.deleteLater()
 
 
+def test_a_row_that_was_clicked_stays_that_of_its_kart_when_the_order_changes(
+    application: Any,
+) -> None:
+    shown = window_widgets.TimekeeperWindow(lambda *_: None, lambda _: None, 'Tina')
+    three, seven = (KartResult(number, 0, Status.RUNNING, 1, 9.0, (9.0,), ()) for number in (3, 7))
+    shown.on_results(RESULTS._replace(karts=(three, seven)))
+    table = shown.widget.findChildren(QtWidgets.QTableWidget)[0]
+    table.setCurrentCell(1, 0)
+    shown.on_results(RESULTS._replace(karts=(seven, three)))
+    shown._ask(Act.PENALISE)
+    assert shown.widget.findChild(QtWidgets.QComboBox, 'kart').currentData() == 7
+    assert {each.row() for each in table.selectedItems()} == {0}
+    # In a race without kart 7, no kart is chosen.
+    shown.on_results(RESULTS._replace(karts=(three,)))
+    assert table.currentRow() == -1
+    shown.widget.deleteLater()
+
+
 # ----- the process ----------------------------------------------------------------------------
 
 

@@ -202,7 +202,7 @@ class TimekeeperWindow:
         rows = view.rows(self._results, self._teams)
         if rows == self._rows:
             return
-        self._rows = rows
+        chosen, self._rows = self._chosen(), rows
         self._table.setRowCount(len(self._rows))
         for place, row in enumerate(self._rows):
             for column, (heading, text) in enumerate(zip(view.HEADINGS, row.cells, strict=True)):
@@ -212,6 +212,14 @@ class TimekeeperWindow:
                     bad = row.penalised and heading == 'STATUS'
                     strong = bad or heading == 'POS'
                     _write(self._table, place, column, text, strong, _RED if bad else _BLACK)
+        # The kart that the official has clicked stays chosen, wherever it is now.
+        places = [place for place, row in enumerate(rows) if row.kart == chosen]
+        self._table.setCurrentCell(places[0] if places else -1, 0)
+
+    def _chosen(self) -> int:
+        """Return the kart whose row the official has clicked, or 0."""
+        place = self._table.currentRow()
+        return self._rows[place].kart if 0 <= place < len(self._rows) else 0
 
     def _show_crossings(self, seen: list[view.Crossing]) -> None:
         """Show the crossings. New rows are inserted above the old ones, which do not change."""
@@ -303,9 +311,7 @@ class TimekeeperWindow:
 
     def _field(self, name: str) -> Any:
         if name == 'kart':
-            place = self._table.currentRow()
-            chosen = self._rows[place].kart if 0 <= place < len(self._rows) else 0
-            return _choice(view.karts(self._results, self._teams), chosen)
+            return _choice(view.karts(self._results, self._teams), self._chosen())
         if name == 'race':
             return _choice(view.races(self._results), view.newest_with_results(self._results))
         if name in _MOST:
