@@ -293,6 +293,18 @@ def test_of_a_damaged_record_what_can_be_read_is(
     assert told.out or code == UNREADABLE
 
 
+def test_a_stream_from_which_a_block_is_missing_says_so(
+    good: pathlib.Path, capsys: Capture
+) -> None:
+    assert rcs_record([str(good), '--run', '2', '--stream']) == 0
+    assert not capsys.readouterr().err
+    DAMAGED_FILES['a block that is garbled'](good)
+    assert rcs_record([str(good), '--run', '2', '--stream']) == PARTLY
+    told = capsys.readouterr()
+    assert told.out
+    assert 'entries are missing' in told.err
+
+
 @pytest.mark.parametrize('harm', DAMAGED_FILES)
 def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
     harm: str, good: pathlib.Path, capsys: Capture

@@ -13,7 +13,7 @@ from evgp_node.official import said_by
 from evgp_node.stream import Gap
 from evgp_rcs.record.plain import plain
 from evgp_rcs.record.report.wording import Clock
-from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY
+from evgp_rcs.record.runs import add_run_arguments, CALLED, Kept, open_runs, PARTLY, say
 from evgp_rcs.record.store import default_path, Session
 
 
@@ -66,7 +66,10 @@ def main(arguments: Sequence[str]) -> int:
     if wanted.stream:
         for lines in kept.lines():
             sys.stdout.write(lines.decode(errors='replace'))
-        return runs.code
+        gaps = [each for each in kept.events() if isinstance(each, Gap)]
+        for gap in gaps:
+            say(str(gap))
+        return PARTLY if gaps else runs.code
     if before is not None and before.events and before.ended_ns is None:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
