@@ -79,7 +79,8 @@ class Crossing(NamedTuple):
     """
     A passing on the time scale of the race, in seconds since GREEN_GREEN.
 
-    :param came: when the passing arrived, in seconds.
+    :param came: when the passing arrived or, if the timekeeper was away then, when the kart
+        crossed, in seconds.
     :param at: when the kart crossed, in seconds.
     """
 
@@ -224,7 +225,9 @@ class Laps:
                 self._shows_jump(each, crossing._replace(at=at))
                 for each in (*reversed(crossings), *reversed(self.crossings))
             )
-            if agrees or is_late:
+            if agrees and came - at > tolerance:  # only the timekeeper was late
+                crossing = Crossing(passing, at, at)
+            elif agrees or is_late:
                 crossing = crossing._replace(at=at)
             if not agrees and is_late:
                 clocks.add(source)

@@ -57,6 +57,11 @@ class Event:
         self.desk.feed(Passed(self.now, (passing,)))
         return passing
 
+    def cross_later(self, kart: int, after: float) -> Passing:
+        """Return what the line will see of a kart, which nobody hears of yet."""
+        stamp = round((self.now + after) * 1e9)
+        return Passing('line', 'today', next(self._numbers), 0, f't{kart}', stamp)
+
     def lap(self, laps: int, *karts: int) -> None:
         """Have karts drive so many laps, one behind the other."""
         for kart in karts * (laps + 1):
@@ -404,3 +409,19 @@ def test_no_question_is_asked_about_an_order_of_finish_that_need_not_be_that_of_
     if why == 'penalty':
         assert event.correct(Act.PENALISE, 1, seconds=30, reason='a cone')
     assert not [each for each in event.desk.questions() if 'order of FINISH' in each]
+
+
+@pytest.mark.parametrize('what', [What.OVER, What.FINISH, What.LEFT])
+def test_what_the_line_saw_while_the_timekeeper_was_away_counts_whatever_happened_since(
+    event: Event, what: What
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.cross(1)
+    away = [event.cross_later(1, after) for after in (20.0, 45.0, 70.0)]
+    event.now += 50.0
+    event.tell(what, 1)
+    event.now += 30.0
+    event.desk.feed(Passed(event.now, tuple(away), away=80.0))
+    (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
+    assert kart.lap_times == pytest.approx((20.0, 25.0))
+    assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
