@@ -13,6 +13,7 @@ pure.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+import dataclasses
 from dataclasses import dataclass
 import itertools
 from typing import NamedTuple
@@ -133,6 +134,8 @@ def debrief(
     began, ended = took.began * TICK_LENGTH, took.ended * TICK_LENGTH
     kart = f' (kart {took.kart})' if took.kart else ''
     during = [each for each in events if began <= each.monotonic <= ended]
+    # Before the incident, everything was repaired, so an earlier use of the MSR stops nothing.
+    truth = dataclasses.replace(truth, msr=tuple(at for at in truth.msr if at >= took.began))
     beside = [*_seen(truth), *(_asked(each, truth) for each in corrections)]
     seen = [line for line in beside if began <= line.at <= ended]
     lines = sorted([*seen, *_told(during, truth)], key=lambda line: line.at)

@@ -114,7 +114,7 @@ def test_it_says_when_the_msr_was_used_and_recorded_where_a_person_was_among_kar
         gave(26.0, 'RECORD_MSR', text='recorded'),
         gave(33.0, 'RECORD_MSR', text='recorded'),
         people=((ticks(0), True),),
-        msr=(ticks(31),),
+        msr=(ticks(-5), ticks(31)),  # also in the incident before, after which all was repaired
     )
     assert told[2:-1] == [
         '     0.0 s  a person is on the track',
