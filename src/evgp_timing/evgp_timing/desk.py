@@ -174,7 +174,8 @@ class Race:
     :param started: whether race control has sent GREEN_GREEN.
     :param published: the results that an official has published; empty if there are none.
     :param missed: number of events from race control that were lost.
-    :param by_finish: for each kart whose FINISH counted as a crossing, the passing made for it.
+    :param by_finish: for each kart whose FINISH counted as a crossing, the passing made for it,
+        or the beam's passing that it assigned to the kart.
     :param undone: the karts whose finish an official has undone.
     """
 
@@ -297,8 +298,10 @@ class Desk:
         race.undone.add(kart)
         race.laps = race.laps.undo_finish(kart)
         crossing = race.by_finish.pop(kart, None)
-        if crossing is not None:
+        if crossing is not None and crossing.source == BY_HAND:
             race.laps = race.laps.strike(crossing, 'its FINISH was undone')
+        elif crossing is not None:  # a beam saw it, perhaps another kart
+            race.laps = race.laps.take_back(crossing)
 
     # ----- the timing line ----------------------------------------------------------------
 
@@ -313,8 +316,11 @@ class Desk:
             terms = given.at, given.dropped, given.away
             race.laps, taken = race.laps.take(fresh.values(), *terms)
             for each in taken:
-                if each.kart in race.by_finish and each.mark is not Mark.COUNTED:
+                kart, identity = each.kart, each.passing.identity
+                if kart in race.by_finish and each.mark is not Mark.COUNTED:
                     self._take_its_place(race, each)
+                elif race.by_finish.get(kart) in race.laps.struck and identity in race.laps.given:
+                    race.by_finish[kart] = identity  # a beam saw what FINISH had recorded
 
     @staticmethod
     def _take_its_place(race: Race, seen: Taken) -> None:

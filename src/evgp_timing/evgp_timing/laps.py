@@ -293,6 +293,10 @@ class Laps:
             return laps, Taken(crossing.passing, kart, mark)
         return laps, Taken(crossing.passing, kart, mark, len(times) - 1, times[-1] - times[-2])
 
+    def take_back(self, identity: Identity) -> Laps:
+        """Undo that an unidentified crossing was assigned to a kart."""
+        return self.again(given={key: kart for key, kart in self.given.items() if key != identity})
+
     def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
         """Judge more crossings, in the order in which they arrived, and add them."""
         counted = dict(self.counted)

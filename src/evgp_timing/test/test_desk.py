@@ -126,6 +126,33 @@ def test_an_undone_finish_strikes_its_crossing_and_auto_finish_does_not_give_it_
     assert [*event.desk.finishes()] == []
 
 
+@pytest.mark.parametrize('beam_first', [True, False])
+def test_a_finish_of_the_wrong_kart_gives_back_the_crossing_that_a_beam_saw(
+    event: Event, beam_first: bool
+) -> None:
+    event.start('Heat 1', 1, 2)
+    event.lap(1, 1, 2)
+    event.now += 20.0
+    beam = Passing('beam', 'today', 1, stamp_ns=round(event.now * 1e9))
+    if not beam_first:
+        event.tell(What.FINISH, 2)
+        event.now += 0.3
+    event.desk.feed(Passed(event.now, (beam,)))
+    if beam_first:
+        event.now += 0.5
+        event.tell(What.FINISH, 2)
+    event.now += 1.0
+    event.tell(What.UNDO_FINISH, 2)
+    assert {each.laps for each in event.desk.standings().karts} == {1}
+    event.now += 1.0
+    event.tell(What.FINISH, 1)
+    first, second = event.desk.standings().karts
+    assert (first.kart, first.laps, second.laps) == (1, 2, 1)
+    (seen,) = (each for each in event.desk.standings().passings if each.passing == beam)
+    assert (seen.kart, seen.mark) == (1, Mark.COUNTED)
+    assert event.desk.questions(event.now) == []
+
+
 def test_auto_finish_asks_for_the_finish_of_a_kart_with_all_its_laps(event: Event) -> None:
     event.start('Heat 2', 3)
     event.lap(1, 3)
