@@ -308,6 +308,24 @@ def test_one_that_hangs_holds_up_nobody_and_what_it_says_in_the_next_race_concer
     assert not any(each.success for each in event.finishes())
 
 
+def test_a_correction_just_before_the_next_race_is_in_the_results_for_the_report(
+    event: Event,
+) -> None:
+    line = event.line
+    event.race(1)
+    line.laps(1, 2)
+    line.wait_for_laps(1, 1)
+    event.official.command('all_kill')
+    event.bring_to(RaceState.IN_GARAGE)
+    assert line.correct(Act.PENALISE, kart=1, seconds=5, reason='a short cut')[0]
+    event.official.bring_to(RaceState.GRID_ACTIVE, *KARTS)
+    line.wait_for(lambda seen: len(seen.races) == 2, 'the next race')
+    written = [each for _, each in entries(event.book) if isinstance(each, Standings)]
+    of_first = [each.kart(1) for each in written if each.race == written[0].race]
+    assert of_first[-1] is not None
+    assert of_first[-1].penalties
+
+
 def test_a_flood_of_passings_is_bounded_and_told_and_holds_up_neither_stops_nor_laps(
     event: Event,
 ) -> None:

@@ -353,7 +353,10 @@ class Timekeeper(StrictNode):
 
     def _look(self) -> None:
         now = clock.now()
-        seen = self._desk.standings(now)
+        seen, last = self._desk.standings(now), self._shown
+        if last is not None and last.race and (last.run, last.race) != (seen.run, seen.race):
+            # `_keep` may not have written the last changes of the race before this one.
+            self._write_results(self._desk.standings(now, self._desk.races[-2]))
         if (
             self._shown is None
             or seen[1:] != self._shown[1:]
