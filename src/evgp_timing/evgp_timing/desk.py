@@ -556,13 +556,11 @@ class Desk:
                 asked.append(f'Kart {kart} is marked as finished, but {many} missing')
         if trouble := laps.trouble(now):
             asked.append(trouble)
-        # Neither best laps, nor penalties, nor missing laps follow the order on the track.
+        # Best laps and penalties do not follow the order on the track, nor do lapped karts.
         placed = [
-            each.kart
-            for each in laps.results
-            if each.kart in laps.finished and laps.is_done(each.kart) and not each.penalties
+            each for each in laps.results if each.kart in laps.finished and not each.penalties
         ]
-        in_order = sorted(placed, key=lambda kart: laps.finished[kart])
+        in_order = sorted(placed, key=lambda each: (-each.laps, laps.finished[each.kart]))
         if laps.format is Format.RACE and placed != in_order:
             asked.append('The order of FINISH differs from the order of the results')
         return asked

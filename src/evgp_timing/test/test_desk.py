@@ -452,3 +452,15 @@ def test_what_the_line_saw_while_the_timekeeper_was_away_counts_whatever_happene
     (kart,) = (each for each in event.desk.standings().karts if each.kart == 1)
     assert kart.lap_times == pytest.approx((20.0, 25.0))
     assert event.desk.standings().passings[-1].mark is Mark.NOT_COUNTED
+
+
+def test_the_order_of_finish_is_asked_about_also_in_a_race_without_a_number_of_laps(
+    event: Event,
+) -> None:
+    event.start('', 1, 2)
+    event.lap(2, 1, 2)
+    event.tell(What.FINISH, 2)
+    event.now += 1.0
+    event.tell(What.FINISH, 1)
+    (asked,) = event.desk.questions()
+    assert 'order of FINISH' in asked
