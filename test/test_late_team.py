@@ -5,8 +5,12 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import contextlib
+import os
 import pathlib
+import pty
+import stat
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_console.command_line import Exit
@@ -15,6 +19,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl, Timekeeper, write_roster
 from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_race import WireRace
 from rig.replaying import replay_without_difference
 from test_rcs_ctl import run as rcs_ctl
 
@@ -77,3 +82,38 @@ def test_a_kart_comes_late_and_races_while_the_others_stay_connected(
     gone = msg.RaceEvent.DISCONNECTED, msg.RaceEvent.REFUSED_CONNECTION
     assert not [event for event in official.events if event.kind in gone]
     replay_without_difference(tmp_path / 'record.sqlite3')
+
+
+def test_while_the_disk_of_the_roster_hangs_the_rest_is_answered_and_no_stop_is_undone(
+    tmp_path: pathlib.Path,
+) -> None:
+    roster = tmp_path / 'karts.yaml'
+    keyboard, terminal = pty.openpty()  # reading a terminal takes until somebody types
+    number = os.fstat(terminal).st_rdev
+
+    def is_read(descriptor: pathlib.Path) -> bool:
+        with contextlib.suppress(OSError):
+            found = descriptor.stat()
+            return stat.S_ISCHR(found.st_mode) and found.st_rdev == number
+        return False
+
+    with WireRace(tmp_path, [1]) as race, concurrent.futures.ThreadPoolExecutor(1) as elsewhere:
+        official = race.official
+        official.command('reload_roster', take=False)
+        official.wait_for_race(lambda race: race.reading == 1, 'the roster that was read')
+        text = roster.read_bytes()
+        roster.unlink()
+        roster.symlink_to(os.ttyname(terminal))
+        taking = elsewhere.submit(official.call, 'reload_roster', take=True, reading=1)
+        try:
+            files = pathlib.Path(f'/proc/{race.control.pid}/fd')
+            official.wait_until_polled(lambda: any(map(is_read, files.iterdir())), 'a read')
+            official.command('kart/red_red', kart=1)
+            assert 'IN_GARAGE' in official.call('kart/finish', kart=1).message
+            official.wait_for_available('reload_roster', take=True)  # the pause is over
+        finally:
+            os.write(keyboard, text + b'\4')  # the end of a file, typed
+        assert not taking.result().success
+        assert official.wait_for_race(bool, 'the race').reading == 1
+    os.close(keyboard)
+    os.close(terminal)

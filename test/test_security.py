@@ -68,7 +68,7 @@ def test_race_control_is_allowed_what_it_does_and_nothing_else(
 ) -> None:
     official = join_official(start_race_control())
     node = official.node
-    own = {('rcs', '/'), ('rcs_stops', '/'), ('rcs_starts', '/')}
+    own = {(name, '/') for name in ('rcs', 'rcs_stops', 'rcs_starts', 'rcs_roster')}
     official.wait_for_race(
         lambda _: own <= set(node.get_node_names_and_namespaces()), 'the nodes in the graph'
     )

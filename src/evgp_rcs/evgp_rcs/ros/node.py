@@ -8,9 +8,10 @@ The kart server, with the rules and the karts' sockets, is another process (``ka
 This process starts the kart server, and neither outlives the other. This process has these
 threads:
 
-- Three threads serve officials' calls. One serves stops, one serves GREEN_GREEN, which may wait
-  for the disk, and one serves the rest. Each thread passes a command to the kart server and waits
-  for the answer. A stop therefore never waits behind another kind of call.
+- Four threads serve officials' calls. One serves stops, one serves GREEN_GREEN, which may wait for
+  the disk, one serves the commands that read the roster, and one serves the rest. Each thread
+  passes a command to the kart server and waits for the answer. A stop therefore never waits behind
+  another kind of call, and no other command waits while a disk is slow to return the roster.
 - The client's thread (``kart_client``) hears the kart server.
 - The asking thread calls this node repeatedly, as an official's program would. As long as the
   calls arrive, it gives the kart server signs of life. It also reports who can stop the race, and
@@ -109,6 +110,9 @@ PRESENCE_QOS = QoSProfile(
 """QoS of ``~/presence``. It requests the weakest liveliness, so that race control can hear every
 program. After `presence.SILENT_AFTER` of silence, race control considers a program gone."""
 
+
+READ_THE_ROSTER = (CommandKind.READ_ROSTER, CommandKind.TAKE_ROSTER)
+"""The commands for which race control reads the roster's file, however long the disk takes."""
 
 MOST_AGE = 86_400.0
 """Maximum age of a press, in seconds (one day). The age of an older press is set to this."""
@@ -354,9 +358,11 @@ class RcsNode(StrictNode):
 
     def _offer_services(self) -> None:
         # One thread serves each node. On a shared node, a stop would often wait behind calls of
-        # other services, so stops have a node of their own.
+        # other services, so stops have a node of their own. A command that waited behind another
+        # one would also seem newer than it is, as if its sender knew of the latest stop.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
-        self.beside = (stops, starts)
+        roster = self._node_beside('roster')
+        self.beside = (stops, starts, roster)
         # The call to itself goes from one node to another through DDS's sockets and threads, as a
         # stop does. A thread makes the call, because some middlewares run timers by the wall
         # clock. Race control ignores the answers, because only the arrival of the call matters.
@@ -366,7 +372,7 @@ class RcsNode(StrictNode):
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
             node = stops if entry.overtakes else starts if entry.needs_journal else self
-            self._offer(node, name, kinds)
+            self._offer(roster if kinds[0] in READ_THE_ROSTER else node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
         """Return another node of this process, which only offers services, in its own thread."""
@@ -397,10 +403,11 @@ class RcsNode(StrictNode):
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:
+        came = clock.now()
         try:
-            if command.kind in (CommandKind.READ_ROSTER, CommandKind.TAKE_ROSTER):
+            if command.kind in READ_THE_ROSTER:
                 command = command._replace(roster=read_roster(self._roster))
-            answer = self._server.command(command, clock.now())
+            answer = self._server.command(command, came)
             if answer is not None:
                 return answer
         except (KartServerError, RosterError) as error:
