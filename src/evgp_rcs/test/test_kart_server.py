@@ -126,6 +126,11 @@ class Running:
         client = kart_socket(address_of(kart), self.address, receive_buffer)
         return self._connected.enter_context(client)
 
+    def stop_serving(self) -> None:
+        """Return once the server has ended."""
+        self._thread.join(TIMEOUT)
+        assert not self._thread.is_alive()
+
     def stop(self) -> None:
         """Close all connections, end the server, and return once it has."""
         self._connected.close()
@@ -721,6 +726,22 @@ def test_a_failed_end_of_race_control_is_told_before_the_disconnections_that_it_
     assert 'lightning' in ended.text
     assert (gone.kind, gone.kart) == (EventKind.DISCONNECTED, 1)
     assert gone.text.endswith('disconnected: race control ended')
+
+
+def test_a_kart_that_connects_just_as_race_control_ends_is_sent_red_red(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = run()
+    assert running.give(CommandKind.GRID_ACTIVE).success
+
+    def as_it_ends(*given: Any) -> KartLink:
+        running.server.end()
+        return KartLink(*given)
+
+    monkeypatch.setattr(kart_server, 'KartLink', as_it_ends)
+    client = running.connect(1)
+    running.stop_serving()
+    assert read_to_end(client) == encode(RED_RED)
 
 
 def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr(

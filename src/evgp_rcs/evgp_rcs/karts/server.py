@@ -488,13 +488,11 @@ class KartServer:
         :param at: time of the input, in seconds. The events get the same time, so that a replay
             can compare them.
         """
-        published = [each for each in events if not each.chatter or self._may_publish(each, at)]
+        published = [
+            each for each in events if not each.chatter or self._reports[each.kart].take(at)
+        ]
         if published:
             self._gather(self._stamped(published, at))
-
-    def _may_publish(self, event: Event, at: float) -> bool:
-        """Return whether the kart may cause one more event now."""
-        return self._reports[event.kart].take(at)
 
     def _publish(self, event: Event) -> None:
         """Publish an event that the rules did not cause."""
@@ -573,6 +571,9 @@ class KartServer:
                     f'address{self._refusals.mention()}'
                 )
                 self._publish(Event(EventKind.REFUSED_CONNECTION, text, success=False))
+            return
+        if self._is_ending():
+            link.farewell()
             return
         if not self._connections[number].take(now):
             link.drop('it connects too often')
