@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import concurrent.futures
 import contextlib
 import os
 import pathlib
@@ -18,7 +19,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.record.store import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
-from evgp_testing.official import Answer, Official
+from evgp_testing.official import Answer, Official, seen, SERVICES
 from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -54,7 +55,7 @@ class Event:
         self.record = folder / 'record.sqlite3'
         self.folder = folder
         self._stack = contextlib.ExitStack()
-        self._domain = self._stack.enter_context(Domain())
+        self.domain = self._stack.enter_context(Domain()).number
         self._port = new_port()
         self.harmed = False  # the record was, by the test
         self.racing = RACING
@@ -70,7 +71,7 @@ class Event:
         self.control = self.run.enter_context(
             RaceControl(
                 self.folder,
-                self._domain.number,
+                self.domain,
                 self.racing,
                 [OUTSIDE],
                 {
@@ -88,7 +89,7 @@ class Event:
             )
             for number in connect
         }
-        self.official = self.run.enter_context(Asker(self._domain.number))
+        self.official = self.run.enter_context(Asker(self.domain))
         self.official.wait_for_connected(*connect)
 
     def kill(self) -> None:
@@ -229,6 +230,26 @@ def crashed_in_green(meeting: Event) -> None:
     meeting.green()
     meeting.control.lose_power()
     meeting.run.close()
+
+
+def test_a_release_that_was_sent_before_race_control_was_back_undoes_no_restart(
+    meeting: Event,
+) -> None:
+    meeting.kill_all()
+    before = meeting.official.wait_for_available('in_garage')
+    request = SERVICES['in_garage'].Request(track_safe=True, **seen(before, 'in_garage', 0))
+    meeting.kill()
+    with (
+        Official(meeting.domain) as waiting,
+        concurrent.futures.ThreadPoolExecutor(1) as elsewhere,
+    ):
+        client = waiting.node.create_client(SERVICES['in_garage'], '/rcs/in_garage')
+        sent = elsewhere.submit(waiting.request, client, request)  # waits for race control
+        meeting.start(connect=())
+        assert 'does not know what happened' in sent.result().message
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is RED_RED
+    meeting.home()
 
 
 def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(

@@ -1502,6 +1502,8 @@ def check_recovery(
         return
     if outcome.orders or not _is_unknown(after) or after.over:
         raise broken()
+    if after.paused != now + max(race.times.pause, race.times.pause_after_stall):
+        raise broken('what was sent to the last run is taken: ')
     if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise broken()
     of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}

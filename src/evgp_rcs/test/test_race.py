@@ -741,9 +741,10 @@ def test_the_grid_closes_the_track_that_the_official_saw_and_no_later_opening() 
 
 
 def test_the_statement_after_a_start_without_proof_names_the_karts_that_say_nothing() -> None:
-    assert 'have not confirmed a stop: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in begun(
-        LastRun.UNKNOWN
-    ).is_refused('IN_GARAGE', stating=False)
+    officials = begun(LastRun.UNKNOWN)
+    officials.wait(RaceTimes().pause_after_stall)
+    refusal = officials.is_refused('IN_GARAGE', stating=False)
+    assert 'have not confirmed a stop: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in refusal
 
 
 def test_officials_read_why_no_proof_is_believed() -> None:

@@ -454,6 +454,7 @@ a record that fails while a start waits does not stop it: start-first, no-record
     self.record_fails = trouble
 an orderly end forgets that the track was open: restart memory: track_open => False
 a start after it does: restart recover: skips _count_opening
+a release that was sent before a restart undoes it: restart recover: skips _pause_for_late_commands
 a run of which nothing is known counts as ended well: restart recover: without UNKNOWN
 a kart in doubt does not keep a restart from going home: restart at_rest: without doubt
 a restart does not hold the karts of which nothing is known: restart _lose_track: instead of _hold:

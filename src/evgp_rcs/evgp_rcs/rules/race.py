@@ -26,12 +26,13 @@ serial number. A report from before the command, or from an earlier connection, 
 A hold can become stricter, but only an official's explicit act ends it (``_race_in_garage`` or
 ``_release_kart``). Only ``_green_green`` sets GREEN_GREEN.
 
-Commands can cross in transit, so every stop and every stall of race control begins a *pause*. Some
-commands *loosen*: they start or release karts, let humans near them, or change the roster. Race
-control refuses such a command if it arrived before the end of the pause, because its sender may
-not have seen the stop. Race control lets karts move only once their permission to move is saved on
-disk. Until then, a GREEN_GREEN that would be accepted waits as a *start* (``Start``). Inputs that
-arrive in the meantime are judged first, and the start is judged again when its wait is over.
+Commands can cross in transit, so every stop, every stall of race control and every start without
+proof of how the last run ended begins a *pause*. Some commands *loosen*: they start or release
+karts, let humans near them, or change the roster. Race control refuses such a command if it
+arrived before the end of the pause, because its sender may not have seen the stop. Race control
+lets karts move only once their permission to move is saved on disk. Until then, a GREEN_GREEN that
+would be accepted waits as a *start* (``Start``). Inputs that arrive in the meantime are judged
+first, and the start is judged again when its wait is over.
 
 Race control keeps a *doubt* about each kart that may be unsafe (``Doubt``). A kart *may be moving*
 if it was sent GREEN_GREEN or a red state, or was seen to move. A kart that was sent GRID_ACTIVE is
@@ -348,9 +349,10 @@ class RaceTimes:
         finish later find the line clear.
     :param finish_stop: how long the automatic end of the race (§3.C) waits for a finished kart to
         acknowledge its RED_FLAG. §3.A gives a kart 10-15 s to come to a stop.
-    :param pause_after_stall: the pause after a stall of race control. It is longer because
-        commands sent during the stall arrive late: we have seen DDS deliver some of them 3 s
-        late. If ``pause`` is longer still, ``pause`` applies instead.
+    :param pause_after_stall: the pause after a stall of race control, and after a start without
+        proof. It is longer because commands sent during the stall, or before the start, arrive
+        late: we have seen DDS deliver some of them 3 s late. If ``pause`` is longer still,
+        ``pause`` applies instead.
     :param journal_timeout: the maximum time that a GREEN_GREEN waits for the disk.
     :param settle: the parameter ``settle_time``.
     """
@@ -679,7 +681,8 @@ class Race:
         especially a stop, which never waits for the disk. The race resumes as after ALL_KILL: it
         is in RED_RED, every kart is held, and the track counts as open. The official's statement
         with IN_GARAGE covers every kart that was not known to be in doubt or held individually.
-        Any other kart must report its stop, or be released individually.
+        Any other kart must report its stop, or be released individually. A command that was sent
+        before this run began may arrive only now, so a pause begins as after a stall.
 
         :param memory: what the record contains; None if it contains nothing.
         :param why: a phrase that says why race control rejects the proof that the last run ended
@@ -716,7 +719,9 @@ class Race:
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
                 self.grids = self.number = int(bool(self.starters))
-        self._lose_track('since race control started', f'{BEGAN}: {why}' if why else BEGAN, now)
+        cause = f'{BEGAN}: {why}' if why else BEGAN
+        self._pause_for_late_commands(cause, now)
+        self._lose_track('since race control started', cause, now)
         for kart in gone:
             text = (
                 f'{_capital(kart)} is held in RED_RED; find it, make it safe, then release it '
@@ -808,9 +813,11 @@ class Race:
         """
         for kart in (each for each in self.karts.values() if each.settles_at is not None):
             kart.settles_at = now + self.times.settle
-        pause = max(self.times.pause, self.times.pause_after_stall)
-        self._pause(now + pause, f'race control stalled for {seconds:.1f} s')
+        self._pause_for_late_commands(f'race control stalled for {seconds:.1f} s', now)
         return self._outcome()
+
+    def _pause_for_late_commands(self, why: str, now: float) -> None:
+        self._pause(now + max(self.times.pause, self.times.pause_after_stall), why)
 
     def cut_off(self, reason: str, now: float) -> Outcome:
         """
