@@ -438,7 +438,7 @@ def test_a_race_that_was_taken_up_is_shown_as_begun_before(paper: PaperRace) -> 
     again = PaperRace(TEAMS)
     again.feed(inputs.Recovered(again.now, paper.race.memory(), LastRun.UNKNOWN))
     again.connect(*TEAMS)
-    again.wait(1.0)
+    again.wait(again.race.times.pause_after_stall)
     again.go_home()
     again.wait(1.0)
     account = again.account()
