@@ -484,7 +484,6 @@ def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() 
 def test_the_last_delay_serves_all_further_places() -> None:
     times = RaceTimes(finish_delays=(3.0, 1.0))
     assert [times.finish_delay(place) for place in (1, 2, 3, 40)] == [3.0, 1.0, 1.0, 1.0]
-    assert RaceTimes(finish_delays=()).finish_delay(1) == 0.0
 
 
 def test_when_the_flag_of_a_finish_is_sent_is_shown(officials: Officials) -> None:

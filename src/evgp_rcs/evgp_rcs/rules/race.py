@@ -372,9 +372,7 @@ class RaceTimes:
     nobody_there: float = 10.0
 
     def finish_delay(self, place: int) -> float:
-        """Return the delay in seconds for a finishing place (from 1); 0 if none is configured."""
-        if not self.finish_delays:
-            return 0.0
+        """Return the delay in seconds for a finishing place (from 1)."""
         return self.finish_delays[min(place, len(self.finish_delays)) - 1]
 
 
