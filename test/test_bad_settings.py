@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Race control refuses a wrong setting at start, with one sentence and exit code 2."""
+"""Race control and the bridge refuse a wrong setting at start, in one sentence, with code 2."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import contextlib
 import os
 import pathlib
 import socket
-from typing import Any
 
+from evgp_kart_bridge.node import read_settings as bridge_settings
 from evgp_node.parameter_files import ignored
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
-from evgp_testing.domains import Domain
+from evgp_rcs.ros import settings
+from evgp_testing import race_control
 from evgp_testing.process import Process
-from evgp_testing.race_control import settings
 import pytest
+import rclpy
+from rclpy.context import Context
 
 Refusal = Callable[..., str]
 
@@ -25,9 +28,8 @@ ROSTER = 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]'
 
 
 @pytest.fixture
-def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
+def refusal(parts: contextlib.ExitStack, domain: int, tmp_path: pathlib.Path) -> Refusal:
     """Return a function that starts race control and returns what it said when it refused."""
-    domain = parts.enter_context(Domain())
     good = tmp_path / 'good.yaml'
     good.write_text(ROSTER, encoding='utf-8')
 
@@ -39,10 +41,8 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
     ) -> str:
         if roster_text is not None:
             good.write_text(roster_text, encoding='utf-8')
-        given = {**settings(tmp_path, good), **parameters}
-        control = parts.enter_context(
-            Process('evgp_rcs', 'rcs_node', domain.number, given, arguments)
-        )
+        given = {**race_control.settings(tmp_path, good), **parameters}
+        control = parts.enter_context(Process('evgp_rcs', 'rcs_node', domain, given, arguments))
         assert control.wait() == code, control.output
         assert 'Traceback' not in control.output
         return control.output
@@ -53,24 +53,52 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
 TWO_FAULTS = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nheats: 3\n'
 
 
+def test_a_wrong_roster_is_refused_with_each_of_its_faults(refusal: Refusal) -> None:
+    refused = refusal(roster_text=TWO_FAULTS)
+    assert 'good.yaml:2:' in refused
+    assert 'good.yaml:3:' in refused
+
+
+def test_a_wrong_value_is_refused(refusal: Refusal) -> None:
+    assert 'parameter beat_rate' in refusal(beat_rate=5.0)
+
+
+def test_a_bridge_refuses_a_wrong_value(domain: int) -> None:
+    with Process('evgp_kart_bridge', 'kart_bridge_node', domain, {}) as bridge:
+        assert bridge.wait() == WRONG_SETTING, bridge.output
+        assert 'parameter host is missing' in bridge.output
+        assert len(bridge.lines) == 1, bridge.output
+
+
+HOST = 'host:=10.0.0.1'
+
+
 @pytest.mark.parametrize(
-    ('given', 'said'),
+    ('read', 'given', 'said'),
     [
-        ({'roster': "''"}, ['parameter roster is missing']),
-        ({'roster_text': TWO_FAULTS}, ['good.yaml:2:', 'good.yaml:3:']),
-        ({'beat_rate': 5.0}, ['parameter beat_rate', 'from 11 to 100']),
-        ({'send_timeout': 'soon'}, ['parameter send_timeout']),
-        ({'beat_rat': 20.0}, ['parameter beat_rat is unknown; did you mean beat_rate?']),
-        ({'finish_delays': '[2.0, -1.0]'}, ['parameter finish_delays: -1 is not possible']),
-        ({'finish_delays': '[]'}, ['a list must not be empty']),
-        ({'address': '..'}, ["parameter address: '..' is not an IPv4 address"]),
+        (settings.read_settings, [], 'parameter roster is missing'),
+        (settings.read_settings, ['beat_rate:=5.0'], 'parameter beat_rate.* from 11 to 100'),
+        (settings.read_settings, ['send_timeout:=soon'], 'parameter send_timeout'),
+        (settings.read_settings, ['beat_rat:=20.0'], 'beat_rat is unknown; did you mean beat_ra'),
+        (settings.read_settings, ['finish_delays:=[2.0, -1.0]'], 'delays: -1 is not possible'),
+        (settings.read_settings, ['finish_delays:=[]'], 'a list must not be empty'),
+        (settings.read_settings, ['address:=..'], "parameter address: '..' is not an IPv4 addr"),
+        (bridge_settings, ['host:=racecontrol'], "host: 'racecontrol' is not an IPv4 address"),
+        (bridge_settings, [HOST, 'local_address:=10.0.0.256'], 'parameter local_address'),
+        (bridge_settings, [HOST, 'frame_timeout:=5.0'], 'frame_timeout.* from 0.2 to 1'),
     ],
 )
 def test_a_wrong_value_is_named_with_what_is_possible(
-    refusal: Refusal, given: dict[str, Any], said: list[str]
+    read: Callable[[Parameters], object], given: list[str], said: str, domain: int
 ) -> None:
-    refused = refusal(**given)
-    assert [each for each in said if each not in refused] == []
+    context = Context()
+    rclpy.init(context=context, domain_id=domain)
+    arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
+    try:
+        with pytest.raises(ParameterError, match=said):
+            read(Parameters(StrictNode('rcs', context=context, cli_args=arguments)))
+    finally:
+        rclpy.try_shutdown(context=context)
 
 
 def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:
