@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import os
 import pathlib
@@ -17,16 +17,19 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
 from evgp_node.results import Act
 from evgp_node.services import service_class
+from evgp_node.stamps import seconds_of
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console import ctl_ros
 from evgp_rcs_console.client import Client, request_message
-from evgp_rcs_console.command_line import COMMANDS, STARTING, TAKEN
+from evgp_rcs_console.command_line import COMMANDS, parse, STARTING, TAKEN, Told
 from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
@@ -34,7 +37,7 @@ from evgp_rcs_console.texts import SETTLING
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
-from evgp_testing.part import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import freeze
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
@@ -89,78 +92,119 @@ def at_terminal(domain: int, *words: str) -> Terminal:
     return Terminal([*executable(), *words], {'ROS_DOMAIN_ID': str(domain)})
 
 
-def accepted(control: RaceControl, official: Official, *words: str) -> str:
+class Lines(Part):
     """
-    Give a command that must be accepted and return what race control said.
+    Carries out lines of `rcs_ctl` one after the other, in this process, which starts ROS once.
 
-    :param official: sees when it is available, as after a pause.
+    :param official: sees the race, too; no line is carried out with an older one.
     """
-    form = CATALOGUE[COMMANDS[words[0]]]
-    request = {**form.fixed, **({'kart': int(words[1])} if form.to_one_kart else {})}
-    for _ in range(TRIES):
-        race = official.wait_for_available(form.service, **request)
-        done = run(control.domain, *words, '--wait', str(PATIENCE))
-        if done.returncode == ACCEPTED:
-            break
-        official.wait_for_race(lambda newer, seen=race: newer is not seen, 'a newer race')
-    assert done.returncode == ACCEPTED, f'{words}: {done.stdout}{done.stderr}'
-    return done.stdout
+
+    def __init__(self, domain: int, official: Official) -> None:
+        self._official = official
+        rclpy.init(domain_id=domain, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        self._hearing = Hearing()
+        self._client = Client('lines', self._hearing, use_global_arguments=False)
+
+    def run(self, *words: str) -> Told:
+        """Return what a line has come to."""
+        wanted = parse(['--wait', str(PATIENCE), *words])
+        hearing, until = self._hearing, now() + wanted.wait
+        seen = self._official.wait_for_race(lambda race: True, 'a first look at the race')
+        newest = seconds_of(seen.stamp)
+        assert hearing.wait_for(lambda: hearing.race and hearing.race.stamp >= newest, until)
+        hearing.answer = hearing.dropped = hearing.given = None
+        hearing.standing = ()
+        told = ctl_ros._give(self._client, hearing, wanted, until, 0.0)
+        return ctl_ros._under_banner(told, hearing.race)
+
+    def accepted(self, *words: str) -> str:
+        """Give a command that must be accepted, once it is available; return what is printed."""
+        form = CATALOGUE[COMMANDS[words[0]]]
+        request = {**form.fixed, **({'kart': int(words[1])} if form.to_one_kart else {})}
+        for _ in range(TRIES):
+            race = self._official.wait_for_available(form.service, **request)
+            told = self.run(*words)
+            if told.code == ACCEPTED:
+                break
+            self._official.wait_for_race(lambda newer, seen=race: newer is not seen, 'a newer one')
+        assert told.code == ACCEPTED, f'{words}: {told}'
+        return told.output
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._client.close()
+        rclpy.try_shutdown()
+
+
+StartWithLines = Callable[..., tuple[RaceControl, Official, Lines]]
+
+
+@pytest.fixture
+def start_with_lines(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
+) -> StartWithLines:
+    """Return a function that starts race control, for an official and for lines of `rcs_ctl`."""
+
+    def start(**settings: Any) -> tuple[RaceControl, Official, Lines]:
+        control = start_race_control(**settings)
+        official = join_official(control)
+        return control, official, parts.enter_context(Lines(control.domain, official))
+
+    return start
 
 
 def test_a_whole_race_by_commands(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    start_with_lines: StartWithLines, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1, 2), others=(3,), finish_delays='[0.1]')
-    official = join_official(control)
+    control, official, lines = start_with_lines(in_race=(1, 2), others=(3,), finish_delays='[0.1]')
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     connect_kart(control, 2, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1, 2)
 
-    accepted(control, official, 'join', '3')
-    accepted(control, official, 'leave', '3')
-    accepted(control, official, 'grid-active', '1', '2', '--track-is-clear')
+    lines.accepted('join', '3')
+    lines.accepted('leave', '3')
+    lines.accepted('grid-active', '1', '2', '--track-is-clear')
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    accepted(control, official, 'green-green', '2', '1')
+    lines.accepted('green-green', '2', '1')
     kart.wait_for_state(RaceState.GREEN_GREEN)
-    accepted(control, official, 'kart-finish', '1')
-    accepted(control, official, 'kart-red-flag', '2')
-    accepted(control, official, 'kart-red-red', '2')
-    accepted(control, official, 'red-flag')
-    accepted(control, official, 'race-over')
+    lines.accepted('kart-finish', '1')
+    lines.accepted('kart-red-flag', '2')
+    lines.accepted('kart-red-red', '2')
+    lines.accepted('red-flag')
+    lines.accepted('race-over')
     official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    accepted(control, official, 'open-track', '--no-race-anywhere')
-    accepted(control, official, 'close-track')
-    accepted(control, official, 'in-garage', '1', '2', '--track-is-safe')
+    lines.accepted('open-track', '--no-race-anywhere')
+    lines.accepted('close-track')
+    lines.accepted('in-garage', '1', '2', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)
-    accepted(control, official, 'all-kill')
+    lines.accepted('all-kill')
     kart.wait_for_state(RaceState.RED_RED)
-    accepted(control, official, 'record-msr', '--msr-was-used')
+    lines.accepted('record-msr', '--msr-was-used')
     official.wait_for_available('kart/in_garage', kart=3)
-    asked = run(control.domain, 'kart-in-garage', '3', '--wait', str(PATIENCE))
-    assert asked.stderr.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand\n')
-    said = accepted(control, official, 'kart-in-garage', '3', '--made-safe-by-hand')
+    asked = lines.run('kart-in-garage', '3')
+    assert asked.error.endswith('type: rcs_ctl kart-in-garage 3 --made-safe-by-hand')
+    said = lines.accepted('kart-in-garage', '3', '--made-safe-by-hand')
     assert 'Releases kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
 
 
 def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_was_closed(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    start_with_lines: StartWithLines, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
+    control, official, lines = start_with_lines(in_race=(1,))
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
     words = 'grid-active', '1', '--track-is-clear'
-    accepted(control, official, 'open-track', '--no-race-anywhere')
-    asked = run(control.domain, *words, '--wait', str(PATIENCE))
-    line = asked.stderr.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
+    lines.accepted('open-track', '--no-race-anywhere')
+    asked = lines.run(*words)
+    line = asked.error.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
     assert line == [*words, '--closes', '1']
-    accepted(control, official, *line)
+    lines.accepted(*line)
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1)
     official.bring_to(RaceState.IN_GARAGE, 1)
-    accepted(control, official, 'open-track', '--no-race-anywhere')
-    accepted(control, official, 'close-track')
-    accepted(control, official, *words)
+    lines.accepted('open-track', '--no-race-anywhere')
+    lines.accepted('close-track')
+    lines.accepted(*words)
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
@@ -169,11 +213,11 @@ NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GR
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    start_with_lines: StartWithLines, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1, 2))
+    control, official, lines = start_with_lines(in_race=(1, 2))
     karts = [connect_kart(control, number) for number in (1, 2)]
-    join_official(control).wait_for_connected(1, 2)
+    official.wait_for_connected(1, 2)
     which = 'GRID ACTIVE now to 2 karts: 1, 2'
 
     for line, code, *said in (
@@ -190,10 +234,10 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
         # The last one, since every stop begins a pause; and it is not repeated for ever.
         ('kart-red-red 99', REFUSED, '99'),
     ):
-        done = run(control.domain, *shlex.split(line), '--wait', str(PATIENCE))
-        assert done.returncode == code, line
+        told = lines.run(*shlex.split(line))
+        assert told.code == code, line
         for each in said:
-            assert each in done.stderr, line
+            assert each in f'{told.error}\n', line
     assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
 
 
@@ -267,20 +311,16 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
 
 
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    start_with_lines: StartWithLines,
 ) -> None:
-    control = start_race_control(in_race=(1,), pause=1.0)
-    official = join_official(control)
-    accepted(control, official, 'all-kill')
-    accepted(control, official, 'kart-in-garage', '1', '--made-safe-by-hand')
+    _, _, lines = start_with_lines(in_race=(1,), pause=1.0)
+    lines.accepted('all-kill')
+    lines.accepted('kart-in-garage', '1', '--made-safe-by-hand')
 
-    done = run(control.domain, 'in-garage', '--wait', str(PATIENCE))
-    assert done.returncode == USAGE
-    told = (
-        'If you state that the track is safe for humans, type: rcs_ctl in-garage --track-is-safe'
-    )
-    assert done.stderr.endswith(f'{told}\n')
-    accepted(control, official, 'in-garage', '--track-is-safe')
+    told = lines.run('in-garage')
+    assert told.code == USAGE
+    assert told.error.endswith('safe for humans, type: rcs_ctl in-garage --track-is-safe')
+    lines.accepted('in-garage', '--track-is-safe')
 
 
 def test_the_next_line_is_printed_as_make_takes_it(
@@ -390,10 +430,12 @@ def run_hanging(
     return done, time.monotonic() - float(hung.read_text())
 
 
-@pytest.mark.parametrize('words', [('kart-red-red', '7'), ('leave', '3')])
-@pytest.mark.parametrize('where', ['rclpy.init', 'Node.create_client'])
+@pytest.mark.parametrize(
+    ('where', 'words'),
+    [('rclpy.init', ('kart-red-red', '7')), ('Node.create_client', ('leave', '3'))],
+)
 def test_a_command_ends_by_its_deadline_when_ros_hangs(
-    tmp_path: pathlib.Path, domain: int, words: tuple[str, ...], where: str
+    tmp_path: pathlib.Path, domain: int, where: str, words: tuple[str, ...]
 ) -> None:
     done, seconds = run_hanging(tmp_path, domain, where, *words, '--wait', '0.5')
 
@@ -507,7 +549,6 @@ def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
     ('words', 'said'),
     [
         (('green-green', '1'), 'GREEN GREEN was not sent: race control was not found'),
-        (('red-flag',), 'USE THE MSR'),
         (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
         (('watch', '--once'), 'NO RACE CONTROL YET'),
@@ -532,10 +573,17 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     event = parts.enter_context(Event(tmp_path))
     event.race(1)
 
+    lines = parts.enter_context(Lines(event.domain, event.official))
+
     def ends(code: int, *words: str) -> str:
-        done = run(event.domain, *words)
-        assert done.returncode == code, done
-        return done.stdout + done.stderr
+        """Carry out a line, in a process if it shows something, and return what it prints."""
+        if words[0] in COMMANDS:
+            told = lines.run(*words)
+        else:
+            done = run(event.domain, *words)
+            told = Told(done.returncode, done.stdout, done.stderr)
+        assert told.code == code, told
+        return told.output + told.error
 
     ends(ACCEPTED, 'count-passing', '1')
     event.line.wait_for(lambda seen: seen.passings, 'the crossing')
@@ -555,14 +603,15 @@ def test_corrections_go_to_the_timekeeper_and_no_stop_waits_for_one_that_is_froz
     assert 'no timing' not in ends(ACCEPTED, 'watch', '--once')
 
     freeze(event.timekeeper.pid)
-    ends(NOT_THERE, 'count-passing', '1')
+    ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
     ends(ACCEPTED, 'kart-red-flag', '1')
     event.karts[0].wait_for_state(RaceState.RED_FLAG)
     ends(ACCEPTED, 'all-kill')
     event.karts[1].wait_for_state(RaceState.RED_RED)
     assert 'no timing' in ends(NOT_THERE, 'results')
     event.timekeeper.kill()
-    assert 'the timekeeper was not found' in ends(NOT_THERE, 'count-passing', '1', '--wait', '1')
+    lost = run(event.domain, 'count-passing', '1', '--wait', '1')
+    assert (lost.returncode, 'the timekeeper was not found' in lost.stderr) == (NOT_THERE, True)
     assert 'no timing' in ends(ACCEPTED, 'watch', '--once')
 
 
@@ -594,10 +643,9 @@ def test_watch_shows_the_race_and_what_happens(
 
 
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    start_with_lines: StartWithLines,
 ) -> None:
-    control = start_race_control(banner='REHEARSAL', in_race=(1,))
-    official = join_official(control)
+    control, official, lines = start_with_lines(banner='REHEARSAL', in_race=(1,))
     for service in ('all_kill', 'green_green'):  # whoever asks
         assert official.call(service).message.startswith('REHEARSAL: ')
 
@@ -606,32 +654,33 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
         ('green-green 1', REFUSED),
         ('kart-red-red 99', REFUSED),
         ('grid-active --track-is-clear', REFUSED),  # nothing was sent
-        ('watch --once', ACCEPTED),
-        ('watch --once --events', ACCEPTED),
     ):
+        told = lines.run(*line.split())
+        assert told.code == code, line
+        assert 'REHEARSAL' in (told.output + told.error).splitlines()[0]
+    for line in ('watch --once', 'watch --once --events'):
         done = run(control.domain, *line.split(), '--wait', str(PATIENCE))
-        assert done.returncode == code, line
-        assert 'REHEARSAL' in (done.stdout + done.stderr).splitlines()[0]
+        assert done.returncode == ACCEPTED, line
+        assert 'REHEARSAL' in done.stdout.splitlines()[0]
 
 
 def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    start_with_lines: StartWithLines,
 ) -> None:
-    control = start_race_control(
+    control, official, lines = start_with_lines(
         in_race=(1,), others=(2, 3), heats={'Heat A': (1, 2), 'Final': (2, 3)}
     )
-    official = join_official(control)
 
-    said = accepted(control, official, 'heat', 'Final')
+    said = lines.accepted('heat', 'Final')
     race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')
     shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-    unknown = run(control.domain, 'heat', 'B', '--wait', str(PATIENCE))
+    unknown = lines.run('heat', 'B')
 
     assert 'Final' in said
     assert [kart.in_race for kart in race.karts] == [False, True, True]
     assert 'Heat A: 1, 2\n' in shown.stdout
     assert 'Final: 2, 3  (in the race)' in shown.stdout
-    assert (unknown.returncode, 'Heat A' in unknown.stderr) == (REFUSED, True)
+    assert (unknown.code, 'Heat A' in unknown.error) == (REFUSED, True)
 
 
 def test_a_program_that_may_not_command_says_so_in_a_sentence() -> None:
