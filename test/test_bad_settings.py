@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""Race control and the bridge refuse a wrong setting at start, in one sentence, with code 2."""
+"""Our programs refuse a wrong setting at the start, in one sentence, with exit code 2."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ import contextlib
 import os
 import pathlib
 import socket
+from typing import Any
 
-from evgp_kart_bridge.node import read_settings as bridge_settings
+from evgp_kart_bridge import node as bridge
 from evgp_node.parameter_files import ignored
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_rcs.ros import settings
+from evgp_rcs_console import button
 from evgp_testing import race_control
 from evgp_testing.process import Process
+from evgp_timing import node as timing_source
+from evgp_timing import timekeeper
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -59,44 +63,75 @@ def test_a_wrong_roster_is_refused_with_each_of_its_faults(refusal: Refusal) -> 
     assert 'good.yaml:3:' in refused
 
 
-def test_a_wrong_value_is_refused(refusal: Refusal) -> None:
-    assert 'parameter beat_rate' in refusal(beat_rate=5.0)
+@pytest.mark.parametrize(
+    ('package', 'program', 'given', 'said'),
+    [
+        ('evgp_rcs', 'rcs_node', {'beat_rate': 5.0}, 'parameter beat_rate'),
+        ('evgp_kart_bridge', 'kart_bridge_node', {}, 'parameter host is missing'),
+        ('evgp_timing', 'timekeeper', {'roster': '/nowhere/a.yaml'}, '/nowhere/a.yaml: cannot be'),
+        ('evgp_timing', 'timing_source', {'kind': 'p3'}, 'parameter device'),
+        ('evgp_rcs_console', 'rcs_button', {'device': 'event3'}, 'parameter device'),
+    ],
+)
+def test_a_wrong_setting_ends_a_program_with_one_sentence(
+    package: str, program: str, given: dict[str, object], said: str, domain: int
+) -> None:
+    with Process(package, program, domain, given) as started:
+        assert started.wait() == WRONG_SETTING, started.output
+        assert said in started.output
+        assert len(started.lines) == 1, started.output
 
 
-def test_a_bridge_refuses_a_wrong_value(domain: int) -> None:
-    with Process('evgp_kart_bridge', 'kart_bridge_node', domain, {}) as bridge:
-        assert bridge.wait() == WRONG_SETTING, bridge.output
-        assert 'parameter host is missing' in bridge.output
-        assert len(bridge.lines) == 1, bridge.output
-
-
-HOST = 'host:=10.0.0.1'
+HOST, KIND, DEVICE = 'host:=10.0.0.1', 'kind:=p3', 'device:=/dev/x'
+WRONG_VALUES = {
+    settings: [
+        ([], 'parameter roster is missing'),
+        (['beat_rate:=5.0'], 'parameter beat_rate.* from 11 to 100'),
+        (['send_timeout:=soon'], 'parameter send_timeout'),
+        (['beat_rat:=20.0'], 'beat_rat is unknown; did you mean beat_rate?'),
+        (['finish_delays:=[2.0, -1.0]'], 'parameter finish_delays: -1 is not possible'),
+        (['finish_delays:=[]'], 'a list must not be empty'),
+        (['address:=..'], "parameter address: '..' is not an IPv4 address"),
+    ],
+    bridge: [
+        (['host:=racecontrol'], "parameter host: 'racecontrol' is not an IPv4 address"),
+        ([HOST, 'local_address:=10.0.0.256'], 'parameter local_address'),
+        ([HOST, 'frame_timeout:=5.0'], 'parameter frame_timeout.* from 0.2 to 1'),
+    ],
+    timekeeper: [
+        ([], 'parameter roster is missing'),
+        (['min_laptime:=5.0'], 'did you mean min_lap_time?'),
+        (['first_crossing:=begins'], "parameter first_crossing: 'begins' is not valid"),
+    ],
+    timing_source: [
+        (['kind:=p4', 'device:=10.0.0.1:5403'], "parameter kind: 'p4'"),
+        ([KIND, 'device:=10.0.0.1'], 'parameter device'),
+        (['kind:=contact', 'device:=10.0.0.1:5403'], 'parameter device'),
+        (['kind:=contact', DEVICE, 'line:=rts'], 'parameter line'),
+        ([KIND, 'device:=10.0.0.1:5403', 'baut:=9600'], 'did you mean baud?'),
+    ],
+    button: [
+        ([], 'parameter device'),
+        ([DEVICE, 'key:=768'], 'parameter key'),
+        ([DEVICE, 'keys:=3'], 'did you mean key?'),
+    ],
+}
+"""Parameters of each program, by the module that reads them, and what is said of them."""
 
 
 @pytest.mark.parametrize(
-    ('read', 'given', 'said'),
-    [
-        (settings.read_settings, [], 'parameter roster is missing'),
-        (settings.read_settings, ['beat_rate:=5.0'], 'parameter beat_rate.* from 11 to 100'),
-        (settings.read_settings, ['send_timeout:=soon'], 'parameter send_timeout'),
-        (settings.read_settings, ['beat_rat:=20.0'], 'beat_rat is unknown; did you mean beat_ra'),
-        (settings.read_settings, ['finish_delays:=[2.0, -1.0]'], 'delays: -1 is not possible'),
-        (settings.read_settings, ['finish_delays:=[]'], 'a list must not be empty'),
-        (settings.read_settings, ['address:=..'], "parameter address: '..' is not an IPv4 addr"),
-        (bridge_settings, ['host:=racecontrol'], "host: 'racecontrol' is not an IPv4 address"),
-        (bridge_settings, [HOST, 'local_address:=10.0.0.256'], 'parameter local_address'),
-        (bridge_settings, [HOST, 'frame_timeout:=5.0'], 'frame_timeout.* from 0.2 to 1'),
-    ],
+    ('module', 'given', 'said'),
+    [(module, *row) for module, rows in WRONG_VALUES.items() for row in rows],
 )
 def test_a_wrong_value_is_named_with_what_is_possible(
-    read: Callable[[Parameters], object], given: list[str], said: str, domain: int
+    module: Any, given: list[str], said: str, domain: int
 ) -> None:
     context = Context()
     rclpy.init(context=context, domain_id=domain)
     arguments = ['--ros-args', *(word for each in given for word in ('-p', each))]
     try:
         with pytest.raises(ParameterError, match=said):
-            read(Parameters(StrictNode('rcs', context=context, cli_args=arguments)))
+            module.read_settings(Parameters(StrictNode('it', context=context, cli_args=arguments)))
     finally:
         rclpy.try_shutdown(context=context)
 

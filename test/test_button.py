@@ -13,11 +13,9 @@ import signal
 import subprocess
 import sys
 
-from evgp_node.process import WRONG_SETTING
 from evgp_protocol.states import RaceState
 from evgp_rcs_console.button_devices import is_asleep, why
 from evgp_testing.official import Official
-from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_race import WireRace
 import pytest
@@ -156,23 +154,6 @@ def test_race_control_allows_a_button_all_kill_and_no_other_command(
     assert asked == allowed('/buttons', 'services', 'request') == {'/rcs/all_kill'}
     assert told == allowed('/buttons', 'topics', 'publish')
     assert heard <= allowed('/buttons', 'topics', 'subscribe')
-
-
-@pytest.mark.parametrize(
-    ('parameters', 'said'),
-    [
-        ({}, 'parameter device'),
-        ({'device': 'event3'}, 'parameter device'),
-        ({'device': '/dev/x', 'key': 768}, 'parameter key'),
-        ({'device': '/dev/x', 'keys': 3}, 'did you mean key?'),
-    ],
-)
-def test_a_wrong_setting_is_named_and_ends_the_program(
-    parts: contextlib.ExitStack, domain: int, parameters: dict[str, object], said: str
-) -> None:
-    program = parts.enter_context(Process('evgp_rcs_console', 'rcs_button', domain, parameters))
-    assert program.wait() == WRONG_SETTING
-    assert said in program.output
 
 
 def test_whoever_may_not_open_a_device_is_told_the_group() -> None:

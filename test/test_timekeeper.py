@@ -14,7 +14,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration
 from evgp_node.qos import latched
-from evgp_node.restarting import IN_THE_WAY, WRONG_SETTING
+from evgp_node.restarting import IN_THE_WAY
 from evgp_node.results import Act, Standings
 from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
@@ -412,26 +412,3 @@ def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None
     assert second.wait() == IN_THE_WAY
     assert 'another running timekeeper is using' in second.output
     event.line.wait_for_more()
-
-
-@pytest.mark.parametrize(
-    ('given', 'said'),
-    [
-        ({'roster': "''"}, 'parameter roster is missing'),
-        ({'roster': '/nowhere/karts.yaml'}, '/nowhere/karts.yaml: cannot be read'),
-        ({'min_laptime': 5.0}, 'did you mean min_lap_time?'),
-        ({'first_crossing': 'begins'}, "parameter first_crossing: 'begins' is not valid"),
-    ],
-)
-def test_a_wrong_setting_is_named_and_ends_it(
-    given: dict[str, object],
-    said: str,
-    tmp_path: pathlib.Path,
-    parts: contextlib.ExitStack,
-    domain: int,
-) -> None:
-    own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3', **given}
-    timekeeper = parts.enter_context(Process('evgp_timing', 'timekeeper', domain, own))
-    assert timekeeper.wait() == WRONG_SETTING
-    assert said in timekeeper.output
-    assert 'Traceback' not in timekeeper.output

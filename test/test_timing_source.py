@@ -15,7 +15,6 @@ import socket
 import tty
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from evgp_node.restarting import WRONG_SETTING
 from evgp_node.roster import Format
 from evgp_node.stamps import stamp_of
 from evgp_rcs_msgs import msg
@@ -364,22 +363,3 @@ def test_a_port_without_control_lines_is_told_and_the_node_goes_on(
     source = start(kind='contact', device=terminal[1])
     listener.wait_for_status(DiagnosticStatus.ERROR, connections='2')
     assert source.close() == 0
-
-
-@pytest.mark.parametrize(
-    ('parameters', 'said'),
-    [
-        ({'kind': 'p4', 'device': '10.0.0.1:5403'}, "parameter kind: 'p4'"),
-        ({'kind': 'p3'}, 'parameter device'),
-        ({'kind': 'p3', 'device': '10.0.0.1'}, 'parameter device'),
-        ({'kind': 'contact', 'device': '10.0.0.1:5403'}, 'parameter device'),
-        ({'kind': 'contact', 'device': '/dev/ttyS0', 'line': 'rts'}, 'parameter line'),
-        ({'kind': 'p3', 'device': '10.0.0.1:5403', 'baut': 9600}, 'did you mean baud?'),
-    ],
-)
-def test_a_wrong_setting_is_named_and_ends_the_node(
-    start: Start, parameters: dict[str, object], said: str
-) -> None:
-    source = start(**parameters)
-    assert source.wait() == WRONG_SETTING
-    assert said in source.output
