@@ -23,7 +23,6 @@ from evgp_testing.official import Answer, Official, seen, SERVICES
 from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from rig.memory import wait_for_memory
 from rig.replaying import replay_without_difference
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -250,22 +249,6 @@ def test_a_release_that_was_sent_before_race_control_was_back_undoes_no_restart(
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is RED_RED
     meeting.home()
-
-
-def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
-    meeting: Event,
-) -> None:
-    meeting.grid()
-    wait_for_memory(meeting.record, lambda memory: memory.state is GRID_ACTIVE)
-    meeting.kill()
-    meeting.start(connect=())
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert state_of(race.state) is RED_RED
-    assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
-    assert [kart.may_be_moving for kart in race.karts] == [False, False, False]
-    assert {alert.kind for alert in race.alerts} == {msg.Alert.KART_LOST, msg.Alert.TRACK_UNSAFE}
-    assert not race.track.allowed
-    assert not meeting.official.call('set_track_open', open=True).success
 
 
 def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks_for_one_look(

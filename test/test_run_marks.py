@@ -11,13 +11,16 @@ import os
 import pathlib
 import random
 import signal
+import sqlite3
 import tempfile
 import time
 
+from evgp_node.encoding import read
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record.run_mark import place, RUN_BEGAN, RunMark
-from evgp_rcs.rules.race import LastRun
+from evgp_rcs.record.store import open_read_only
+from evgp_rcs.rules.race import LastRun, RaceMemory
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -26,12 +29,17 @@ from evgp_testing.race_control import address_of, new_port, RaceControl, setting
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, kart_socket, WireKart
 import pytest
-from rig.memory import wait_for_memory
 
 IN_GARAGE = RaceState.IN_GARAGE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_RED = RaceState.RED_RED
 KARTS = (1, 2)
+
+
+def newest_memory(database: sqlite3.Connection) -> RaceMemory:
+    """Return what the next run of race control would find in a record."""
+    ((memory,),) = database.execute('SELECT data FROM memory ORDER BY run DESC LIMIT 1')
+    return read(RaceMemory, memory)
 
 
 class Seen:
@@ -223,7 +231,9 @@ def test_where_the_place_of_the_mark_is_private_nothing_is_proved_and_no_race_st
         official.command('set_track_open', open=False)
         refused = official.call('grid_active', track_clear=True)
         assert (refused.success, str(machine.mark) in refused.message) == (False, True)
-        wait_for_memory(machine.folder / 'a' / 'record.sqlite3', lambda memory: memory.at_rest)
+        record = machine.folder / 'a' / 'record.sqlite3'
+        with contextlib.closing(open_read_only(record)) as database:
+            official.wait_until_polled(lambda: newest_memory(database).at_rest, 'the memory')
     control.lose_power()
     # No kart had been on the grid: the run that ended well before is still the last.
     assert machine.look().begins

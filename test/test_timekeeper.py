@@ -406,9 +406,13 @@ def test_a_command_that_was_refused_says_nothing_of_laps() -> None:
     assert told.what is What.FINISH
 
 
-def test_a_second_timekeeper_with_the_same_file_is_refused(event: Event) -> None:
-    event.line.wait_for_more()
-    second = event.start_timekeeper()
-    assert second.wait() == IN_THE_WAY
-    assert 'another running timekeeper is using' in second.output
-    event.line.wait_for_more()
+def test_a_second_timekeeper_with_the_same_file_is_refused(
+    tmp_path: pathlib.Path, domain: int
+) -> None:
+    own = {'roster': write_roster(tmp_path, KARTS), 'book': tmp_path / 'timing.sqlite3'}
+    with Line(domain) as line, Process('evgp_timing', 'timekeeper', domain, own):
+        line.wait_for_more()
+        with Process('evgp_timing', 'timekeeper', domain, own) as second:
+            assert second.wait() == IN_THE_WAY
+        assert 'another running timekeeper is using' in second.output
+        line.wait_for_more()

@@ -371,19 +371,22 @@ def test_a_timing_line_is_shown_and_that_it_is_broken_or_silent(
 # ----- corrections ----------------------------------------------------------------------------
 
 
-def test_a_lap_is_counted_by_the_number_of_the_kart_and_enter(racing: Window) -> None:
+def test_a_lap_is_counted_by_its_kart_and_enter_and_struck_with_a_reason_and_restored(
+    racing: Window,
+) -> None:
     assert racing.find('lap').hasFocus()
     racing.count('7')
     racing.until_said('LAP: kart 7 crossed the line: counted')
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
     assert racing.text('lap') == ''
-    racing.count('9')
-    racing.until_said('There is no kart 9')
 
+    said = racing.text('said')
+    racing.press('Strike', kart='7')
+    racing.type_('reason', 'seen twice')
+    racing.press('Cancel')
+    racing.until(lambda: not racing.widget.findChildren(QtWidgets.QDialog))
+    assert racing.text('said') == said
 
-def test_a_crossing_is_struck_with_a_reason_and_restored(racing: Window) -> None:
-    racing.count('7')
-    racing.until(lambda: racing.crossing('7'))
     racing.press('Strike', kart='7')
     assert 'Kart 7 at 0:' in racing.text('text')
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
@@ -396,20 +399,11 @@ def test_a_crossing_is_struck_with_a_reason_and_restored(racing: Window) -> None
     racing.until(lambda: racing.crossing('7') == 'by hand, starts lap 1 [Strike]')
     racing.until_said('RESTORE PASSING: passing official 1 is restored')
 
-
-def test_a_dialog_that_is_cancelled_sends_nothing(racing: Window) -> None:
-    racing.count('7')
-    racing.until_said('LAP: kart 7 crossed the line')
-    racing.until(lambda: racing.crossing('7'))
-    before = racing.text('said')
-    racing.press('Strike', kart='7')
-    racing.type_('reason', 'seen twice')
-    racing.press('Cancel')
-    racing.until(lambda: not racing.widget.findChildren(QtWidgets.QDialog))
-    assert racing.text('said') == before
+    racing.count('9')
+    racing.until_said('There is no kart 9')
 
 
-def test_a_transponder_is_given_to_its_kart_and_its_crossings_count(
+def test_a_transponder_is_given_to_its_kart_and_the_earlier_run_counts_once_it_is_chosen(
     racing: Window, event: Event
 ) -> None:
     event.cross('4711')
@@ -424,8 +418,24 @@ def test_a_transponder_is_given_to_its_kart_and_its_crossings_count(
     racing.until(lambda: racing.crossing('3') == 'lap 1, 0:01.500 [Strike]')
     assert racing.status('3') == 'lap 2'
 
+    event.stop()
+    event.start()
+    racing.until(lambda: not racing.rows(1))
+    for _ in range(2):
+        event.cross('4711')
+    racing.until(lambda: racing.status('3') == 'lap 2')
+    event.stop()
+    assert racing.counting() == [True, False]
+    racing.press('Which run counts…')
+    racing.find('race').setCurrentIndex(1)
+    racing.press('Count this race')
+    racing.until_said('race 1 now counts as Heat 1')
+    racing.until(lambda: racing.counting() == [False, True])
 
-def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(racing: Window) -> None:
+
+def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_a_row_that_was_clicked_is_its_kart(
+    racing: Window,
+) -> None:
     racing.press('Penalty…')
     yes = racing.find('dialog').findChildren(QtWidgets.QPushButton)[0]
     racing.type_('reason', 'short cut')
@@ -447,8 +457,6 @@ def test_a_penalty_needs_a_kart_a_cost_and_a_reason_and_can_be_taken_back(racing
     racing.until_said('UNDO PENALTY refused: kart 7 has no penalty')
     assert racing.find('said').property('bad')
 
-
-def test_a_kart_whose_row_was_clicked_is_the_one_to_disqualify(racing: Window) -> None:
     table = racing.widget.findChildren(QtWidgets.QTableWidget)[0]
     row = [each[1] for each in racing.rows(0)].index('7')
     middle = table.visualItemRect(table.item(row, 2)).center()
@@ -460,29 +468,6 @@ def test_a_kart_whose_row_was_clicked_is_the_one_to_disqualify(racing: Window) -
     racing.until(lambda: racing.status('7') == 'disqualified: not fit to race')
     # The next number that is typed is that of a lap.
     assert racing.widget.focusWidget() is racing.find('lap')
-
-
-def test_the_earlier_run_of_a_heat_counts_once_it_is_chosen(racing: Window, event: Event) -> None:
-    for _ in range(2):
-        event.cross('4711')
-    racing.until(lambda: len(racing.rows(1)) == 2)
-    racing.press('Whose?', kart='?')
-    racing.choose('kart', '3')
-    racing.press('Give transponder')
-    racing.until(lambda: racing.status('3') == 'lap 2')
-    event.stop()
-    event.start()
-    racing.until(lambda: not racing.rows(1))
-    for _ in range(2):
-        event.cross('4711')
-    racing.until(lambda: racing.status('3') == 'lap 2')
-    event.stop()
-    assert racing.counting() == [True, False]
-    racing.press('Which run counts…')
-    racing.find('race').setCurrentIndex(1)
-    racing.press('Count this race')
-    racing.until_said('race 1 now counts as Heat 1')
-    racing.until(lambda: racing.counting() == [False, True])
 
 
 def test_results_are_published_once_the_race_is_over(racing: Window, event: Event) -> None:
