@@ -30,6 +30,7 @@ from evgp_testing.domains import free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
 from rig import browser as rig_browser
@@ -69,12 +70,11 @@ def wait_for_text(browser: Browser, selector: str, text: str) -> None:
 
 
 def test_the_board_has_no_way_back(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, start_board: StartBoard
+    parts: contextlib.ExitStack, domain: int, start_board: StartBoard
 ) -> None:
-    control = start_race_control()
-    official = join_official(control)
-    start_board(control.domain)
-    looking, named = official.node, ('board', '/rcs')
+    beside = parts.enter_context(RosSide('beside', domain))
+    start_board(domain)
+    looking, named = beside.node, ('board', '/rcs')
 
     def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
         if named not in looking.get_node_names_and_namespaces():
@@ -82,7 +82,7 @@ def test_the_board_has_no_way_back(
         return {name for name, _ in names_and_types(*named)}
 
     heard = {'/rcs/race', '/rcs/timekeeper/results', '/rcs/events'}
-    official.wait_until_polled(
+    beside.wait_until_polled(
         lambda: of(looking.get_subscriber_names_and_types_by_node) >= heard, 'the board'
     )
     assert of(looking.get_client_names_and_types_by_node) == set()

@@ -44,6 +44,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import qos_profile_sensor_data as best_effort
+from rig.desk import Desk
 from rig.faulty_nodes import (
     BridgeThatHangs,
     BridgeThatRaises,
@@ -81,26 +82,6 @@ class Contact(Program):
     def __init__(self, domain: int, pin: pathlib.Path) -> None:
         super().__init__('contact', [sys.executable, '-c', READS_CONTACT, str(pin)], domain)
         self.pin = pin
-
-
-class Desk:
-    """Race control with kart 1 in the race and kart 2 outside it, and its official."""
-
-    def __init__(self, control: RaceControl, official: Official) -> None:
-        self.control, self.official = control, official
-
-    def clear(self) -> None:
-        """Have a race in the garage without a hold, whatever the test before has left."""
-        for number in (1, 2):
-            self.official.wait_for_kart(number, lambda kart: not kart.connected, 'away')
-        self.official.command('record_msr')
-        self.official.command('in_garage', track_safe=True)
-        race = self.official.wait_for_race(
-            lambda race: state_of(race.state) is IN_GARAGE, 'the race in the garage'
-        )
-        for kart in race.karts:
-            if state_of(kart.hold) is not None:
-                self.official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
 
 
 @pytest.fixture(scope='module')

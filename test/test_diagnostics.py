@@ -5,25 +5,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 import contextlib
 import pathlib
 import sqlite3
+from typing import NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, StartBridge
+from evgp_testing.official import Official
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
+from rig.desk import Desk
 import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+UNHEARD = DiagnosticStatus(values=[KeyValue(key='race state')])
 
 
 class Health(RosSide):
@@ -56,19 +61,37 @@ class Health(RosSide):
             self.news.notify_all()
 
 
-Look = Callable[[RaceControl], Health]
+class Room(NamedTuple):
+    """Race control with its official, its record, and what its diagnostics say."""
+
+    desk: Desk
+    record: pathlib.Path
+    health: Health
+
+
+@pytest.fixture(scope='module')
+def the_room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
+    """Return race control, which no test here ends."""
+    folder = tmp_path_factory.mktemp('race_control')
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, [1], [2], {'red_alert': 0.1}) as control,
+        Official(domain.number) as official,
+        Health(domain.number) as health,
+    ):
+        yield Room(Desk(control, official), folder / 'record.sqlite3', health)
 
 
 @pytest.fixture
-def look(parts: contextlib.ExitStack) -> Look:
-    """Return a function that looks at the diagnostics of a race control."""
-
-    def listen(control: RaceControl) -> Health:
-        health = Health(control.domain)
-        parts.callback(health.close)
-        return health
-
-    return listen
+def room(the_room: Room) -> Room:
+    """Return race control with the race in the garage and no kart connected."""
+    the_room.desk.clear()
+    health = the_room.health
+    health.wait_until(
+        lambda: values(health.statuses.get('rcs: race', UNHEARD))['race state'] == 'IN_GARAGE',
+        lambda: f'the race in the garage; heard {health.statuses}',
+    )
+    return the_room
 
 
 def values(status: DiagnosticStatus) -> dict[str, str]:
@@ -76,14 +99,9 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 
 
 def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    look: Look,
-    tmp_path: pathlib.Path,
+    room: Room,
 ) -> None:
-    record = tmp_path / 'record.sqlite3'
-    control = start_race_control([], [1], record=record)
-    official, health = join_official(control), look(control)
+    official, record, health = room.desk.official, room.record, room.health
     health.wait_for('rcs: race', OK)
     with contextlib.closing(sqlite3.connect(record, isolation_level=None)) as other:
         other.execute('BEGIN IMMEDIATE')  # nobody else can write the file now
@@ -100,19 +118,15 @@ def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
 
 
 def test_diagnostics_have_the_level_of_the_gravest_alert(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    look: Look,
+    room: Room, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control([1, 2], red_alert=0.1)
-    official, health = join_official(control), look(control)
-    karts = [connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (1, 2)]
-    official.wait_for_connected(1, 2)
+    control, official, health = room.desk.control, room.desk.official, room.health
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
     status = health.wait_for('rcs: race', OK)
     assert (status.hardware_id, values(status)['race state']) == ('rcs', 'IN_GARAGE')
     official.command('grid_active', track_clear=True)
-    karts[0].close()
+    kart.close()
     race = official.wait_for_race(lambda race: race.alerts, 'an alert')
     assert {each.kind for each in race.alerts} == {msg.Alert.KART_LOST}
     assert health.wait_for('rcs: race', WARN).message == race.alerts[0].text
@@ -142,13 +156,9 @@ def taken(package: str, health: Health) -> dict[str, list[str]]:
 
 
 def test_diagnostics_have_every_kart_and_each_status_is_taken_by_one_analyzer(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    look: Look,
+    room: Room, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control([1], [2])
-    official, health = join_official(control), look(control)
+    control, official, health = room.desk.control, room.desk.official, room.health
     missing = health.wait_for('rcs: kart 1', WARN)
     assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
     health.wait_for('rcs: kart 2', OK)  # it is not in the race

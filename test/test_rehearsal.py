@@ -143,18 +143,17 @@ def test_the_debrief_says_how_long_a_kart_moved_after_all_kill_and_that_a_person
     assert 'a person is off the track' in second
 
 
-def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
-    rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
-    assert rehearsal.official.race is not None
-    rehearsal.official.race.karts[0].team = 'Purdue'
-    rehearsal.official.race.karts[0].address = '192.168.1.101'
-    with pytest.raises(RefusedError):
-        rehearsal._check_own(rehearsal.official.race)
-
-
-def test_race_control_that_ends_unasked_comes_back(rehearsal: Rehearsal) -> None:
+def test_a_race_of_other_karts_gets_no_command_and_race_control_that_ends_unasked_comes_back(
+    rehearsal: Rehearsal,
+) -> None:
     official, ended = rehearsal.official, rehearsal.control
     official.wait_for_connected(*rehearsal.plan.numbers)
+    assert official.race is not None
+    official.race.karts[0].team = 'Purdue'
+    official.race.karts[0].address = '192.168.1.101'
+    with pytest.raises(RefusedError):
+        rehearsal._check_own(official.race)
+
     ended.close()
     official.wait_until_polled(lambda: rehearsal.control is not ended, 'another race control')
     official.race = None
