@@ -131,7 +131,7 @@ def test_our_bridge_with_the_stack_of_readme_passes_every_clause(
             return parts.enter_context(Bridge(domain, port, address_of(1), arguments=remap))
 
         bridge = start_bridge()
-        parts.enter_context(SimulatedBase(domain))
+        parts.enter_context(SimulatedBase(domain, odometry_rate=20.0))
         stack = parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', domain))
         kills(tmp_path, bridge=bridge, stack=stack)
         bridge.process.wait(200)

@@ -24,6 +24,7 @@ from evgp_node.official import UNNAMED
 from evgp_node.results import Act
 from evgp_node.services import service_class
 from evgp_node.stamps import seconds_of
+from evgp_node.states import state_of
 from evgp_protocol.clock import now
 from evgp_protocol.states import RaceState
 from evgp_rcs.rules.catalogue import CATALOGUE, CommandKind
@@ -46,18 +47,32 @@ from evgp_timing.corrections import CORRECTIONS
 import pytest
 import rclpy
 from rclpy.context import Context
+from rig.desk import Desk
 from rig.terminal import Terminal
 from test_timekeeper import Event
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
 
+HEATS = {'Heat A': (1, 2), 'Final': (2, 3)}
+
+
 @pytest.fixture(scope='module')
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RaceControl]:
-    """Return a race control with kart 1 for the tests that only look, or stop."""
-    folder = tmp_path_factory.mktemp('lasting')
-    with Domain() as domain, RaceControl(folder, domain.number, (1,)) as control:
-        yield control
+def the_desk(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Desk]:
+    """Return a race control with three karts for the tests that neither end nor freeze it."""
+    folder, delays = tmp_path_factory.mktemp('lasting'), {'finish_delays': '[0.1]'}
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, (1, 2), (3,), delays, heats=HEATS) as control,
+        Official(domain.number) as official,
+    ):
+        yield Desk(control, official, (1, 2))
+
+
+@pytest.fixture
+def lasting(the_desk: Desk) -> RaceControl:
+    """Return that race control for the tests that only look, or stop."""
+    return the_desk.control
 
 
 def executable() -> list[str]:
@@ -136,7 +151,16 @@ class Lines(Part):
         rclpy.try_shutdown()
 
 
-StartWithLines = Callable[..., tuple[RaceControl, Official, Lines]]
+Desks = tuple[RaceControl, Official, Lines]
+StartWithLines = Callable[..., Desks]
+
+
+@pytest.fixture
+def desk(the_desk: Desk, parts: contextlib.ExitStack) -> Desks:
+    """Return race control in the garage, an official, and who gives it lines of `rcs_ctl`."""
+    the_desk.clear()
+    control, official = the_desk.control, the_desk.official
+    return control, official, parts.enter_context(Lines(control.domain, official))
 
 
 @pytest.fixture
@@ -145,7 +169,7 @@ def start_with_lines(
 ) -> StartWithLines:
     """Return a function that starts race control, for an official and for lines of `rcs_ctl`."""
 
-    def start(**settings: Any) -> tuple[RaceControl, Official, Lines]:
+    def start(**settings: Any) -> Desks:
         control = start_race_control(**settings)
         official = join_official(control)
         return control, official, parts.enter_context(Lines(control.domain, official))
@@ -153,10 +177,8 @@ def start_with_lines(
     return start
 
 
-def test_a_whole_race_by_commands(
-    start_with_lines: StartWithLines, connect_kart: ConnectKart
-) -> None:
-    control, official, lines = start_with_lines(in_race=(1, 2), others=(3,), finish_delays='[0.1]')
+def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> None:
+    control, official, lines = desk
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     connect_kart(control, 2, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1, 2)
@@ -189,19 +211,21 @@ def test_a_whole_race_by_commands(
 
 
 def test_grid_active_closes_the_track_by_the_line_that_is_printed_and_after_it_was_closed(
-    start_with_lines: StartWithLines, connect_kart: ConnectKart
+    desk: Desks, connect_kart: ConnectKart
 ) -> None:
-    control, official, lines = start_with_lines(in_race=(1,))
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1)
-    words = 'grid-active', '1', '--track-is-clear'
+    control, official, lines = desk
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    words = 'grid-active', '1', '2', '--track-is-clear'
     lines.accepted('open-track', '--no-race-anywhere')
+    race = official.wait_for_race(lambda race: race.track.open, 'the track open')
     asked = lines.run(*words)
     line = asked.error.splitlines()[-1].partition('type: rcs_ctl ')[2].split()
-    assert line == [*words, '--closes', '1']
+    assert line == [*words, '--closes', str(race.track.opening)]
     lines.accepted(*line)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, 1)
-    official.bring_to(RaceState.IN_GARAGE, 1)
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
+    official.bring_to(RaceState.IN_GARAGE)
     lines.accepted('open-track', '--no-race-anywhere')
     lines.accepted('close-track')
     lines.accepted(*words)
@@ -213,9 +237,9 @@ NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GR
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
-    start_with_lines: StartWithLines, connect_kart: ConnectKart
+    desk: Desks, connect_kart: ConnectKart
 ) -> None:
-    control, official, lines = start_with_lines(in_race=(1, 2))
+    control, official, lines = desk
     karts = [connect_kart(control, number) for number in (1, 2)]
     official.wait_for_connected(1, 2)
     which = 'GRID ACTIVE now to 2 karts: 1, 2'
@@ -313,9 +337,10 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
     start_with_lines: StartWithLines,
 ) -> None:
-    _, _, lines = start_with_lines(in_race=(1,), pause=1.0)
+    _, official, lines = start_with_lines(in_race=(1,), pause=1.0)
     lines.accepted('all-kill')
     lines.accepted('kart-in-garage', '1', '--made-safe-by-hand')
+    official.wait_for_kart(1, lambda kart: not kart.in_race, 'out of the race')
 
     told = lines.run('in-garage')
     assert told.code == USAGE
@@ -324,9 +349,9 @@ def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
 
 
 def test_the_next_line_is_printed_as_make_takes_it(
-    start_race_control: StartRaceControl, monkeypatch: pytest.MonkeyPatch
+    desk: Desks, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    control = start_race_control(in_race=(1, 2))
+    _, _, lines = desk
     repository = pathlib.Path(__file__).parent.parent
     said = subprocess.run(
         ['make', '-s', '--no-print-directory', 'ctl', 'IN_WORKSPACE=env #', 'OFFICIALS='],
@@ -339,9 +364,9 @@ def test_the_next_line_is_printed_as_make_takes_it(
     called = next(line for line in said.splitlines() if line.startswith('EVGP_CTL='))
     monkeypatch.setenv('EVGP_CTL', called.removeprefix('EVGP_CTL='))
 
-    done = run(control.domain, 'grid-active', '--track-is-clear', '--wait', str(PATIENCE))
+    told = lines.run('grid-active', '--track-is-clear')
 
-    assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in done.stderr
+    assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in told.error
 
 
 def never_answers(
@@ -648,6 +673,7 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
     control, official, lines = start_with_lines(banner='REHEARSAL', in_race=(1,))
     for service in ('all_kill', 'green_green'):  # whoever asks
         assert official.call(service).message.startswith('REHEARSAL: ')
+    official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')
 
     for line, code in (
         ('all-kill', ACCEPTED),
@@ -664,12 +690,8 @@ def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
         assert 'REHEARSAL' in done.stdout.splitlines()[0]
 
 
-def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
-    start_with_lines: StartWithLines,
-) -> None:
-    control, official, lines = start_with_lines(
-        in_race=(1,), others=(2, 3), heats={'Heat A': (1, 2), 'Final': (2, 3)}
-    )
+def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(desk: Desks) -> None:
+    control, official, lines = desk
 
     said = lines.accepted('heat', 'Final')
     race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')

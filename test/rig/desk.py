@@ -12,20 +12,32 @@ from evgp_testing.race_control import RaceControl
 
 
 class Desk:
-    """Race control with kart 1 in the race and kart 2 outside it, and its official."""
+    """
+    Race control, and its official.
 
-    def __init__(self, control: RaceControl, official: Official) -> None:
-        self.control, self.official = control, official
+    :param racing: the karts in the race at the beginning of each test.
+    """
+
+    def __init__(
+        self, control: RaceControl, official: Official, racing: tuple[int, ...] = (1,)
+    ) -> None:
+        self.control, self.official, self._racing = control, official, racing
 
     def clear(self) -> None:
         """Have a race in the garage without a hold, whatever the test before has left."""
-        for number in (1, 2):
-            self.official.wait_for_kart(number, lambda kart: not kart.connected, 'away')
-        self.official.command('record_msr')
-        self.official.command('in_garage', track_safe=True)
-        race = self.official.wait_for_race(
+        official = self.official
+        official.wait_for_race(
+            lambda race: not any(kart.connected for kart in race.karts), 'every kart away'
+        )
+        official.command('record_msr')
+        official.command('in_garage', track_safe=True)
+        race = official.wait_for_race(
             lambda race: state_of(race.state) is RaceState.IN_GARAGE, 'the race in the garage'
         )
         for kart in race.karts:
             if state_of(kart.hold) is not None:
-                self.official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
+                official.command('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
+            if kart.in_race is not (kart.number in self._racing):
+                official.command('set_in_race', kart=kart.number, in_race=not kart.in_race)
+        if race.track.open:
+            official.command('set_track_open', open=False)
