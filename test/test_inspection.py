@@ -202,6 +202,7 @@ def inspect_client(folder: pathlib.Path, *words: str) -> tuple[dict[str, Any], i
 
 
 @pytest.mark.early
+@pytest.mark.timeout(400)
 def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(
     tmp_path: pathlib.Path,
 ) -> None:
@@ -253,6 +254,7 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
 
 
 @pytest.mark.early
+@pytest.mark.timeout(400)
 def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(
     tmp_path: pathlib.Path,
 ) -> None:

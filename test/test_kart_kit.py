@@ -590,45 +590,60 @@ def test_a_kart_takes_no_more_of_a_cortex_m0_than_the_readme_says() -> None:
 # ----- the examples --------------------------------------------------------------------------
 
 
-@pytest.fixture(scope='module', params=['posix.c', 'ESP32', 'W5500', 'example.py'])
-def example(request: pytest.FixtureRequest) -> tuple[str, ...]:
-    """Return the command of an example; race control's port, and the kart's address, follow."""
-    if request.param == 'example.py':
-        return sys.executable, str(ROOT / 'kit/python/example.py'), '127.0.0.1'
-    compile_it = request.getfixturevalue('compile_kit')
-    if request.param == 'posix.c':
-        return str(compile_it('examples/posix.c', *C99, *SANITIZED)), '127.0.0.1'
-    flags = (*CPP17, *SANITIZED, f'-I{KIT / "test/arduino"}', f'-D{request.param}')
-    race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
-    return (str(compile_it('examples/kart/kart.ino', race_control, *flags)),)
+EXAMPLES = ('posix.c', 'ESP32', 'W5500', 'example.py')
+StartExample = Callable[..., Program]
+
+
+@pytest.fixture(scope='module')
+def command_of(request: pytest.FixtureRequest) -> Callable[[str], tuple[str, ...]]:
+    """Return what gives an example's command; the port and the kart's address follow."""
+
+    @functools.cache
+    def command(name: str) -> tuple[str, ...]:
+        if name == 'example.py':
+            return sys.executable, str(ROOT / 'kit/python/example.py'), '127.0.0.1'
+        compile_it = request.getfixturevalue('compile_kit')
+        if name == 'posix.c':
+            return str(compile_it('examples/posix.c', *C99, *SANITIZED)), '127.0.0.1'
+        flags = (*CPP17, *SANITIZED, f'-I{KIT / "test/arduino"}', f'-D{name}')
+        race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
+        return (str(compile_it('examples/kart/kart.ino', race_control, *flags)),)
+
+    return command
 
 
 @pytest.fixture
 def start_example(
-    example: tuple[str, ...], parts: contextlib.ExitStack
-) -> Callable[[int], Program]:
-    """Return a function that starts an example as kart 1, for race control at a port."""
+    command_of: Callable[[str], tuple[str, ...]], parts: contextlib.ExitStack
+) -> StartExample:
+    """Return a function that starts an example, for race control at a port."""
 
-    def start(port: int) -> Program:
-        return parts.enter_context(Program('example', [*example, str(port), address_of(1)]))
+    def start(name: str, port: int, number: int = 1) -> Program:
+        return parts.enter_context(
+            Program(name, [*command_of(name), str(port), address_of(number)])
+        )
 
     return start
 
 
-@pytest.mark.parametrize('example', ['posix.c', 'example.py'], indirect=True)
+@pytest.mark.parametrize('example', ['posix.c', 'example.py'])
 def test_an_example_says_why_it_is_not_connected(
-    example: tuple[str, ...], parts: contextlib.ExitStack
+    example: str,
+    command_of: Callable[[str], tuple[str, ...]],
+    parts: contextlib.ExitStack,
 ) -> None:
     nowhere = '255.255.255.255'  # no TCP connection leads there
-    kart = parts.enter_context(Program('example', [*example[:-1], nowhere]))
+    kart = parts.enter_context(Program('example', [*command_of(example)[:-1], nowhere]))
     kart.wait_for_line(os.strerror(errno.ENETUNREACH))
 
 
-@pytest.mark.parametrize('example', ['posix.c', 'example.py'], indirect=True)
+@pytest.mark.parametrize('example', ['posix.c', 'example.py'])
 def test_an_example_does_not_wait_while_a_name_is_looked_up(
-    example: tuple[str, ...], parts: contextlib.ExitStack
+    example: str,
+    command_of: Callable[[str], tuple[str, ...]],
+    parts: contextlib.ExitStack,
 ) -> None:
-    kart = parts.enter_context(Program('example', [*example[:-1], 'localhost']))
+    kart = parts.enter_context(Program('example', [*command_of(example)[:-1], 'localhost']))
     assert kart.wait() != 0
 
 
@@ -663,36 +678,44 @@ def test_the_examples_in_python_do_not_slow_down_gently_once_they_may_not_drive(
     assert speeds[0] > speeds[1] == speeds[2]
 
 
-def lost(kart: Program, lose: Callable[[], object]) -> None:
-    """Lose race control, and return once the kart obeys RED_RED. It obeyed something else."""
-    kart.lines.clear()
+def lost(lose: Callable[[], object], *karts: Program) -> None:
+    """Lose race control, and return once karts obey RED_RED. They obeyed something else."""
+    for kart in karts:
+        kart.lines.clear()
     lose()
-    kart.wait_for_line('^obey RED_RED')
+    for kart in karts:
+        kart.wait_for_line('^obey RED_RED')
 
 
-def test_an_example_drives_a_race_and_stops_when_the_real_race_control_hangs(
-    start_example: Callable[[int], Program],
+def test_the_examples_drive_a_race_and_stop_when_the_real_race_control_hangs(
+    start_example: StartExample,
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
 ) -> None:
-    control = start_race_control(in_race=[1])
+    numbers = range(1, len(EXAMPLES) + 1)
+    control = start_race_control(in_race=numbers)
     official = join_official(control)
-    kart = start_example(control.port)
-    official.wait_for_connected(1)
+    karts = [
+        start_example(name, control.port, number)
+        for number, name in zip(numbers, EXAMPLES, strict=True)
+    ]
+    official.wait_for_connected(*numbers)
 
     for state in (GREEN, FLAG, RED, GREEN):
-        official.bring_to(state)  # returns when the kart has acknowledged it
-        kart.wait_for_line(f'^obey {state.value}')
+        official.bring_to(state)  # returns when the karts have acknowledged it
+        for kart in karts:
+            kart.wait_for_line(f'^obey {state.value}')
 
-    lost(kart, control.freeze)
+    lost(control.freeze, *karts)
     control.thaw()
 
 
+@pytest.mark.parametrize('example', EXAMPLES)
 def test_an_example_obeys_the_last_of_all_frames_that_came_together(
-    start_example: Callable[[int], Program], parts: contextlib.ExitStack
+    example: str, start_example: StartExample, parts: contextlib.ExitStack
 ) -> None:
     control = parts.enter_context(BareRaceControl())
-    kart = start_example(control.port)
+    kart = start_example(example, control.port)
     control.wait_for_connections(1)
     control.say(GRID)
     control.wait_until_it_says(GRID)
@@ -703,17 +726,18 @@ def test_an_example_obeys_the_last_of_all_frames_that_came_together(
     assert 'obey GREEN_GREEN' not in kart.output
 
 
+@pytest.mark.parametrize('example', EXAMPLES)
 def test_an_example_drives_off_by_no_green_of_a_new_connection(
-    start_example: Callable[[int], Program], parts: contextlib.ExitStack
+    example: str, start_example: StartExample, parts: contextlib.ExitStack
 ) -> None:
     control = parts.enter_context(BareRaceControl())
-    kart = start_example(control.port)
+    kart = start_example(example, control.port)
     control.wait_for_connections(1)
     for state in (GRID, GREEN):
         control.say(state)
         control.wait_until_it_says(state)
 
-    lost(kart, control.fall_silent)
+    lost(control.fall_silent, kart)
     control.wait_for_connections(2)
     kart.lines.clear()
     control.say(GREEN)
@@ -725,4 +749,4 @@ def test_an_example_drives_off_by_no_green_of_a_new_connection(
     for state in (GRID, GREEN):
         control.say(state)
         control.wait_until_it_says(state)
-    lost(kart, control.hang_up)  # without a RED_RED
+    lost(control.hang_up, kart)  # without a RED_RED
