@@ -27,7 +27,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
 from evgp_rcs_msgs.srv import Acknowledge
-from evgp_testing.domains import Domain
 from evgp_testing.part import Part, PATIENCE
 from evgp_testing.process import executable
 from evgp_testing.ros_side import RosSide
@@ -308,24 +307,19 @@ class BareBridge(RosSide):
         self._publisher.publish(self.message)
 
 
-@pytest.fixture
-def domain(parts: contextlib.ExitStack) -> Domain:
-    return parts.enter_context(Domain())
-
-
 KINDS = {'Python': StackInPython, 'C++': StackInCpp, 'LifecycleNode': StackInCppWithLifecycle}
 
 
 @pytest.fixture(params=KINDS.values(), ids=KINDS.keys())
 def start_stack(
-    request: pytest.FixtureRequest, parts: contextlib.ExitStack, domain: Domain
+    request: pytest.FixtureRequest, parts: contextlib.ExitStack, domain: int
 ) -> StartStack:
     """Return a function that starts a stack, with the one watch or the other."""
     if request.param is not StackInPython:
         need_package(CPP)
 
     def start(name: str, **options: float) -> Stack:
-        stack: Stack = parts.enter_context(request.param(domain.number, name, **options))
+        stack: Stack = parts.enter_context(request.param(domain, name, **options))
         return stack
 
     return start
@@ -349,13 +343,13 @@ def idle_stack(start_stack: StartStack) -> Stack:
 
 
 @pytest.fixture
-def start_bare(parts: contextlib.ExitStack, domain: Domain) -> StartBare:
+def start_bare(parts: contextlib.ExitStack, domain: int) -> StartBare:
     """Return a function that starts a publisher in the bridge's place."""
 
     def start(
         name: str = 'kart_bridge', says: RaceState = GRID_ACTIVE, keeps: int = 1
     ) -> BareBridge:
-        return parts.enter_context(BareBridge(domain.number, name, says, keeps))
+        return parts.enter_context(BareBridge(domain, name, says, keeps))
 
     return start
 
@@ -417,9 +411,9 @@ def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
 
 
 def test_a_message_that_waited_for_a_busy_stack_is_as_old_as_the_turn_before(
-    domain: Domain,
+    domain: int,
 ) -> None:
-    with RosSide('stack', domain.number) as side:  # it does not spin: these are its turns
+    with RosSide('stack', domain) as side:  # it does not spin: these are its turns
         watch = RaceStateWatch(side.node, lease=LEASE)
         watch._pass()
         watch._pass()

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 from fnmatch import fnmatchcase
 import os
@@ -15,7 +15,6 @@ import subprocess
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
-from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
@@ -186,13 +185,6 @@ def test_the_timekeeper_does_no_more_than_it_is_allowed_and_gives_finish_alone(
     assert subscribed <= allowed('/timekeeper', 'topics', 'subscribe')
     asked = of(node.get_client_names_and_types_by_node)
     assert asked == allowed('/timekeeper', 'services', 'request') == {'/rcs/kart/finish'}
-
-
-@pytest.fixture
-def domain() -> Iterator[int]:
-    """Return a domain of this test's own."""
-    with Domain() as taken:
-        yield taken.number
 
 
 def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_had(

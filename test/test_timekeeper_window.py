@@ -9,7 +9,7 @@ Race control and the timing line are a node of this test.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import importlib
 import os
@@ -40,7 +40,6 @@ from evgp_node.services import service_class
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import freeze, Process, Program
 from evgp_testing.race_control import Timekeeper, write_roster
@@ -262,12 +261,6 @@ def application() -> Any:
     """Return Qt's application, without a screen."""
     os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
     return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['timekeeper_window'])
-
-
-@pytest.fixture
-def domain() -> Iterator[int]:
-    with Domain() as taken:
-        yield taken.number
 
 
 @pytest.fixture
