@@ -476,25 +476,21 @@ def test_race_control_starts_with_an_open_graph_that_was_accepted_by_name(
     assert f'at {OFFICIALS}' in control.wait_for_line('can be reached.*')[0]
 
 
-# An address may be there later; what is none never will.
-@pytest.mark.parametrize(('named', 'code'), [('10.1.0.5', 3), ('eth0', 2)])
 def test_no_program_starts_on_an_interface_that_is_not_there(
-    named: str,
-    code: int,
     monkeypatch: pytest.MonkeyPatch,
     parts: contextlib.ExitStack,
     domain: int,
     tmp_path: pathlib.Path,
 ) -> None:
-    monkeypatch.setenv(graph.INTERFACE, named)
+    monkeypatch.setenv(graph.INTERFACE, '10.1.0.5')
     control = parts.enter_context(race_control(parts, tmp_path))
     bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
 
-    assert (control.wait(), bridge.wait()) == (code, code)
+    assert (control.wait(), bridge.wait()) == (3, 3)  # it may be there later
 
     for process in (control, bridge):
         (line,) = process.output.splitlines()
-        assert re.search(f'no interface of this machine has .*{re.escape(named)}', line)
+        assert re.search(r'no interface of this machine has .*10\.1\.0\.5', line)
 
 
 def race_control(
@@ -511,7 +507,7 @@ def race_control(
     )
 
 
-@pytest.mark.parametrize('named', ['0.0.0.0', '239.255.0.1'])
+@pytest.mark.parametrize('named', ['0.0.0.0', '239.255.0.1', 'eth0'])
 def test_what_is_the_address_of_no_interface_is_not_awaited(
     named: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,7 +21,7 @@ from evgp_kart_bridge import shortest_stack
 from evgp_protocol.states import RaceState
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import JoinOfficial, StartBridge, StartRaceControl
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
@@ -177,27 +177,6 @@ def test_the_stack_on_the_first_page_acknowledges_all_that_a_kart_at_rest_has_do
     race.say(RaceState.RED_RED)
     race.wait_until_it_says(RaceState.RED_RED)
     assert RaceState.GREEN_GREEN not in heard
-
-
-@pytest.mark.parametrize('package', ['evgp_kart_bridge', CPP])
-def test_the_stack_races_at_a_desk_with_the_base_as_a_program(
-    package: str,
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    start_bridge: StartBridge,
-    parts: contextlib.ExitStack,
-) -> None:
-    need_package(package)
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    bridge = start_bridge(control.port, 1, arguments=TO_THE_BRIDGE)
-    base = [sys.executable, '-m', 'evgp_testing.base']
-    parts.enter_context(Program('base', base, bridge.domain))
-    parts.enter_context(Process(package, 'shortest_stack', bridge.domain))
-
-    official.wait_for_connected(1)
-    official.bring_to(RaceState.GREEN_GREEN)
-    official.bring_to(RaceState.RED_RED)
 
 
 def test_two_karts_race_in_one_domain_each_in_a_namespace_of_its_own(
