@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
-import os
 import pathlib
 import socket
 from typing import Any
@@ -138,11 +137,6 @@ def test_a_wrong_value_is_named_with_what_is_possible(
 
 def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:
     assert 'unknown ROS arguments' in refusal('--unheard-of')
-
-
-def test_a_roster_that_is_a_pipe_is_refused(refusal: Refusal, tmp_path: pathlib.Path) -> None:
-    os.mkfifo(tmp_path / 'pipe')
-    assert 'is a pipe' in refusal(roster=tmp_path / 'pipe')
 
 
 def test_a_parameter_file_that_is_no_yaml_is_refused(

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import contextlib
 import os
 import pathlib
@@ -17,7 +17,6 @@ import subprocess
 import sys
 import threading
 import time
-from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from evgp_node.official import UNNAMED
@@ -152,7 +151,6 @@ class Lines(Part):
 
 
 Desks = tuple[RaceControl, Official, Lines]
-StartWithLines = Callable[..., Desks]
 
 
 @pytest.fixture
@@ -161,20 +159,6 @@ def desk(the_desk: Desk, parts: contextlib.ExitStack) -> Desks:
     the_desk.clear()
     control, official = the_desk.control, the_desk.official
     return control, official, parts.enter_context(Lines(control.domain, official))
-
-
-@pytest.fixture
-def start_with_lines(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
-) -> StartWithLines:
-    """Return a function that starts race control, for an official and for lines of `rcs_ctl`."""
-
-    def start(**settings: Any) -> Desks:
-        control = start_race_control(**settings)
-        official = join_official(control)
-        return control, official, parts.enter_context(Lines(control.domain, official))
-
-    return start
 
 
 def test_a_whole_race_by_commands(desk: Desks, connect_kart: ConnectKart) -> None:
@@ -334,13 +318,12 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
     assert not kept.exists()
 
 
-def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
-    start_with_lines: StartWithLines,
-) -> None:
-    _, official, lines = start_with_lines(in_race=(1,), pause=1.0)
+def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(desk: Desks) -> None:
+    _, official, lines = desk
     lines.accepted('all-kill')
-    lines.accepted('kart-in-garage', '1', '--made-safe-by-hand')
-    official.wait_for_kart(1, lambda kart: not kart.in_race, 'out of the race')
+    for number in (1, 2, 3):
+        lines.accepted('kart-in-garage', str(number), '--made-safe-by-hand')
+        official.wait_for_kart(number, lambda kart: not (kart.in_race or kart.hold_reason), 'out')
 
     told = lines.run('in-garage')
     assert told.code == USAGE
@@ -668,9 +651,11 @@ def test_watch_shows_the_race_and_what_happens(
 
 
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_with_lines: StartWithLines,
+    start_race_control: StartRaceControl, join_official: JoinOfficial, parts: contextlib.ExitStack
 ) -> None:
-    control, official, lines = start_with_lines(banner='REHEARSAL', in_race=(1,))
+    control = start_race_control(banner='REHEARSAL', in_race=(1,))
+    official = join_official(control)
+    lines = parts.enter_context(Lines(control.domain, official))
     for service in ('all_kill', 'green_green'):  # whoever asks
         assert official.call(service).message.startswith('REHEARSAL: ')
     official.wait_for_race(lambda race: state_of(race.state) is RaceState.RED_RED, 'RED_RED')

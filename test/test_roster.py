@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 import re
 
@@ -353,6 +354,12 @@ def test_a_file_that_cannot_be_read_is_refused_by_its_name(
     with pytest.raises(RosterError, match=r'name a readable file$') as refusal:
         load_roster(tmp_path / name)
     assert str(refusal.value).startswith(f'{tmp_path / name}: ')
+
+
+def test_a_pipe_is_refused_unread(tmp_path: pathlib.Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    with pytest.raises(RosterError, match='is a pipe'):
+        load_roster(tmp_path / 'pipe')
 
 
 def test_a_file_that_is_not_utf_8_is_refused_with_the_line(tmp_path: pathlib.Path) -> None:
