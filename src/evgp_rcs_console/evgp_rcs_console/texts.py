@@ -62,7 +62,6 @@ ANSWERS = {
 }
 """What a row shows once the kart has acknowledged the state that it is being sent."""
 
-NOT_RESUMED = 'a stopped race cannot be resumed: send a new GRID ACTIVE first'
 AGAIN = 'possible again in {seconds} s'
 NOBODY_CAN_STOP = 'No official can stop the race: no screen or button reports that it is working'
 TRACK_OPEN = '✓ TRACK OPEN'
@@ -146,6 +145,7 @@ TOO_OLD = (
     '{name}: pressed at {clock} while the window was not responding. Nothing was sent. '
     'Press it again.'
 )
+NO_KART_OF_LETTER = '{name}: no kart has this letter. Nothing was sent.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
 JUST_DONE = '{name} WAS NOT SENT: the click before it sent {done}. Click again.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
@@ -338,23 +338,22 @@ UNDER_WAY = (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN)
 """The states of the race in which humans must always stay off the track."""
 
 
-def missing(race: Snapshot, counted: bool = False) -> str:
+def missing(race: Snapshot) -> str:
     """
     Return the karts in the race that have not obeyed their order yet; empty if all have.
 
-    :param counted: on the grid, also count the karts that are ready.
+    On the grid, the text also counts the karts that are ready.
     """
     racing = [kart for kart in race.karts if kart.in_race and kart.sent is not RaceState.IN_GARAGE]
     late = [
         kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
     ]
-    numbers = _numbers(kart.number for kart in late)
     if not late:
         return ''
-    if counted and all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
-        ready = len(racing) - len(late)
-        return f'{ready} of {len(racing)} ready: waiting for {numbers}'
-    return f'waiting for {numbers}'
+    waits = f'waiting for {_numbers(kart.number for kart in late)}'
+    if all(kart.sent is RaceState.GRID_ACTIVE for kart in racing):
+        return f'{len(racing) - len(late)} of {len(racing)} ready: {waits}'
+    return waits
 
 
 def heat_in_race(race: Snapshot) -> str:

@@ -350,7 +350,9 @@ class Latest:
 
     def take_event(self, event: Event) -> None:
         """Remember a normal shutdown that race control announces."""
-        if event.kind is EventKind.ENDED and event.success and self.race is not None:
+        is_end = event.kind is EventKind.ENDED and event.success
+        # With two race controls, nobody knows which of them has ended.
+        if is_end and self.race is not None and not self.two:
             self._ended_run = self.race.run
 
     def danger(self, at: float) -> Danger | None:
@@ -776,26 +778,17 @@ class _Buttons:
             return '', False
         current = command in STEP_STATES and STEP_STATES[command] is race.state
         current = current and (race.over or command is not CommandKind.RACE_OVER)
-        if self.barred and not button.enabled:
-            return 'not now', False
-        if (command, 0) in self.pending and not button.enabled:
-            return button.reason, current
+        if not button.enabled and (self.barred or (command, 0) in self.pending):
+            return button.reason, current and not self.barred
         if current and command is CommandKind.RACE_OVER:
             return 'the race is over', True  # it may have been in that state before
         if current:
             return f'since {time_of_day(race.state_since)}', True
         if button.enabled:
             return does.format(karts=texts.count(offered.karts)), False
-        if offered.available_from is not None:
-            left = texts.left(offered.available_from - self.now)
-            return texts.AGAIN.format(seconds=left), False
-        missing = texts.missing(race, counted=True)
-        if offered.reason.startswith('waiting for ') and missing:
-            return missing, False
-        if command is CommandKind.GREEN_GREEN and race.state and race.state.is_red:
-            return texts.NOT_RESUMED, False
-        wrong_state = follows and offered.reason.startswith('the race is in ')
-        return follows if wrong_state else button.reason, False
+        # The text says when the command is usual, so it is no hint while only a pause blocks it.
+        fits = command in NEXT.get(race.state, ()) or offered.available_from is not None
+        return ': '.join(filter(None, ('' if fits else follows, button.reason))), False
 
     def kart(self, command: CommandKind, kart: KartSnapshot, key: str = '') -> Button:
         return self._button(command, kart, kart.offered(command), key)
@@ -845,7 +838,7 @@ class _Buttons:
         reason = offered.reason
         if reason and offered.available_from is not None:
             left = texts.left(offered.available_from - self.now)
-            reason = f'{reason} ({texts.AGAIN.format(seconds=left)})'
+            reason = f'{texts.AGAIN.format(seconds=left)}: {reason}'
         # A stop can always be pressed, even while one waits or race control is silent.
         if not entry.stop and self.barred:
             reason = self.barred

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from evgp_node.results import (
     Act,
     HeatGrid,
@@ -25,6 +27,8 @@ from evgp_rcs.rules.race import (
     Alert,
     AlertKind,
     Availability,
+    Event,
+    EventKind,
     Heat,
     TrackAccess,
 )
@@ -88,7 +92,7 @@ def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible
         assert not button.enabled  # until race control says so
         said.append(button.reason)
 
-    assert said == [f'{why} (possible again in {seconds} s)' for seconds in (5, 4, 1, 1)]
+    assert said == [f'possible again in {seconds} s: {why}' for seconds in (5, 4, 1, 1)]
 
 
 def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_statement_does() -> (
@@ -840,6 +844,20 @@ def test_no_crossing_is_counted_while_race_control_is_gone_or_the_last_is_not_an
         assert not count.enabled
 
 
+def test_the_end_of_one_of_two_race_controls_is_not_taken_for_the_end_of_the_other() -> None:
+    quiet = replace(RACE, track=replace(RACE.track, allowed=True))
+    for two in (False, True):
+        latest = Latest(began=0.0, looking='here')
+        latest.take_race(quiet, 0.0, two)
+        latest.take_event(Event(EventKind.ENDED, 'it ends'))
+        latest.take_race(quiet, 5.0, False)
+
+        silent = latest.danger(10.0)
+
+        assert silent is not None
+        assert silent.title == (texts.GONE if two else texts.ENDED)
+
+
 # ----- the way of a race ------------------------------------------------------------------
 
 
@@ -849,45 +867,54 @@ def phrases(race: Snapshot) -> dict[CommandKind, str]:
 
 
 def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
-    refused = Availability(
-        CommandKind.GRID_ACTIVE, False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first'
-    )
-    waiting = Availability(
-        CommandKind.GREEN_GREEN, False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet'
-    )
-    pause = Availability(
-        CommandKind.IN_GARAGE, False, 'a stop was sent just now', available_from=42.1
-    )
+    waits = 'waiting for kart 8 (Purdue): not connected'
+    waiting = Availability(CommandKind.GREEN_GREEN, False, waits)
+    pause = Availability(CommandKind.IN_GARAGE, False, 'a stop', available_from=42.1)
     ready = replace(KART, acknowledged=True)
-    karts = (ready, replace(KART, number=8))
-    race = replace(RACE, commands=offers(refused, waiting, pause), karts=karts)
+    race = replace(RACE, commands=offers(waiting, pause), karts=(ready, replace(KART, number=8)))
 
     said = phrases(race)
 
     assert said[CommandKind.GRID_ACTIVE] == f'since {time_of_day(RACE.state_since)}'
-    assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: waiting for 8'
-    assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s'
-    waiting = replace(waiting, reason='the race is in IN GARAGE')
-    later = replace(race, commands=offers(refused, waiting, pause))
-    assert phrases(later)[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+    assert said[CommandKind.GREEN_GREEN] == waits
+    assert said[CommandKind.IN_GARAGE] == 'possible again in 3 s: a stop'
+    assert show(race, 0.0, {}).missing == '1 of 2 ready: waiting for 8'
+    garage = replace(race, state=RaceState.IN_GARAGE)
+    assert phrases(garage)[CommandKind.GREEN_GREEN] == f'after GRID ACTIVE: {waits}'
+
+
+@pytest.mark.parametrize('pending', [{}, {(kind, 0): 1.0 for kind in CommandKind}])
+@pytest.mark.parametrize('danger_now', [None, SILENT])
+@pytest.mark.parametrize('state', RaceState)
+def test_what_a_command_to_the_race_shows_never_says_less_than_why_it_is_not_possible(
+    state: RaceState, danger_now: Danger | None, pending: dict[tuple[CommandKind, int], float]
+) -> None:
+    why = 'another race control is running; shut it down first'
+    barred = replace(
+        RACE,
+        state=state,
+        commands=tuple(
+            Availability(kind, False, why, available_from=until)
+            for kind, until in zip(CommandKind, itertools.cycle((None, 42.1)), strict=False)
+        ),
+    )
+
+    for button in show(barred, 0.0, pending, danger_now).race:
+        if not (button.enabled or button.current):
+            assert button.phrase.endswith(button.reason)
+            assert danger_now or pending or why in button.reason
 
 
 @pytest.mark.parametrize('state', [RaceState.RED_FLAG, RaceState.RED_RED])
-def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
-    state: RaceState,
-) -> None:
-    why = 'the race is in RED FLAG; bring it to IN GARAGE first'
-    commands = offers(
-        Availability(CommandKind.GRID_ACTIVE, False, why),
-        Availability(CommandKind.GREEN_GREEN, False, why),
-    )
+def test_a_race_that_was_stopped_has_no_clock_and_begins_on_the_grid(state: RaceState) -> None:
     green = replace(RACE, state=RaceState.GREEN_GREEN, stamp=48.0)
+    barred = Availability(CommandKind.GREEN_GREEN, False, 'the race was stopped')
 
-    stopped = replace(green, state=state, commands=commands)
+    stopped = replace(green, state=state, commands=offers(barred))
 
     assert (show(green, 0.0, {}).clock, show(stopped, 0.0, {}).clock) == ('0:48', '')
-    assert phrases(stopped)[CommandKind.GREEN_GREEN] == texts.NOT_RESUMED
-    assert phrases(stopped)[CommandKind.GRID_ACTIVE] == 'after IN GARAGE'
+    said = phrases(stopped)[CommandKind.GREEN_GREEN]
+    assert said == 'after GRID ACTIVE: the race was stopped'
 
 
 def test_race_over_is_said_and_not_as_old_as_the_state_in_which_it_was_declared() -> None:
